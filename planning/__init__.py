@@ -1,0 +1,1 @@
+"""What to do: problems, grasps, motions, policies, and the retrieval loop that joins them."""

@@ -1,0 +1,81 @@
+"""What the loop hands out: motions, moves and the plan that joins them; failure is a value, `Blocked`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from kinematics.scene import Held
+from kinematics.transforms import Array
+
+STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """Why something can't be done: the stage, and where known what touches what and how deep.
+
+    stage: a motion's stage, or "ik" (the hand pose is out of reach), "grasp" (no grasp fits the object), "region" (the place itself is
+    taken or outside), "select" and "place" (the policy proposed nothing more), "moves" (the limit was reached), "verify" (the final check).
+    """
+
+    stage: str
+    link: str | None = None
+    body: str | None = None
+    depth_m: float | None = None
+    detail: str | None = None
+
+    def __str__(self) -> str:
+        touch = f": {self.link} touches {self.body}" if self.link and self.body else ""
+        deep = f" by {1000 * self.depth_m:.1f} mm" if self.depth_m is not None else ""
+        return f"{self.stage}{touch}{deep}" + (f" ({self.detail})" if self.detail else "")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One stage of the arm's way. Between two waypoints the arm moves straight in joint space.
+
+    q: (K, J) waypoints over every actuated joint, in the order of joint_names; t_s: (K,) times from the motion's start.
+    held: the object that moves with the hand during the whole motion. may_touch: pairs that may be in contact during it.
+    """
+
+    stage: str
+    joint_names: tuple[str, ...]
+    q: Array
+    t_s: Array
+    held: Held | None = None
+    may_touch: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """One relocation, carried out or tried: the object, its region, its pose before and after, and why it failed if it did."""
+
+    object: str
+    region: int
+    T_world_from: Array
+    T_world_to: Array
+    done: bool
+    reason: Blocked | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Moves and motions that retrieve the target of `scene`, or the reason why they don't.
+
+    planning_time_s: choosing objects and regions, as in the paper; motion_time_s: all motion planning.
+    hand_travel_m: length of the hand's path. value: the paper's objective (eq. 1), written as `return` in files.
+    verified: every motion passed the exact check (planning.motion.verify).
+    """
+
+    scene: str
+    policy: str
+    rule: str
+    success: bool
+    reason: Blocked | None
+    moves: tuple[Move, ...]
+    motions: tuple[Motion, ...]
+    planning_time_s: float
+    motion_time_s: float
+    hand_travel_m: float
+    value: float
+    verified: bool

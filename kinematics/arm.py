@@ -1,0 +1,164 @@
+"""The arm and its surroundings as flat arrays: what every compiled function takes.
+
+`Chain` moves frames, `Parts` are convex polyhedra fixed to those frames (links, fingers at one opening, a held object), `Solids` are the
+bodies that stand in the world, `Query` says which pairs matter. Robot builds the first two (see robot.py), Scene the third.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kinematics.scene import Body
+from kinematics.shapes import Box, ConvexMesh, Cylinder
+from kinematics.transforms import Array
+
+Int = NDArray[np.int64]
+BOX, CYLINDER, HULL = 0, 1, 2
+
+
+class Chain(NamedTuple):
+    """K moving joints in a row from the base to the hand; every axis is z of its own frame.
+
+    T_prev (K, 4, 4): joint k's frame in the frame that joint k-1 moves (the world for k = 0), at position 0.
+    q_index (K,): which of the J planning coordinates drives it, as scale (K,) · q + offset (K,): mimic joints share an index.
+    prismatic (K,): 1 when it slides along z, 0 when it turns about z. lower, upper (J,): limits, ±π where a joint is continuous.
+    wraps (J,): 1 when the coordinate is continuous, so that q and q + 2π are the same place.
+    """
+
+    T_prev: Array
+    q_index: Int
+    scale: Array
+    offset: Array
+    prismatic: Int
+    lower: Array
+    upper: Array
+    wraps: Int
+
+
+class Parts(NamedTuple):
+    """P convex polyhedra, each fixed to a frame: 0 is the world, k + 1 the frame that joint k moves.
+
+    frame (P,). Part p's vertices are vertices[start[p]:start[p + 1]], (·, 3) in its frame, metres.
+    centre (P, 3), radius (P,): a ball around it, in its frame.
+    """
+
+    frame: Int
+    start: Int
+    vertices: Array
+    centre: Array
+    radius: Array
+
+
+class Solids(NamedTuple):
+    """B convex bodies at rest: kind (B,) BOX, CYLINDER or HULL; T (B, 4, 4) in the world; half (B, 3) sizes in its own frame
+    (a cylinder's: radius, radius, half height); a hull's vertices, vertices[start[b]:start[b + 1]] (·, 3), in its own frame.
+
+    centre (B, 3), radius (B,): a ball around it, in the world.
+    """
+
+    kind: Int
+    T: Array
+    half: Array
+    start: Int
+    vertices: Array
+    centre: Array
+    radius: Array
+
+
+class Query(NamedTuple):
+    """Which pairs may not touch: check (P, B) 1 for part against solid, pairs (S, 2) part against part."""
+
+    check: NDArray[np.uint8]
+    pairs: Int
+
+
+def make_parts(frames: list[int], hulls: list[Array]) -> Parts:
+    """Pack P hulls (V_p, 3), given in their frames' coordinates."""
+    start = np.concatenate([[0], np.cumsum([len(h) for h in hulls])]).astype(np.int64)
+    balls = [_ball(h) for h in hulls]
+    return Parts(
+        np.array(frames, np.int64),
+        start,
+        np.ascontiguousarray(np.concatenate(hulls) if hulls else np.zeros((0, 3))),
+        np.array([c for c, _ in balls]).reshape(-1, 3),
+        np.array([r for _, r in balls]),
+    )
+
+
+def join_parts(a: Parts, b: Parts) -> Parts:
+    """The parts of a, then those of b."""
+    return Parts(
+        np.concatenate([a.frame, b.frame]),
+        np.concatenate([a.start, b.start[1:] + a.start[-1]]),
+        np.concatenate([a.vertices, b.vertices]),
+        np.concatenate([a.centre, b.centre]),
+        np.concatenate([a.radius, b.radius]),
+    )
+
+
+def make_solids(bodies: tuple[Body, ...] | list[Body]) -> tuple[Solids, list[str]]:
+    """Pack bodies at their poses; also the name of the body behind each solid (a mesh gives one solid a part)."""
+    rows: list[tuple[int, Array, Array, Array, str]] = []
+    none = np.zeros((0, 3))
+    for b in bodies:
+        match b.shape:
+            case Box():
+                rows.append((BOX, b.T_world_body, b.shape.half, none, b.name))
+            case Cylinder():
+                rows.append((CYLINDER, b.T_world_body, b.shape.half, none, b.name))
+            case ConvexMesh():
+                rows += [(HULL, b.T_world_body, np.zeros(3), part, b.name) for part in b.shape.parts]
+    n = len(rows)
+    T = np.array([r[1] for r in rows]).reshape(n, 4, 4)
+    centre, radius = T[:, :3, 3].copy(), np.zeros(n)
+    for i, (kind, T_i, half, vertices, _) in enumerate(rows):
+        if kind == HULL:
+            c, radius[i] = _ball(vertices)
+            centre[i] = T_i[:3, :3] @ c + T_i[:3, 3]
+        else:
+            radius[i] = np.linalg.norm(half) if kind == BOX else np.hypot(half[0], half[2])
+    start = np.concatenate([[0], np.cumsum([len(r[3]) for r in rows])]).astype(np.int64)
+    solids = Solids(
+        np.array([r[0] for r in rows], np.int64),
+        T,
+        np.array([r[2] for r in rows]).reshape(n, 3),
+        start,
+        np.ascontiguousarray(np.concatenate([r[3] for r in rows]) if rows else none),
+        centre,
+        radius,
+    )
+    return solids, [r[4] for r in rows]
+
+
+def _ball(vertices: Array) -> tuple[Array, float]:
+    centre = (vertices.min(0) + vertices.max(0)) / 2
+    return centre, float(np.linalg.norm(vertices - centre, axis=1).max())
+
+
+@njit(cache=True, nogil=True)
+def forward(chain: Chain, q: Array, frames: Array) -> None:
+    """Forward kinematics: q (J,) to frames (K + 1, 4, 4) in the world, written in place; frames[0] is the world itself."""
+    for r in range(4):
+        for c in range(4):
+            frames[0, r, c] = 1.0 if r == c else 0.0
+    for k in range(chain.q_index.shape[0]):
+        x = chain.scale[k] * q[chain.q_index[k]] + chain.offset[k]
+        slide = x if chain.prismatic[k] else 0.0
+        co = 1.0 if chain.prismatic[k] else np.cos(x)
+        si = 0.0 if chain.prismatic[k] else np.sin(x)
+        O = chain.T_prev[k]
+        for r in range(3):
+            a, b, c, p = frames[k, r, 0], frames[k, r, 1], frames[k, r, 2], frames[k, r, 3]
+            m0 = a * O[0, 0] + b * O[1, 0] + c * O[2, 0]
+            m1 = a * O[0, 1] + b * O[1, 1] + c * O[2, 1]
+            m2 = a * O[0, 2] + b * O[1, 2] + c * O[2, 2]
+            frames[k + 1, r, 0] = m0 * co + m1 * si
+            frames[k + 1, r, 1] = m1 * co - m0 * si
+            frames[k + 1, r, 2] = m2
+            frames[k + 1, r, 3] = a * O[0, 3] + b * O[1, 3] + c * O[2, 3] + p + m2 * slide
+        frames[k + 1, 3, 0] = frames[k + 1, 3, 1] = frames[k + 1, 3, 2] = 0.0
+        frames[k + 1, 3, 3] = 1.0

@@ -1,0 +1,165 @@
+"""The exact verdict: which bodies touch in a State, how deep, by FCL on convex solids.
+
+Traps that shape this module: FCL's mesh type is a surface, so every solid is a `Convex` here; result objects accumulate, so each query
+gets a fresh one; an exception in a manager's callback is swallowed, so no callback is used: pairs are culled by balls in numpy instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kinematics.scene import Body, Scene, State
+from kinematics.shapes import Box, Cylinder, Shape, convex_parts
+from kinematics.transforms import Array
+
+if TYPE_CHECKING:
+    from kinematics.robot import LinkHull, Robot
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two names that touch, a link or the held object first, and the penetration depth in metres."""
+
+    a: str
+    b: str
+    depth_m: float
+
+
+class Solid:
+    """A named solid for FCL; made once, then moved."""
+
+    def __init__(self, name: str, geometry: Any, centre: Array, radius: float) -> None:
+        import fcl
+
+        self.name, self.centre, self.radius = name, centre, radius
+        self.object = fcl.CollisionObject(geometry)
+        self.at = centre
+
+    def move(self, T: Array) -> Solid:
+        """Put it at pose T (4, 4)."""
+        import fcl
+
+        self.object.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
+        self.at = T[:3, :3] @ self.centre + T[:3, 3]
+        return self
+
+
+def hull_solid(name: str, vertices: Array, faces: Array | None = None) -> Solid:
+    """A convex polyhedron (V, 3); its faces (F, 3) are found when not given."""
+    import fcl
+
+    if faces is None:
+        from scipy.spatial import ConvexHull
+
+        hull = ConvexHull(vertices)
+        vertices, faces = vertices[hull.vertices], np.searchsorted(np.sort(hull.vertices), hull.simplices)
+        vertices = vertices[np.argsort(np.argsort(hull.vertices))] if not np.all(np.diff(hull.vertices) > 0) else vertices
+        a, b, c = (vertices[faces[:, i]] for i in range(3))
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - vertices.mean(0)) < 0
+        faces[inward] = faces[inward][:, ::-1]
+    flat = np.concatenate([np.full((len(faces), 1), 3), faces], axis=1).astype(np.int64).ravel()
+    centre = (vertices.min(0) + vertices.max(0)) / 2
+    return Solid(name, fcl.Convex(np.asarray(vertices, float), len(faces), flat), centre, float(np.linalg.norm(vertices - centre, axis=1).max()))
+
+
+def shape_solids(name: str, shape: Shape) -> list[Solid]:
+    """A body's convex parts: FCL's own box and cylinder, hulls for meshes."""
+    import fcl
+
+    match shape:
+        case Box():
+            return [Solid(name, fcl.Box(*np.asarray(shape.size_m, float)), np.zeros(3), float(np.linalg.norm(shape.half)))]
+        case Cylinder():
+            radius = float(np.hypot(shape.radius_m, shape.height_m / 2))
+            return [Solid(name, fcl.Cylinder(shape.radius_m, shape.height_m), np.zeros(3), radius)]
+        case _:
+            return [hull_solid(name, part) for part in convex_parts(shape)]
+
+
+def depth(a: Solid, b: Solid) -> float | None:
+    """How deep two solids penetrate, in metres; None when they are apart."""
+    import fcl
+
+    if np.linalg.norm(a.at - b.at) > a.radius + b.radius:
+        return None
+    result = fcl.CollisionResult()
+    if not fcl.collide(a.object, b.object, fcl.CollisionRequest(num_max_contacts=4, enable_contact=True), result):
+        return None
+    return max((float(c.penetration_depth) for c in result.contacts), default=0.0)
+
+
+class Verdict:
+    """FCL's word on States of one scene with one robot. Holds the collision objects, which are made once and moved."""
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot, self.scene = robot, scene
+        self.T_world_base = scene.robot.T_world_base
+        self._links = [hull_solid(h.link, h.vertices, h.faces) for h in robot.hulls]
+        self._walls = [s.move(w.T_world_body) for w in scene.cabinet.walls() for s in shape_solids(w.name, w.shape)]
+        self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
+        self._pairs = [(int(i), int(j)) for i, j in robot.self_pairs()]
+
+    def contacts(self, state: State, may_touch: Iterable[tuple[str, str]] = ()) -> list[Contact]:
+        """All that touches in a State, deepest first, without the pairs in may_touch and without links that are neighbours.
+
+        Objects that stand are tested against the robot and the held object, not against each other or the walls.
+        """
+        allowed = {frozenset(pair) for pair in may_touch}
+        poses = self.robot.link_poses(state.q)
+        links = [s.move(self.T_world_base @ poses[s.name]) for s in self._links]
+        around = self._walls + [s.move(T) for name, T in state.poses.items() for s in self._objects[name]]
+        held: list[Solid] = []
+        if state.held is not None:
+            T = self.T_world_base @ poses["hand"] @ state.held.T_hand_body
+            held = [s.move(T) for s in self._objects[state.held.body]]
+        pairs = [(a, b) for a in links + held for b in _near(a, around)]
+        pairs += [(links[i], links[j]) for i, j in self._pairs]
+        pairs += [(h, link) for h in held for link in links]
+        found: dict[tuple[str, str], float] = {}
+        for a, b in pairs:
+            if frozenset((a.name, b.name)) not in allowed and (d := depth(a, b)) is not None:
+                found[a.name, b.name] = max(d, found.get((a.name, b.name), 0.0))
+        return sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)
+
+
+def _near(a: Solid, others: Sequence[Solid]) -> list[Solid]:
+    centres = np.array([o.at for o in others]).reshape(-1, 3)
+    radii = np.array([o.radius for o in others])
+    close = np.linalg.norm(centres - a.at, axis=1) <= radii + a.radius
+    return [others[i] for i in np.flatnonzero(close)]
+
+
+def always_touching(
+    hulls: Sequence[LinkHull], samples: Sequence[Mapping[str, Array]], known: set[frozenset[str]], share: float = 0.95
+) -> set[frozenset[str]]:
+    """Pairs of links that touch in at least `share` of the sampled link poses: neighbours in all but name, as MoveIt's assistant finds."""
+    solids = [hull_solid(h.link, h.vertices, h.faces) for h in hulls]
+    counts: dict[frozenset[str], int] = {}
+    for poses in samples:
+        for s in solids:
+            s.move(poses[s.name])
+        touching = {
+            pair
+            for i, a in enumerate(solids)
+            for b in solids[:i]
+            if (pair := frozenset((a.name, b.name))) not in known and len(pair) == 2 and depth(a, b) is not None
+        }
+        for pair in touching:
+            counts[pair] = counts.get(pair, 0) + 1
+    return {pair for pair, n in counts.items() if n >= share * len(samples)}
+
+
+def overlapping(bodies: Sequence[Body], tolerance_m: float = 0.001) -> list[Contact]:
+    """Pairs of standing bodies that overlap by more than the tolerance, deepest first."""
+    solids = [[s.move(b.T_world_body) for s in shape_solids(b.name, b.shape)] for b in bodies]
+    found = []
+    for i, group in enumerate(solids):
+        for other in solids[:i]:
+            deepest = max((d for a in group for b in other if (d := depth(a, b)) is not None), default=None)
+            if deepest is not None and deepest > tolerance_m:
+                found.append(Contact(other[0].name, group[0].name, deepest))
+    return sorted(found, key=lambda c: -c.depth_m)

@@ -1,0 +1,238 @@
+"""Inverse kinematics: every distinct configuration of the arm that puts the hand at a pose.
+
+Damped least squares (Levenberg-Marquardt) in compiled code, started from the nearest entries of a table of random configurations, so that
+few iterations are needed and the arm's different branches (elbow up or down, wrist flipped) are all found. Solutions stay inside the
+limits and are polished to about 1e-9.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from kinematics.arm import Chain, forward
+from kinematics.transforms import Array
+
+POSITION_TOLERANCE_M = 1e-5
+ROTATION_TOLERANCE = 1e-5
+_TABLE = 8192
+
+
+class Seeds(NamedTuple):
+    """Configurations (N, J) and their hand poses (N, 4, 4) in the world: where the search for solutions starts."""
+
+    q: Array
+    T: Array
+
+
+def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
+    """A table of n random configurations inside the limits; T_frame_hand (4, 4) is the hand in the last frame of the chain."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
+    T = np.empty((n, 4, 4))
+    _hand_poses(chain, T_frame_hand, q, T)
+    return Seeds(q, T)
+
+
+def solve(
+    chain: Chain, T_frame_hand: Array, seeds: Seeds, T_world_hand: Array, near: Array, *, tries: int = 24, distinct: float = 0.2
+) -> Array:
+    """Configurations (S, J) inside the limits with the hand at T_world_hand (4, 4), nearest to `near` (J,) first; S may be 0.
+
+    tries: how many starts. Two solutions are distinct when some joint differs by more than `distinct` rad (or m).
+    """
+    return np.asarray(solve_compiled(chain, T_frame_hand, seeds.q, seeds.T, T_world_hand, near, tries, distinct))
+
+
+@njit(cache=True, nogil=True)
+def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, out: Array) -> None:
+    K = chain.q_index.shape[0]
+    frames = np.empty((K + 1, 4, 4))
+    for i in range(q.shape[0]):
+        forward(chain, q[i], frames)
+        for r in range(4):
+            for c in range(4):
+                x = 0.0
+                for k in range(4):
+                    x += frames[K, r, k] * T_frame_hand[k, c]
+                out[i, r, c] = x
+
+
+@njit(cache=True, nogil=True)
+def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distinct):  # type: ignore[no-untyped-def]
+    """See `solve`; callable from compiled code."""
+    J, N = table_q.shape[1], table_q.shape[0]
+    score = np.empty(N)
+    for i in range(N):
+        d = 0.0
+        for r in range(3):
+            d += (table_T[i, r, 3] - T[r, 3]) ** 2
+            for c in range(3):
+                d += 0.02 * (table_T[i, r, c] - T[r, c]) ** 2  # 0.02 m² weighs a half turn (8) like 0.4 m
+        score[i] = d
+    starts = np.argpartition(score, min(tries, N - 1))[:tries]
+    found, out = 0, np.empty((tries, J))
+    scratch = np.empty((chain.q_index.shape[0] + 1, 4, 4))
+    q = np.empty(J)
+    for s in starts:
+        q[:] = table_q[s]
+        if not descend(chain, T_frame_hand, T, q, scratch, 40):
+            continue
+        fresh = True
+        for f in range(found):
+            far = False
+            for j in range(J):
+                delta = abs(out[f, j] - q[j])
+                if chain.wraps[j]:
+                    delta = min(delta, abs(delta - 2 * np.pi))
+                if delta > distinct:
+                    far = True
+            if not far:
+                fresh = False
+                break
+        if fresh:
+            out[found] = q
+            found += 1
+    cost = np.empty(found)
+    for f in range(found):
+        cost[f] = 0.0
+        for j in range(J):
+            cost[f] += (out[f, j] - near[j]) ** 2
+    return out[np.argsort(cost)]
+
+
+@njit(cache=True, nogil=True)
+def descend(chain, T_frame_hand, T, q, frames, iterations):  # type: ignore[no-untyped-def]
+    """Levenberg-Marquardt from q (J,), in place, kept inside the limits. Returns whether it arrived (to the module's tolerances).
+
+    frames (K + 1, 4, 4): scratch.
+    """
+    J, K = q.shape[0], chain.q_index.shape[0]
+    e, best = np.empty(6), np.inf
+    jac, A, b, trial = np.empty((6, J)), np.empty((J, J)), np.empty(J), np.empty(J)
+    damping, polish = 1e-3, 0
+    trial[:] = q
+    for _ in range(iterations):
+        forward(chain, trial, frames)
+        x, y, z = _residual(frames[K], T_frame_hand, T, e)
+        cost = 0.0
+        for r in range(6):
+            cost += e[r] * e[r] * (1.0 if r < 3 else 0.05)
+        if cost < best:
+            q[:] = trial
+            closer = cost < 0.25 * best
+            best = cost
+            damping = max(damping * 0.2, 1e-9)
+            if e[0] ** 2 + e[1] ** 2 + e[2] ** 2 < POSITION_TOLERANCE_M**2 and e[3] ** 2 + e[4] ** 2 + e[5] ** 2 < ROTATION_TOLERANCE**2:
+                polish += 1
+                if polish > 2 or not closer or best < 1e-20:
+                    return True
+            jac[:] = 0.0
+            for k in range(K):
+                j, s = chain.q_index[k], chain.scale[k]
+                ax, ay, az = frames[k + 1, 0, 2] * s, frames[k + 1, 1, 2] * s, frames[k + 1, 2, 2] * s
+                if chain.prismatic[k]:
+                    jac[0, j] += ax
+                    jac[1, j] += ay
+                    jac[2, j] += az
+                else:
+                    px, py, pz = x - frames[k + 1, 0, 3], y - frames[k + 1, 1, 3], z - frames[k + 1, 2, 3]
+                    jac[0, j] += ay * pz - az * py
+                    jac[1, j] += az * px - ax * pz
+                    jac[2, j] += ax * py - ay * px
+                    jac[3, j] += ax
+                    jac[4, j] += ay
+                    jac[5, j] += az
+            for j in range(J):
+                b[j] = 0.0
+                for r in range(6):
+                    b[j] += jac[r, j] * e[r] * (1.0 if r < 3 else 0.05)
+        elif polish:
+            return True
+        else:
+            damping *= 8.0
+            if damping > 1e4:
+                return False
+        for i in range(J):
+            for j in range(i + 1):
+                a = 0.0
+                for r in range(6):
+                    a += jac[r, i] * jac[r, j] * (1.0 if r < 3 else 0.05)
+                A[i, j] = a
+            A[i, i] += damping + 1e-12
+        if not _cholesky_solve(A, b, trial):
+            return False
+        moved = 0.0
+        for j in range(J):
+            step = min(max(trial[j], -0.6), 0.6)
+            value = q[j] + step
+            if chain.wraps[j]:
+                while value > chain.upper[j]:
+                    value -= 2 * np.pi
+                while value < chain.lower[j]:
+                    value += 2 * np.pi
+            else:
+                value = min(max(value, chain.lower[j]), chain.upper[j])
+            moved += abs(value - q[j])
+            trial[j] = value
+        if moved < 1e-14:
+            return polish > 0
+    return polish > 0
+
+
+@njit(cache=True, nogil=True)
+def _residual(F, H, T, e):  # type: ignore[no-untyped-def]
+    """Position error and rotation vector (6,) from the hand F @ H to T, in the world; returns the hand's position."""
+    x = F[0, 0] * H[0, 3] + F[0, 1] * H[1, 3] + F[0, 2] * H[2, 3] + F[0, 3]
+    y = F[1, 0] * H[0, 3] + F[1, 1] * H[1, 3] + F[1, 2] * H[2, 3] + F[1, 3]
+    z = F[2, 0] * H[0, 3] + F[2, 1] * H[1, 3] + F[2, 2] * H[2, 3] + F[2, 3]
+    e[0], e[1], e[2] = T[0, 3] - x, T[1, 3] - y, T[2, 3] - z
+    D = np.empty((3, 3))
+    for r in range(3):
+        for c in range(3):
+            D[r, c] = 0.0
+            for k in range(3):  # D = T_R · hand_Rᵀ
+                h = F[c, 0] * H[0, k] + F[c, 1] * H[1, k] + F[c, 2] * H[2, k]
+                D[r, c] += T[r, k] * h
+    vx, vy, vz = D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]
+    sine = np.sqrt(vx * vx + vy * vy + vz * vz)
+    cosine = D[0, 0] + D[1, 1] + D[2, 2] - 1.0
+    angle = np.arctan2(sine, cosine)
+    if sine > 1e-12:
+        scale = angle / sine
+    elif cosine > 0:
+        scale = 0.5
+    else:  # half a turn: any axis will do to get away from here
+        vx, vy, vz, scale = 1.0, 0.0, 0.0, np.pi
+    e[3], e[4], e[5] = vx * scale, vy * scale, vz * scale
+    return x, y, z
+
+
+@njit(cache=True, nogil=True)
+def _cholesky_solve(A, b, x):  # type: ignore[no-untyped-def]
+    """Solve A x = b for a symmetric positive matrix given by its lower half, which is overwritten. False when it is singular."""
+    n = b.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            a = A[i, j]
+            for k in range(j):
+                a -= A[i, k] * A[j, k]
+            if i == j:
+                if a <= 0.0:
+                    return False
+                A[i, i] = np.sqrt(a)
+            else:
+                A[i, j] = a / A[j, j]
+    for i in range(n):
+        a = b[i]
+        for k in range(i):
+            a -= A[i, k] * x[k]
+        x[i] = a / A[i, i]
+    for i in range(n - 1, -1, -1):
+        a = x[i]
+        for k in range(i + 1, n):
+            a -= A[k, i] * x[k]
+        x[i] = a / A[i, i]
+    return True

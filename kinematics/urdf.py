@@ -1,0 +1,120 @@
+"""URDF files made fit for every reader: cleaned of foreign tags, joined, with absolute mesh paths and extra frames.
+
+yourdfpy, pytorch-kinematics and pinocchio each stumble over something else (undeclared XML prefixes, transmissions, package URIs); what
+leaves this module is plain URDF that all of them read.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from kinematics.transforms import Array, rpy_from_rotation
+
+_KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin", "mass", "inertia", "parent", "child", "axis", "limit"}
+_KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
+
+
+def read(file: Path) -> etree._Element:
+    """Read and clean a URDF: only kinematics, inertia and geometry stay, mesh names become absolute paths.
+
+    Raises: ValueError when the file is missing, is no URDF, or a mesh that it names does not exist.
+    """
+    if not file.is_file():
+        raise ValueError(f"URDF file {file} does not exist")
+    root = etree.fromstring(file.read_bytes(), etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
+    if root is None or root.tag != "robot":
+        raise ValueError(f"{file} is no URDF: its root element is not <robot>")
+    _drop_foreign(root)
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(_resolve(mesh.get("filename", ""), file)))
+    return root
+
+
+def join(root: etree._Element, tool: etree._Element, at: str, T: Array, prefix: str) -> None:
+    """Hang `tool` on link `at` of `root` at the fixed pose T (4, 4), in place; names that both have get the prefix."""
+    taken = {e.get("name") for e in root if e.tag in ("link", "joint")}
+    rename = {n: prefix + n for e in tool if e.tag in ("link", "joint") and (n := e.get("name", "")) in taken}
+    for e in tool.iter("link", "joint"):
+        e.set("name", rename.get(e.get("name", ""), e.get("name", "")))
+    for e in tool.iter("parent", "child"):
+        e.set("link", rename.get(e.get("link", ""), e.get("link", "")))
+    for e in tool.iter("mimic"):
+        e.set("joint", rename.get(e.get("joint", ""), e.get("joint", "")))
+    children = {e.get("link") for e in tool.iter("child")}
+    base = next(e.get("name", "") for e in tool.iter("link") if e.get("name") not in children)
+    for e in list(tool):
+        root.append(e)
+    add_fixed_joint(root, f"{at}_to_{base}", at, base, T)
+
+
+def add_fixed_joint(root: etree._Element, name: str, parent: str, child: str, T: Array) -> None:
+    """Append a fixed joint that puts `child` at pose T (4, 4) in `parent`."""
+    joint = etree.SubElement(root, "joint", name=name, type="fixed")
+    _origin(joint, T)
+    etree.SubElement(joint, "parent", link=parent)
+    etree.SubElement(joint, "child", link=child)
+
+
+def add_link(root: etree._Element, name: str, parent: str, T: Array, boxes: tuple[tuple[Array, Array], ...] = ()) -> None:
+    """Append a link at pose T (4, 4) in `parent`, with boxes (size (3,), centre (3,)) as its visual and collision geometry.
+
+    A link that has the name already steps aside: it is called `<name>_original` from then on.
+    """
+    if any(e.get("name") == name for e in root.iter("link")):
+        for e in root.iter("link"):
+            if e.get("name") == name:
+                e.set("name", f"{name}_original")
+        for e in root.iter("parent", "child"):
+            if e.get("link") == name:
+                e.set("link", f"{name}_original")
+        parent = f"{name}_original" if parent == name else parent
+    link = etree.SubElement(root, "link", name=name)
+    for size, centre in boxes:
+        for kind in ("visual", "collision"):
+            element = etree.SubElement(link, kind)
+            etree.SubElement(element, "origin", xyz=_numbers(centre), rpy="0 0 0")
+            etree.SubElement(etree.SubElement(element, "geometry"), "box", size=_numbers(size))
+    add_fixed_joint(root, f"{parent}_to_{name}", parent, name, T)
+
+
+def to_string(root: etree._Element) -> str:
+    """The URDF as text, indented."""
+    etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode", pretty_print=True))
+
+
+def _drop_foreign(element: etree._Element) -> None:
+    for child in list(element):
+        if not isinstance(child.tag, str) or child.tag not in _KEEP or (element.tag == "link" and child.tag == "origin"):
+            element.remove(child)
+        else:
+            for key in [k for k in child.attrib if ":" in k or k.startswith("{")]:
+                del child.attrib[key]
+            _drop_foreign(child)
+
+
+def _resolve(name: str, urdf: Path) -> Path:
+    """A mesh's absolute path: beside the URDF, or for package:// below any folder above it."""
+    plain = name.removeprefix("file://")
+    if not name.startswith("package://"):
+        path = (urdf.parent / plain).resolve()
+        if path.is_file():
+            return path
+    else:
+        relative = Path(name.removeprefix("package://"))
+        for folder in urdf.resolve().parents:
+            for candidate in (folder / relative, folder / Path(*relative.parts[1:])):
+                if candidate.is_file():
+                    return candidate
+    raise ValueError(f"{urdf.name} names mesh {name}, which does not exist beside or above {urdf.parent}")
+
+
+def _origin(element: etree._Element, T: Array) -> None:
+    etree.SubElement(element, "origin", xyz=_numbers(T[:3, 3]), rpy=_numbers(rpy_from_rotation(T[:3, :3])))
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(repr(float(v)) for v in np.asarray(values, float))

@@ -1,0 +1,216 @@
+"""The command line's words: every command with its options and help. The work is done in the module of the command's name.
+
+A command reads its options and returns the job to do; `parse` hands it to `__main__`, which runs it. So nothing heavy is imported before
+it is needed, and how a command ends is decided in one place (`errors.guarded`). A new command needs a function here and a module
+`retrieve_cli/NAME.py` with `run(*, …) -> int | None`, which returns the exit code and raises InputError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from retrieve_cli.errors import INTERRUPTED, InputError
+
+Job = Callable[[], int | None]
+
+
+class Rule(StrEnum):
+    """How far the retrieval loop falls through when a proposed move can't be carried out."""
+
+    deep = "deep"
+    region = "region"
+    strict = "strict"
+
+
+class Camera(StrEnum):
+    """Where a still picture is taken from."""
+
+    hand = "hand"
+    side = "side"
+
+
+app = typer.Typer(
+    name="retrieve",
+    help="Take a target object out of a cluttered cabinet with a robot arm.\n\n"
+    "Stages exchange JSON Lines, so they can be joined: retrieve gen -n 20 | retrieve plan | retrieve report",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Robot = Annotated[str | None, typer.Option("--robot", help="A named robot (see `retrieve robots`) or a URDF file.", metavar="NAME|URDF")]
+HandFrame = Annotated[
+    str | None, typer.Option("--hand-frame", help="Link between the finger pads, for a URDF of one's own.", metavar="LINK")
+]
+GripperJoint = Annotated[
+    str | None, typer.Option("--gripper-joint", help="Joint that opens the gripper, for a URDF of one's own.", metavar="JOINT")
+]
+Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.", min=0)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def parse(args: Sequence[str]) -> Job | int | None:
+    """The job that the arguments ask for, or an exit code when there is none (`--help`, `--version`).
+
+    Raises: InputError for a wrong command line.
+    """
+    complaint, interrupted = _named("ClickException"), typer.Abort
+    try:
+        job: Job | int | None = typer.main.get_command(app)(args=list(args), prog_name="retrieve", standalone_mode=False)
+        return job
+    except complaint as e:
+        command = getattr(getattr(e, "ctx", None), "command_path", "retrieve")
+        message = " ".join(e.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
+        raise InputError(f"{command}: {message} (see {command} --help)") from e
+    except interrupted:
+        return INTERRUPTED
+    except SystemExit as e:
+        if isinstance(e.__context__, BrokenPipeError):  # Typer ends a closed pipe with 1
+            raise e.__context__ from None
+        raise
+
+
+def _named(name: str) -> type[Exception]:
+    """An exception class of Click by its name: Typer brings Click along, from 0.20 on under a name of its own."""
+    return next(c for c in typer.BadParameter.__mro__ if c.__name__ == name)
+
+
+def version() -> str:
+    """The version of this program: of the checkout it runs from, else of the installed distribution."""
+    project = Path(__file__).resolve().parent.parent / "pyproject.toml"
+    if project.is_file():
+        import tomllib
+
+        return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
+    from importlib.metadata import version as installed
+
+    return installed("retrieve")
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"retrieve {version()}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def gen(
+    n: Annotated[int, typer.Option("-n", help="How many scenes.", min=1)] = 1,
+    seed: Seed = 0,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
+    spec: Annotated[str, typer.Option("--spec", help="What the scenes are like.", metavar="paper|paper-any|shelf|FILE.toml")] = "paper",
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Scenes, JSON Lines; stdout if left out.", metavar="FILE")] = None,
+) -> Job:
+    """Generate scenes: the target is blocked at first, and can be reached in the empty cabinet."""
+    from retrieve_cli import gen as command
+
+    return partial(command.run, n=n, seed=seed, robot=robot, hand_frame=hand_frame, gripper_joint=gripper_joint, spec=spec, out=out)
+
+
+@app.command()
+def plan(
+    scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; stdin if left out or -.", metavar="SCENES")] = None,
+    policy: Annotated[str, typer.Option("--policy", help="Who chooses objects and regions: random, local, …", metavar="NAME")] = "random",
+    rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
+    seed: Seed = 0,
+    iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
+    time_budget_s: Annotated[
+        float | None, typer.Option("--time-budget-s", help="Budget in seconds instead, as in the paper: not repeatable.", min=1e-3)
+    ] = None,
+    max_moves: Annotated[int, typer.Option("--max-moves", help="How many objects may be moved.", min=0)] = 5,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
+    html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Plans, JSON Lines; stdout if left out.", metavar="FILE")] = None,
+) -> Job:
+    """Plan moves and motions that take the target out, or say why there are none."""
+    from retrieve_cli import plan as command
+
+    return partial(
+        command.run,
+        scenes=scenes,
+        policy=policy,
+        rule=rule.value,
+        seed=seed,
+        iterations=iterations,
+        time_budget_s=time_budget_s,
+        max_moves=max_moves,
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
+        html=html,
+        strict=strict,
+        out=out,
+    )
+
+
+@app.command()
+def report(
+    plans: Annotated[list[Path] | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="A .md, .csv, .tex, .html or .json file.", metavar="FILE")] = None,
+    as_json: AsJson = False,
+) -> Job:
+    """Success, moves, times and travel of plans, beside the paper's Table I."""
+    from retrieve_cli import report as command
+
+    return partial(command.run, plans=plans or [], out=out, as_json=as_json)
+
+
+@app.command()
+def show(
+    file: Annotated[
+        Path | None, typer.Argument(help="A scene or a plan, JSON Lines; stdin if left out or -.", metavar="SCENE-OR-PLAN")
+    ] = None,
+    index: Annotated[int, typer.Option("--index", help="Which line of the file, from 0.", min=0)] = 0,
+    scenes: Annotated[Path | None, typer.Option("--scenes", help="The scenes that the plan was made for.", metavar="FILE")] = None,
+    html: Annotated[Path | None, typer.Option("--html", help="Write one self-contained page, animated.", metavar="FILE")] = None,
+    png: Annotated[Path | None, typer.Option("--png", help="Write a still picture; needs no display.", metavar="FILE")] = None,
+    camera: Annotated[Camera, typer.Option("--camera", help="Where the still is taken from.")] = Camera.side,
+) -> Job:
+    """Show a scene or a plan: in the browser, as a page, or as a still picture."""
+    from retrieve_cli import show as command
+
+    return partial(command.run, file=file, index=index, scenes=scenes, html=html, png=png, camera=camera.value)
+
+
+@app.command()
+def robots(
+    name: Annotated[str | None, typer.Argument(help="A named robot; all of them if left out.", metavar="NAME")] = None,
+    urdf: Annotated[Path | None, typer.Option("--urdf", help="Write its joined, cleaned URDF.", metavar="FILE")] = None,
+    as_json: AsJson = False,
+) -> Job:
+    """List the named robots, or describe one and write its URDF."""
+    from retrieve_cli import robots as command
+
+    return partial(command.run, name=name, urdf=urdf, as_json=as_json)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the scene, the plan and the pictures.", metavar="DIR")] = Path("out"),
+    seed: Seed = 0,
+) -> Job:
+    """Generate one hard scene, plan it, and write pictures of it."""
+    from retrieve_cli import demo as command
+
+    return partial(command.run, out=out, seed=seed)

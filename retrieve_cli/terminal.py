@@ -1,0 +1,45 @@
+"""Words and progress on stderr, tables on stdout: data and talk never mix."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def say(line: str) -> None:
+    """One line of words, on stderr."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def show(*things: RenderableType) -> None:
+    """Print Rich tables and texts on stdout: coloured and fitted on a terminal, plain and as wide as they need otherwise."""
+    from rich.console import Console
+
+    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else 240, highlight=False)
+    for thing in things:
+        console.print(thing)
+
+
+@contextmanager
+def progress(what: str, total: int | None = None, *, out: Path | None = None) -> Iterator[Callable[[], None]]:
+    """`with progress("planning", 20, out=out) as step: … step()`: a bar on stderr.
+
+    Only when stderr is a terminal, and when the data does not run over that same terminal (out: where it goes; None and "-" are stdout).
+    """
+    to_stdout = out is None or str(out) == "-"
+    if not sys.stderr.isatty() or (to_stdout and sys.stdout.isatty()):
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(file=sys.stderr), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)

@@ -88,19 +88,21 @@ def tables(report: Report) -> list[Table]:
 
 
 def _table_one(rows: Sequence[Row]) -> Table:
+    """Our rows; each of the paper's after our row of that policy under the rule deep, those of planners that did not run at the end."""
     body: list[tuple[str, ...]] = []
     quiet: set[int] = set()
-    ours = [r.policy for r in rows]
-    paper = {p.policy: p for p in PAPER}
-    for i, r in enumerate(rows):
+    waiting = {p.policy: p for p in PAPER}
+
+    def add_paper(policy: str) -> None:
+        quiet.add(len(body))
+        body.append(_paper_row(waiting.pop(policy)))
+
+    for r in rows:
         body.append((_name(r), _share(r.success), *(_spread(r.over_successes[m]) for m in MEASURES)))
-        if r.policy in paper and r.policy not in ours[i + 1 :]:
-            quiet.add(len(body))
-            body.append(_paper_row(paper[r.policy]))
-    for policy, p in paper.items():
-        if policy not in ours:
-            quiet.add(len(body))
-            body.append(_paper_row(p))
+        if r.rule == "deep" and r.policy in waiting:
+            add_paper(r.policy)
+    for policy in list(waiting):
+        add_paper(policy)
     note = "mean ± sd over successful runs; the paper's rows are for 100 scenes of its own; rrt is commented out in its source"
     return Table("Over successes, as in the paper's Table I", note, _columns("success, % [95 %]"), tuple(body), frozenset(quiet))
 
@@ -202,7 +204,7 @@ def _print(report: Report) -> None:
     for k, table in enumerate(tables(report)):
         rich = RichTable(title=table.title, caption=table.note, box=box.SIMPLE_HEAD, title_justify="left", caption_justify="left")
         for i, column in enumerate(table.columns):
-            rich.add_column(Text(column), justify="right" if is_figures(table, i) else "left")
+            rich.add_column(Text(column), justify="right" if is_figures(table, i) else "left", overflow="fold", no_wrap=i == 0)
         for i, cells in enumerate(table.rows):
             rich.add_row(*(Text(c) for c in cells), style="dim" if i in table.quiet else None)
         terminal.show(*(["", rich] if k else [rich]))

@@ -67,9 +67,10 @@ def _lead(rows: Sequence[Row]) -> str:
     name = escape(f"{best.policy} {best.rule}")
     among = f"The best of {len(rows)} planners" if len(rows) > 1 else "The planner"
     s = best.success
+    plans = "1 plan" if total == 1 else f"{total} plans"
     return (
-        f"{total} {'plan' if total == 1 else 'plans'} for taking a blocked target out of a cabinet. {among}, <b>{name}</b>, retrieved it "
-        f"in <b>{s.k} of {s.n}</b> scenes, that is {100 * s.k / max(s.n, 1):.0f} % (95 % interval {100 * s.low:.0f} to {100 * s.high:.0f} %)."
+        f"{plans} for taking a blocked target out of a cabinet. {among}, <b>{name}</b>, retrieved it in "
+        f"<b>{s.k} of {s.n}</b> scenes, that is {100 * s.k / max(s.n, 1):.0f} % (95 % interval {100 * s.low:.0f} to {100 * s.high:.0f} %)."
     )
 
 
@@ -93,7 +94,7 @@ def _table(table: Table) -> str:
 
 
 def _chart(rows: Sequence[Row]) -> str:
-    """Horizontal bars with 95 % intervals; a diamond where the paper's planner of that name stands."""
+    """Horizontal bars with 95 % intervals; a diamond where the paper's planner stands (its rows belong beside the rule deep)."""
     height = TOP + BAND * len(rows) + 6
     paper = {p.policy: p.success for p in PAPER}
     grid = "".join(
@@ -101,9 +102,9 @@ def _chart(rows: Sequence[Row]) -> str:
         f'<text class="soft" x="{_x(s):.1f}" y="{TOP - 14}" text-anchor="middle">{100 * s:.0f} %</text>'
         for s in (0, 0.2, 0.4, 0.6, 0.8, 1.0)
     )
-    bars = "".join(_bar(r, TOP + BAND * i, paper.get(r.policy)) for i, r in enumerate(rows))
+    bars = "".join(_bar(r, TOP + BAND * i, paper.get(r.policy) if r.rule == "deep" else None) for i, r in enumerate(rows))
     words = "; ".join(f"{r.policy} {r.rule}: {r.success.k} of {r.success.n}" for r in rows)
-    marked = any(r.policy in paper for r in rows)
+    marked = any(r.policy in paper and r.rule == "deep" for r in rows)
     key = '<div class="key"><span>retrieved</span><span class="whisker">95 % Wilson interval</span>'
     key += '<span class="diamond">the paper, 100 scenes of its own</span></div>' if marked else "</div>"
     label = escape(f"Success: {words}", quote=True)

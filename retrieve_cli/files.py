@@ -71,7 +71,7 @@ def _lines(source: Path | None, how: str) -> Iterator[tuple[str, str]]:
         for number, raw in enumerate(stream, 1):
             where = f"{_name(source)}:{number}"
             try:
-                line = raw.decode("utf-8-sig" if number == 1 else "utf-8")
+                line = raw.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r\n")
             except UnicodeDecodeError as e:
                 raise InputError(f"{where}: byte {e.start + 1} is not UTF-8 text; is this a JSON Lines file?") from e
             if line.strip():

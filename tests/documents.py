@@ -1,0 +1,87 @@
+"""Small documents that the tests of files, report and command line share: a valid scene and a valid plan, made anew for each test."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+SCHEMAS = Path(__file__).parent / "schema"
+
+
+def pose(*p: float, q_wxyz: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> dict[str, Any]:
+    return {"p": list(p), "q_wxyz": list(q_wxyz)}
+
+
+def scene(scene_id: str = "0-000007") -> dict[str, Any]:
+    return {
+        "schema": "retrieve/scene@1",
+        "id": scene_id,
+        "seed": [0, 7],
+        "robot": {"name": "ur5e", "T_world_base": pose(0.0, 0.0, 0.0)},
+        "cabinet": {"size_m": [0.56, 0.86, 0.5], "T_world_cabinet": pose(0.3, 0.0, 0.1), "wall_m": 0.03},
+        "regions": {"n": 10},
+        "approaches": ["horizontal"],
+        "objects": [
+            {"name": "box_0", "shape": {"type": "box", "size_m": [0.05, 0.06, 0.1]}, "T_world_object": pose(0.5, 0.0, 0.15)},
+            {"name": "can_1", "shape": {"type": "cylinder", "radius_m": 0.03, "height_m": 0.12}, "T_world_object": pose(0.6, 0.1, 0.16)},
+            {"name": "box_2", "shape": {"type": "box", "size_m": [0.04, 0.04, 0.2]}, "T_world_object": pose(0.45, -0.2, 0.2)},
+        ],
+        "target": "can_1",
+        "grasp": {"T_world_hand": pose(0.6, 0.1, 0.172, q_wxyz=(0.5, 0.5, 0.5, 0.5)), "width_m": 0.06},
+    }
+
+
+def observed(scene_id: str = "0-000007") -> dict[str, Any]:
+    observation = {
+        "objects": [{"name": "box_0", "box": [0.5, 0.0, 0.15, 0.05, 0.06, 0.1]}],
+        "regions": [[0.32, -0.4, 0.1, 1.0], [0.32, -0.3, 0.1, 0.0]],
+        "views": [{"T_world_camera": pose(0.1, 0.0, 0.4), "known": 0.61}],
+        "known": 0.61,
+    }
+    return {**scene(scene_id), "observation": observation}
+
+
+def plan(scene_id: str = "0-000007", policy: str = "random", rule: str = "deep", success: bool = True, moved: int = 1) -> dict[str, Any]:
+    why = {"stage": "transfer", "link": "forearm", "body": "box_2", "depth_m": 0.004}
+    move = {"object": "box_0", "T_world_from": pose(0.5, 0.0, 0.15), "T_world_to": pose(0.4, 0.2, 0.15)}
+    names = ["shoulder", "elbow", "finger"]
+    return {
+        "schema": "retrieve/plan@1",
+        "scene": scene_id,
+        "policy": policy,
+        "rule": rule,
+        "success": success,
+        "reason": None if success else {"stage": "moves", "detail": "5 objects were moved"},
+        "moves": [
+            {**move, "region": 3, "done": False, "reason": why},
+            *({**move, "region": 17 + i, "done": True, "reason": None} for i in range(moved)),
+        ],
+        "motions": [
+            {
+                "stage": "transit",
+                "joint_names": names,
+                "q": [[0.1, -1.2, 0.0], [0.30000000000000004, -1.1, 0.0]],
+                "t_s": [0.0, 0.5],
+                "held": None,
+                "may_touch": [],
+            },
+            {
+                "stage": "transfer",
+                "joint_names": names,
+                "q": [[0.30000000000000004, -1.1, 0.0], [0.4, -1.0, 0.0]],
+                "t_s": [0.0, 0.25],
+                "held": {"body": "box_0", "T_hand_body": pose(0.0, 0.0, 0.02)},
+                "may_touch": [["left_pad", "box_0"], ["right_pad", "box_0"]],
+            },
+        ],
+        "planning_time_s": 0.0004,
+        "motion_time_s": 0.2,
+        "hand_travel_m": 1.5,
+        "return": -0.75,
+        "verified": success,
+    }
+
+
+def lines(*documents: Any) -> str:
+    return "".join(json.dumps(d) + "\n" for d in documents)

@@ -1,0 +1,76 @@
+"""The imports go one way, kinematics ◀ perception ◀ planning ◀ retrieve_cli, and the command line is quick because it imports late."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+LAYERS = ("kinematics", "perception", "planning", "retrieve_cli")
+MODULES = sorted(file.relative_to(ROOT) for layer in LAYERS for file in (ROOT / layer).rglob("*.py"))
+
+HEAVY = {"PIL", "airo_models", "coacd", "fcl", "jsonschema", "lxml", "matplotlib", "meshcat", "numba", "pinocchio", "pyarrow"}
+HEAVY |= {"pytorch_kinematics", "ray", "rich", "ruckig", "safetensors", "scipy", "torch", "trimesh", "vhacdx", "yourdfpy"}
+FIRST_WORDS = frozenset({"__init__", "__main__", "app", "errors"})
+"""Modules of retrieve_cli that every call imports: standard library, Typer, and each other only."""
+
+
+def imports(file: Path, *, top_only: bool = False) -> Iterator[tuple[int, str]]:
+    """(line, dotted module) of every import; top_only: those that run when the module is imported, not under TYPE_CHECKING."""
+    todo: list[ast.AST] = [ast.parse((ROOT / file).read_text(encoding="utf-8"))]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}:{node.lineno}: a relative import hides its layer"
+            yield node.lineno, node.module or ""
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+        elif top_only and (isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or _for_types_only(node)):
+            continue
+        else:
+            todo += ast.iter_child_nodes(node)
+
+
+def _for_types_only(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+
+
+def test_there_is_something_to_read() -> None:
+    assert {m.parts[0] for m in MODULES} == set(LAYERS)
+    assert "planning.plan" in {name for _, name in imports(Path("retrieve_cli/files.py"), top_only=True)}
+    app = Path("retrieve_cli/app.py")
+    lazy = {name for _, name in imports(app)} - {name for _, name in imports(app, top_only=True)}
+    assert "retrieve_cli.report" in lazy
+
+
+@pytest.mark.parametrize("file", MODULES, ids=str)
+def test_imports_go_one_way(file: Path) -> None:
+    above = LAYERS[LAYERS.index(file.parts[0]) + 1 :]
+    wrong = [f"{file}:{line}: {name}" for line, name in imports(file) if name.split(".")[0] in (*above, "tests", "benchmarks", "examples")]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("file", [m for m in MODULES if m.parts[0] == "retrieve_cli"], ids=str)
+def test_commands_import_nothing_heavy_at_the_top(file: Path) -> None:
+    wrong = [f"{file}:{line}: {name}" for line, name in imports(file, top_only=True) if name.split(".")[0] in HEAVY]
+    assert not wrong, "\n".join(wrong)
+    if file.stem in FIRST_WORDS:
+        ours = [name for _, name in imports(file, top_only=True) if name.split(".")[0] in LAYERS]
+        assert all(name.split(".")[0] == "retrieve_cli" and name.split(".")[1:2] in (["errors"], ["app"]) for name in ours), ours
+
+
+def test_help_loads_neither_numpy_nor_the_library() -> None:
+    code = (
+        "import sys; from retrieve_cli.__main__ import main; main(['plan', '--help']); "
+        "print(*sorted({m.split('.')[0] for m in sys.modules}), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = set(done.stderr.split())
+    assert "typer" in loaded
+    assert not loaded & {"numpy", "kinematics", "perception", "planning", *(HEAVY - {"rich"})}  # rich draws the help

@@ -1,0 +1,558 @@
+"""Sphere covers: balls whose union provably contains a convex solid, and that reach at most `excess_m` beyond it.
+
+How tight. Every ball has its centre c inside the solid and the radius depth(c) + excess, where depth(c) is the distance from c to the
+solid's surface. So no ball reaches further out than `excess_m`, and the same ball less `excess_m` lies inside the solid: the
+outer balls prove that a part is free, the inner ones (`inner_radii`) that it touches.
+
+Why contained. The hull is cut into tetrahedra, a fan from an inner point to its triangles. A ball is convex, so a tetrahedron whose four
+corners lie in one ball is covered; any other is bisected at its longest edge; a corner that lies in no ball is a counterexample and
+becomes a new sample of the set cover. When no tetrahedron is left the whole solid is covered, its surface *and* its interior: a cover of
+the surface alone would miss a small body that sits wholly inside. Boxes and cylinders have a grid instead: a cell whose corners all
+lie in one ball is covered, and the cells fill the solid.
+
+Coarse and fine. `Levels` binds two covers together by the same proof: every leaf lies in one coarse ball i and one fine ball j, and i
+lists j. If coarse ball i misses a body, so do all the leaves in it; otherwise only the fine balls that i lists need a look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from kinematics import cache
+from kinematics.shapes import CYLINDER_SIDES, box_corners, prism
+from kinematics.transforms import Array, apply
+
+Int = NDArray[np.int64]
+COARSE_M, FINE_M = 0.020, 0.005
+OnStep = Callable[[str], None]
+
+_ALGORITHM = "cover-1"  # part of the cache's key: change it whenever another result may come out
+_SLACK = 0.03  # samples are covered by balls this share of the excess smaller, so that the bisection ends
+_ROUNDING_M = 1e-9  # balls are this much smaller in proofs: qhull's planes and float64 are better than that for anything in a room
+_GAMMAS = (0.08, 0.25, 0.5, 0.75, 1.0)
+_CANDIDATES = 900  # surface points that candidate balls are made from
+_GAPS = 250  # counterexamples a round
+_FRESH_ROUNDS = 5  # so often the set cover starts afresh with the new samples; later rounds only add to it
+
+
+class Cover(NamedTuple):
+    """S balls that contain a solid and reach at most excess_m beyond it: centres (S, 3), radii (S,), metres, in the solid's frame."""
+
+    centres: Array
+    radii: Array
+    excess_m: float
+
+    def inner_radii(self) -> Array:
+        """Radii (S,) of the balls about the same centres that lie inside the solid; zero where there is none."""
+        return np.maximum(self.radii - self.excess_m - _ROUNDING_M, 0.0)
+
+
+class Levels(NamedTuple):
+    """Two covers of one solid. Coarse ball i lists fine balls child[start[i]:start[i + 1]]: the solid is the union of pieces of which
+    each lies in a coarse ball and in a fine ball that it lists."""
+
+    coarse: Cover
+    fine: Cover
+    start: Int
+    child: Int
+
+
+def cover(vertices: Array, excess_m: float, *, on_step: OnStep | None = None) -> Cover:
+    """Balls that contain the convex hull of vertices (V, 3), in metres, and reach at most excess_m beyond it.
+
+    on_step hears one line a round. Raises: ValueError when the hull has no volume or excess_m is not positive.
+    """
+    if not excess_m > 0:
+        raise ValueError(f"excess_m: {excess_m} is not positive")
+    solid = _hull(vertices)
+    slack = _SLACK * excess_m
+    samples, normals = _surface(solid, excess_m)
+    some = _spread(len(samples), _CANDIDATES)
+    centres, radii = _candidates(solid, samples[some], normals[some], excess_m, slack)
+    chosen = np.zeros(0, np.int64)
+    for turn in range(1000):
+        fixed = chosen if turn >= _FRESH_ROUNDS else chosen[:0]
+        chosen = _set_cover(centres, radii - slack, samples, fixed)
+        gaps, _ = _counterexamples(solid.fan, centres[chosen], radii[chosen] - _ROUNDING_M, slack / 4, _GAPS)
+        if on_step is not None:
+            on_step(f"round {turn + 1}: {len(chosen)} balls, {len(gaps)} gaps")
+        if len(gaps) == 0:
+            return Cover(centres[chosen], radii[chosen], excess_m)
+        nearest = np.argmin(solid.planes[:, 3] - gaps @ solid.planes[:, :3].T, 1)
+        more, r = _candidates(solid, gaps, solid.planes[nearest, :3], excess_m, slack)
+        samples, centres, radii = np.concatenate([samples, gaps]), np.concatenate([centres, more]), np.concatenate([radii, r])
+    raise RuntimeError("the cover did not close")  # each round covers at least one gap with slack: it can't take so many
+
+
+def uncovered(vertices: Array, balls: Cover) -> Array:
+    """Points (N, 3) of the hull of vertices (V, 3) that lie in no ball, at most 400: none is the proof that the balls contain it."""
+    gaps, _ = _counterexamples(_hull(vertices).fan, balls.centres, balls.radii, 1e-6, 400)
+    return gaps
+
+
+def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, *, on_step: OnStep | None = None) -> Levels:
+    """A coarse and a fine cover of the hull of vertices (V, 3), from the disk cache if it holds them.
+
+    Raises: ValueError as `cover` does.
+    """
+    points = np.ascontiguousarray(vertices, float)
+    name = "spheres-" + cache.key(_ALGORITHM, points.tobytes(), f"{coarse_m!r} {fine_m!r}")
+    known = cache.load(name)
+    if known is not None:
+        c, f = known["coarse"].astype(float), known["fine"].astype(float)
+        return Levels(
+            Cover(c[:, :3], c[:, 3], coarse_m),
+            Cover(f[:, :3], f[:, 3], fine_m),
+            known["start"].astype(np.int64),
+            known["child"].astype(np.int64),
+        )
+    a, b = cover(points, coarse_m, on_step=on_step), cover(points, fine_m, on_step=on_step)
+    a = _by_size(a)
+    start, child = _csr(_links(_hull(points).fan, a.centres, a.radii - _ROUNDING_M, b.centres, b.radii - _ROUNDING_M))
+    cache.store(name, {"coarse": np.c_[a.centres, a.radii], "fine": np.c_[b.centres, b.radii], "start": start, "child": child})
+    return Levels(a, b, start, child)
+
+
+def moved(balls: Levels, T: Array) -> Levels:
+    """The same levels in another frame: T (4, 4) maps the old frame's points to the new one's."""
+    a, b = balls.coarse, balls.fine
+    return balls._replace(coarse=a._replace(centres=apply(T, a.centres)), fine=b._replace(centres=apply(T, b.centres)))
+
+
+@lru_cache(maxsize=4096)
+def box_levels(size_m: tuple[float, float, float], coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
+    """Levels of a cuboid about the origin with edges size_m along x, y, z. A millisecond or two; kept in memory."""
+    fan = _hull(box_corners(np.array(size_m, float) / 2)).fan
+    return _grid_levels(fan, box_cover(size_m, coarse_m), box_cover(size_m, fine_m))
+
+
+@lru_cache(maxsize=4096)
+def cylinder_levels(radius_m: float, height_m: float, coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
+    """Levels of a cylinder about z through the origin. A millisecond or two; kept in memory."""
+    fan = _hull(prism(radius_m, height_m)).fan
+    return _grid_levels(fan, cylinder_cover(radius_m, height_m, coarse_m), cylinder_cover(radius_m, height_m, fine_m))
+
+
+# The hull and its samples
+
+
+class _Solid(NamedTuple):
+    """planes (F, 4): outward unit normal n and offset, inside is n·x <= offset; fan (T, 4, 3): tetrahedra that fill the hull;
+    triangles (T, 3, 3) and normals (T, 3) of its surface."""
+
+    planes: Array
+    fan: Array
+    triangles: Array
+    normals: Array
+
+
+def _hull(vertices: Array) -> _Solid:
+    points = np.asarray(vertices, float)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ValueError(f"vertices: expected finite (V, 3), got shape {points.shape}")
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError) as e:
+        raise ValueError("vertices: their hull has no volume") from e
+    normals = hull.equations[:, :3]
+    planes = np.unique(np.round(np.c_[normals, -hull.equations[:, 3]], 12), axis=0)
+    triangles = points[hull.simplices]
+    middle = points[hull.vertices].mean(0)
+    fan = np.concatenate([np.broadcast_to(middle, (len(triangles), 1, 3)), triangles], 1)
+    return _Solid(planes, np.ascontiguousarray(fan), triangles, normals)
+
+
+def _surface(solid: _Solid, excess_m: float) -> tuple[Array, Array]:
+    """Points (N, 3) spread over the surface, one per square of the excess or so, and every corner; outward directions (N, 3)."""
+    rng = np.random.default_rng(0)
+    t = solid.triangles
+    area = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1) / 2
+    n = int(np.clip(area.sum() / excess_m**2, 200, 10000))
+    face = rng.choice(len(t), n, p=area / area.sum())
+    u = rng.random((n, 2))
+    u[u.sum(1) > 1] = 1 - u[u.sum(1) > 1]
+    spread = t[face, 0] + u[:, :1] * (t[face, 1] - t[face, 0]) + u[:, 1:] * (t[face, 2] - t[face, 0])
+    corners, where = np.unique(t.reshape(-1, 3), axis=0, return_inverse=True)
+    outward = np.zeros_like(corners)
+    np.add.at(outward, where.ravel(), np.repeat(solid.normals * np.sqrt(area)[:, None], 3, 0))
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    return np.concatenate([spread, corners]), np.concatenate([solid.normals[face], outward])
+
+
+def _spread(n: int, most: int) -> Int:
+    """At most `most` indices out of n, evenly spread."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
+
+
+def _candidates(solid: _Solid, points: Array, outward: Array, excess_m: float, slack: float) -> tuple[Array, Array]:
+    """Balls that hold one of the points (N, 3) with slack: centres (C, 3) on the lines inwards, radii (C,) depth + excess.
+
+    On the line x - t·d the depth is min_j D_j + t d·n_j, so the ball about that point still reaches x while t <= depth + excess - slack:
+    up to t = min_j (D_j + excess - slack) / (1 - d·n_j). Centres are taken at several parts of the way.
+    """
+    return _line_balls(points, np.ascontiguousarray(outward), solid.planes, excess_m, slack, np.array(_GAMMAS))
+
+
+@njit(cache=True, nogil=True)
+def _line_balls(points: Array, outward: Array, planes: Array, excess: float, slack: float, gammas: Array) -> tuple[Array, Array]:
+    n, m = points.shape[0], gammas.shape[0]
+    centres, radii = np.empty((n * m, 3)), np.empty(n * m)
+    for i in range(n):
+        x, y, z = points[i]
+        dx, dy, dz = outward[i]
+        reach = 1e9
+        for j in range(planes.shape[0]):
+            along = 1.0 - (dx * planes[j, 0] + dy * planes[j, 1] + dz * planes[j, 2])
+            gap = planes[j, 3] - (x * planes[j, 0] + y * planes[j, 1] + z * planes[j, 2]) + excess - slack
+            if gap < reach * along:
+                reach = gap / along
+        for g in range(m):
+            t = gammas[g] * max(reach, 0.0) * (1 - 1e-9)
+            a, b, c = x - t * dx, y - t * dy, z - t * dz
+            depth = 1e9
+            for j in range(planes.shape[0]):
+                depth = min(depth, planes[j, 3] - (a * planes[j, 0] + b * planes[j, 1] + c * planes[j, 2]))
+            k = i * m + g
+            centres[k, 0], centres[k, 1], centres[k, 2] = a, b, c
+            radii[k] = max(depth, 0.0) + excess
+    return centres, radii
+
+
+@njit(cache=True, nogil=True)
+def _set_cover(centres: Array, radii: Array, samples: Array, fixed: Int) -> Int:
+    """Indices of balls that hold every sample that some ball holds, the fixed ones among them."""
+    n_balls, n = radii.shape[0], samples.shape[0]
+    x, y, z = samples[:, 0].copy(), samples[:, 1].copy(), samples[:, 2].copy()
+    holds = np.empty((n_balls, n), np.uint8)
+    for i in range(n_balls):
+        a, b, c, rr = centres[i, 0], centres[i, 1], centres[i, 2], radii[i] * radii[i]
+        for s in range(n):
+            holds[i, s] = 1 if (x[s] - a) * (x[s] - a) + (y[s] - b) * (y[s] - b) + (z[s] - c) * (z[s] - c) <= rr else 0
+    return _weighted(holds, np.ones(n_balls), fixed)[0]
+
+
+@njit(cache=True, nogil=True)
+def _weighted(holds: NDArray[np.uint8], weights: Array, fixed: Int) -> tuple[Int, int]:
+    """Greedy weighted set cover of the columns of holds (balls, columns), the fixed rows first, less the rows that nobody needs; and
+    how many columns no row holds. A row's gain only ever falls, so only rows that might still win are counted again."""
+    n_balls, n = holds.shape
+    bare = np.ones(n, np.uint8)
+    gain = np.empty(n_balls, np.int64)
+    for i in range(n_balls):
+        gain[i] = _common(holds[i], bare)
+    chosen, m, left = np.empty(n_balls + 1, np.int64), 0, n
+    while left > 0 or m < fixed.shape[0]:
+        best, value = -1, 0.0
+        if m < fixed.shape[0]:
+            best = fixed[m]
+        else:
+            first = np.argmax(gain / weights)
+            gain[first] = _common(holds[first], bare)
+            if gain[first] > 0:
+                best, value = first, gain[first] / weights[first]
+            for i in range(n_balls):
+                if gain[i] > value * weights[i]:
+                    gain[i] = _common(holds[i], bare)
+                    if gain[i] > value * weights[i]:
+                        best, value = i, gain[i] / weights[i]
+            if best < 0:
+                break
+        chosen[m] = best
+        m += 1
+        left -= _common(holds[best], bare)
+        for s in range(n):
+            bare[s] &= 1 - holds[best, s]
+    times = np.zeros(n, np.int64)
+    for t in range(m):
+        times += holds[chosen[t]]
+    kept = 0
+    for t in range(m):
+        if np.any((times == 1) & (holds[chosen[t]] == 1)):
+            chosen[kept] = chosen[t]
+            kept += 1
+        else:
+            times -= holds[chosen[t]]
+    return chosen[:kept].copy(), left
+
+
+@njit(cache=True, nogil=True)
+def _common(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> int:
+    n = np.int32(0)
+    for s in range(a.shape[0]):
+        n += np.int32(a[s] & b[s])
+    return int(n)
+
+
+# The proof
+
+
+@njit(cache=True, nogil=True)
+def _holds(c: Array, rr: float, x: float, y: float, z: float) -> bool:
+    return (x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2 <= rr
+
+
+@njit(cache=True, nogil=True)
+def _one_ball(T: Array, centres: Array, rr: Array, first: int) -> int:
+    """A ball that holds the tetrahedron T (4, 3), or -1. `first` is tried first: neighbours often share it."""
+    n = rr.shape[0]
+    for k in range(n):
+        i = k + first
+        if i >= n:
+            i -= n
+        if (
+            _holds(centres[i], rr[i], T[0, 0], T[0, 1], T[0, 2])
+            and _holds(centres[i], rr[i], T[1, 0], T[1, 1], T[1, 2])
+            and _holds(centres[i], rr[i], T[2, 0], T[2, 1], T[2, 2])
+            and _holds(centres[i], rr[i], T[3, 0], T[3, 1], T[3, 2])
+        ):
+            return i
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _longest(T: Array) -> tuple[int, int, float]:
+    a, b, best = 0, 1, -1.0
+    for i in range(4):
+        for j in range(i + 1, 4):
+            d = (T[i, 0] - T[j, 0]) ** 2 + (T[i, 1] - T[j, 1]) ** 2 + (T[i, 2] - T[j, 2]) ** 2
+            if d > best:
+                a, b, best = i, j, d
+    return a, b, best
+
+
+@njit(cache=True, nogil=True)
+def _split(stack: Array, top: int, a: int, b: int) -> None:
+    """Replace the tetrahedron stack[top] by its halves, at top and top + 1."""
+    for r in range(3):
+        middle = (stack[top, a, r] + stack[top, b, r]) / 2
+        for i in range(4):
+            stack[top + 1, i, r] = stack[top, i, r]
+        stack[top, a, r] = middle
+        stack[top + 1, b, r] = middle
+
+
+@njit(cache=True, nogil=True)
+def _counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, most: int) -> tuple[Array, int]:
+    """Corners of the bisection that lie in no ball (N, 3), at most `most` and three a tetrahedron of the fan; and the nodes visited.
+
+    A tetrahedron shorter than `smallest` that no ball holds counts as a counterexample too, so the search ends. Nothing found: proved.
+    """
+    rr = radii * radii
+    found = np.empty((most, 3))
+    n, nodes = 0, 0
+    stack = np.empty((400, 4, 3))
+    for root in range(fan.shape[0]):
+        mine, top, last = 0, 0, 0
+        stack[0] = fan[root]
+        for i in range(4):
+            if mine == 0 and not _in_some(fan[root, i], centres, rr):
+                found[n] = fan[root, i]
+                n += 1
+                mine += 1
+                if n == most:
+                    return found, nodes
+        if mine > 0:
+            continue
+        while top >= 0:
+            nodes += 1
+            i = _one_ball(stack[top], centres, rr, last)
+            if i >= 0:
+                last = i
+                top -= 1
+                continue
+            a, b, long = _longest(stack[top])
+            middle = (stack[top, a] + stack[top, b]) / 2
+            if long < smallest * smallest or not _in_some(middle, centres, rr):
+                found[n] = middle
+                n += 1
+                mine += 1
+                top -= 1
+                if n == most:
+                    return found, nodes
+                if mine == 3:
+                    break
+                continue
+            _split(stack, top, a, b)
+            top += 1
+    return found[:n].copy(), nodes
+
+
+@njit(cache=True, nogil=True)
+def _in_some(p: Array, centres: Array, rr: Array) -> bool:
+    for i in range(rr.shape[0]):
+        if _holds(centres[i], rr[i], p[0], p[1], p[2]):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _links(fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array) -> NDArray[np.uint8]:
+    """Which coarse ball lists which fine ball (C, F): the same bisection, until a leaf lies in one of each; pairs at hand are preferred."""
+    a_rr, b_rr = coarse_r * coarse_r, fine_r * fine_r
+    linked = np.zeros((a_rr.shape[0], b_rr.shape[0]), np.uint8)
+    stack = np.empty((400, 4, 3))
+    in_a = np.empty(a_rr.shape[0], np.int64)
+    for root in range(fan.shape[0]):
+        stack[0] = fan[root]
+        top = 0
+        while top >= 0:
+            T = stack[top]
+            n_a = 0
+            for i in range(a_rr.shape[0]):
+                if _all_in(T, coarse[i], a_rr[i]):
+                    in_a[n_a] = i
+                    n_a += 1
+            fresh_a, fresh_b, known = -1, -1, False
+            if n_a > 0:
+                for j in range(b_rr.shape[0]):
+                    if _all_in(T, fine[j], b_rr[j]):
+                        for k in range(n_a):
+                            if linked[in_a[k], j]:
+                                known = True
+                        if known:
+                            break
+                        fresh_a, fresh_b = in_a[0], j
+            if known or fresh_b >= 0:
+                if not known:
+                    linked[fresh_a, fresh_b] = 1
+                top -= 1
+                continue
+            a, b, _ = _longest(T)
+            _split(stack, top, a, b)
+            top += 1
+    return linked
+
+
+@njit(cache=True, nogil=True)
+def _all_in(T: Array, c: Array, rr: float) -> bool:
+    for i in range(4):
+        if not _holds(c, rr, T[i, 0], T[i, 1], T[i, 2]):
+            return False
+    return True
+
+
+def _by_size(balls: Cover) -> Cover:
+    order = np.argsort(-balls.radii, kind="stable")
+    return Cover(balls.centres[order], balls.radii[order], balls.excess_m)
+
+
+def _csr(linked: NDArray[np.uint8]) -> tuple[Int, Int]:
+    """Row starts (C + 1,) and column indices of a 0-1 matrix (C, F)."""
+    return np.concatenate([[0], np.cumsum(linked.sum(1, dtype=np.int64))]).astype(np.int64), np.nonzero(linked)[1].astype(np.int64)
+
+
+# Boxes and cylinders: a weighted set cover of grid cells, in one octant and mirrored
+
+
+def _grid_levels(fan: Array, coarse: Cover, fine: Cover) -> Levels:
+    a = _by_size(coarse)
+    start, child = _csr(_links(fan, a.centres, a.radii - _ROUNDING_M, fine.centres, fine.radii - _ROUNDING_M))
+    return Levels(a, fine, start, child)
+
+
+def box_cover(size_m: tuple[float, float, float], excess_m: float) -> Cover:
+    """Balls that contain the cuboid about the origin with edges size_m and reach at most excess_m beyond it."""
+    half = np.array(size_m, float) / 2
+    if not (half > 0).all() or not excess_m > 0:
+        raise ValueError(f"a box of {size_m} m with {excess_m} m of excess: all must be positive")
+    step = excess_m
+    while True:
+        far, spots = zip(*(_axis(h, step) for h in half), strict=True)
+        centres = np.stack(np.meshgrid(*spots, indexing="ij"), -1).reshape(-1, 3)
+        radii = (half - centres).min(1) + excess_m
+        weights = 2.0 ** (centres > 0).sum(1)
+        holds = _cells_held(*far, radii - _SLACK * excess_m)
+        chosen, left = _weighted(holds, weights, np.zeros(0, np.int64))
+        if left == 0:
+            c, r = _mirrored(centres[chosen], radii[chosen])
+            return Cover(c, r, excess_m)
+        step /= 2
+
+
+def cylinder_cover(radius_m: float, height_m: float, excess_m: float) -> Cover:
+    """Balls that contain the cylinder about z (and the prism of `shapes.prism` around it) and reach at most excess_m beyond it."""
+    if not min(radius_m, height_m, excess_m) > 0:
+        raise ValueError(f"a cylinder of {radius_m} × {height_m} m with {excess_m} m of excess: all must be positive")
+    outer, h = radius_m / np.cos(np.pi / CYLINDER_SIDES), height_m / 2
+    step = excess_m
+    rings = np.array([1, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32])
+    while True:
+        cells, (spots, heights) = [_edges(outer, step), _edges(h, step)], (_spots(radius_m, step), _spots(h, step))
+        rho, z, n = (g.ravel() for g in np.meshgrid(spots, heights, rings, indexing="ij"))
+        fits = (n > 1) | (rho == 0)
+        rho, z, n = rho[fits], z[fits], n[fits]
+        radii = np.minimum(radius_m - rho, h - z) + excess_m
+        r = cells[0]
+        flat = r[None] ** 2 + rho[:, None] ** 2 - 2 * r[None] * (rho * np.cos(np.pi / n))[:, None]
+        flat = np.maximum(flat[:, :-1], flat[:, 1:])
+        tall = (cells[1][None] - z[:, None]) ** 2
+        tall = np.maximum(tall[:, :-1], tall[:, 1:])
+        holds = (flat[:, :, None] + tall[:, None, :] <= ((radii - _SLACK * excess_m) ** 2)[:, None, None]).reshape(len(rho), -1)
+        chosen, left = _weighted(holds.astype(np.uint8), n * (1.0 + (z > 0)), np.zeros(0, np.int64))
+        if left == 0:
+            rows = []
+            for i in chosen:
+                angle = 2 * np.pi * (np.arange(n[i]) + 0.5 * (i % 2)) / n[i]
+                rows += [
+                    np.c_[rho[i] * np.cos(angle), rho[i] * np.sin(angle), np.full(n[i], s * z[i]), np.full(n[i], radii[i])]
+                    for s in ((1, -1) if z[i] > 0 else (1,))
+                ]
+            balls = np.concatenate(rows)
+            return Cover(balls[:, :3].copy(), balls[:, 3].copy(), excess_m)
+        step /= 2
+
+
+def _edges(h: float, step: float) -> Array:
+    """Cell edges over [0, h], not wider than 0.6 step."""
+    return np.linspace(0, h, max(1, int(np.ceil(h / (0.6 * step)))) + 1)
+
+
+def _spots(h: float, step: float) -> Array:
+    """Coordinates in [0, h] for centres: counted from the surface inwards, and 0."""
+    deep = np.concatenate([np.arange(0.5, 2.5, 0.5), np.arange(3.0, max(h / step, 3.0))])
+    inner = h - step * deep
+    return np.concatenate([[0.0], inner[inner > 0.1 * step]])
+
+
+def _axis(h: float, step: float) -> tuple[Array, Array]:
+    """For one axis: the squared distance (spots, cells) from a centre's coordinate to the far side of each cell; and the spots."""
+    edges, spots = _edges(h, step), _spots(h, step)
+    d = (edges[None] - spots[:, None]) ** 2
+    return np.maximum(d[:, :-1], d[:, 1:]), spots
+
+
+@njit(cache=True, nogil=True)
+def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array) -> NDArray[np.uint8]:
+    """Whether ball (i, j, k) of the lattice holds cell (u, v, w), as (balls, cells)."""
+    nx, ny, nz = fx.shape[1], fy.shape[1], fz.shape[1]
+    holds = np.zeros((radii.shape[0], nx * ny * nz), np.uint8)
+    for i in range(fx.shape[0]):
+        for j in range(fy.shape[0]):
+            for k in range(fz.shape[0]):
+                ball = (i * fy.shape[0] + j) * fz.shape[0] + k
+                rr = radii[ball] ** 2 if radii[ball] > 0 else -1.0
+                for u in range(nx):
+                    for v in range(ny):
+                        left = rr - fx[i, u] - fy[j, v]
+                        if left >= 0:
+                            at = (u * ny + v) * nz
+                            for w in range(nz):
+                                holds[ball, at + w] = 1 if fz[k, w] <= left else 0
+    return holds
+
+
+def _mirrored(centres: Array, radii: Array) -> tuple[Array, Array]:
+    """The balls of the octant x, y, z >= 0 in all octants, once where they lie on a plane between two."""
+    balls = np.c_[centres, radii]
+    for axis in range(3):
+        twin = balls[balls[:, axis] > 0].copy()
+        twin[:, axis] *= -1
+        balls = np.concatenate([balls, twin])
+    return balls[:, :3].copy(), balls[:, 3].copy()

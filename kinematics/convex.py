@@ -37,12 +37,10 @@ def by_coordinate(points: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def distance(
-    vertices: Array, a0: int, a1: int, T_a: Array, kind: int, half: Array, b0: int, b1: int, T_b: Array, work: Array
-) -> float:
+def distance(vertices: Array, a0: int, a1: int, T_a: Array, kind: int, half: Array, b0: int, b1: int, T_b: Array, work: Array) -> float:
     """The distance in metres between a polyhedron at T_a (4, 4) and a solid at T_b (4, 4), to 1e-9 relative; 0 when they touch."""
     relative(T_a, T_b, work)
-    return gjk(vertices, a0, a1, kind, half, b0, b1, work, 0.0, np.inf, 1e-9)
+    return float(gjk(vertices, a0, a1, kind, half[0], half[1], half[2], b0, b1, work, 0.0, np.inf, 1e-9))
 
 
 @njit(cache=True, nogil=True)
@@ -52,7 +50,7 @@ def separated_by(
     """Whether a polyhedron at T_a (4, 4) is certainly further than margin_m ≥ 0 from a solid at T_b (4, 4); in doubt it is not."""
     relative(T_a, T_b, work)
     above = margin_m + 1e-12
-    return gjk(vertices, a0, a1, kind, half, b0, b1, work, margin_m, above, 1e-9) >= above
+    return bool(gjk(vertices, a0, a1, kind, half[0], half[1], half[2], b0, b1, work, margin_m, above, 1e-9) >= above)
 
 
 @njit(cache=True, nogil=True)
@@ -68,31 +66,45 @@ def relative(T_a: Array, T_b: Array, work: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def box_gap(centre_a: Array, half_a: Array, centre_b: Array, half_b: Array, work: Array) -> float:
-    """A cheap lower bound of the distance of two boxes, each along its own frame's axes, the frames related by rows 0–2 of work.
+def box_gap(boxes: Array, a: int, b: int, work: Array) -> float:
+    """A cheap lower bound of the distance of two boxes, rows a and b of boxes (·, ≥ 6): half sizes, then centres, each along the axes of
+    its own frame; the frames are related by rows 0–2 of work.
 
     Each box in turn is widened to one along the other's axes; the distance of two such boxes is exact.
     """
-    x, y, z = centre_a[0], centre_a[1], centre_a[2]
-    c0 = work[0, 0] * x + work[0, 1] * y + work[0, 2] * z + work[0, 3] - centre_b[0]
-    c1 = work[1, 0] * x + work[1, 1] * y + work[1, 2] * z + work[1, 3] - centre_b[1]
-    c2 = work[2, 0] * x + work[2, 1] * y + work[2, 2] * z + work[2, 3] - centre_b[2]
+    x, y, z = boxes[a, 3], boxes[a, 4], boxes[a, 5]
+    c0 = work[0, 0] * x + work[0, 1] * y + work[0, 2] * z + work[0, 3] - boxes[b, 3]
+    c1 = work[1, 0] * x + work[1, 1] * y + work[1, 2] * z + work[1, 3] - boxes[b, 4]
+    c2 = work[2, 0] * x + work[2, 1] * y + work[2, 2] * z + work[2, 3] - boxes[b, 5]
     in_b = in_a = 0.0
     for r in range(3):
         c = c0 if r == 0 else (c1 if r == 1 else c2)
-        gap = abs(c) - half_b[r] - abs(work[r, 0]) * half_a[0] - abs(work[r, 1]) * half_a[1] - abs(work[r, 2]) * half_a[2]
+        gap = abs(c) - boxes[b, r] - abs(work[r, 0]) * boxes[a, 0] - abs(work[r, 1]) * boxes[a, 1] - abs(work[r, 2]) * boxes[a, 2]
         in_b += gap * gap if gap > 0 else 0.0
         c = work[0, r] * c0 + work[1, r] * c1 + work[2, r] * c2
-        gap = abs(c) - half_a[r] - abs(work[0, r]) * half_b[0] - abs(work[1, r]) * half_b[1] - abs(work[2, r]) * half_b[2]
+        gap = abs(c) - boxes[a, r] - abs(work[0, r]) * boxes[b, 0] - abs(work[1, r]) * boxes[b, 1] - abs(work[2, r]) * boxes[b, 2]
         in_a += gap * gap if gap > 0 else 0.0
-    return np.sqrt(max(in_a, in_b))
+    return float(np.sqrt(max(in_a, in_b)))
 
 
 @njit(cache=True, nogil=True)
 def gjk(
-    vertices: Array, a0: int, a1: int, kind: int, half: Array, b0: int, b1: int, work: Array, low: float, high: float, tolerance: float
+    vertices: Array,
+    a0: int,
+    a1: int,
+    kind: int,
+    hx: float,
+    hy: float,
+    hz: float,
+    b0: int,
+    b1: int,
+    work: Array,
+    low: float,
+    high: float,
+    tolerance: float,
 ) -> float:
-    """A certified lower bound of the distance in metres, 0 when the solids touch. It stops as soon as the distance is known
+    """A certified lower bound of the distance in metres, 0 when the solids touch. hx, hy, hz: the second solid's half sizes. It stops as
+    soon as the distance is known
 
     - to be at least `high`: the bound returned is ≥ high;
     - to be at most `low`, or within the relative tolerance: the bound returned is the best so far.
@@ -120,15 +132,15 @@ def gjk(
         wz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + R[2, 3]
         # minus the point of the second solid furthest along v
         if kind == BOX:
-            wx -= half[0] if vx > 0 else -half[0]
-            wy -= half[1] if vy > 0 else -half[1]
-            wz -= half[2] if vz > 0 else -half[2]
+            wx -= hx if vx > 0 else -hx
+            wy -= hy if vy > 0 else -hy
+            wz -= hz if vz > 0 else -hz
         elif kind == CYLINDER:
             r = np.sqrt(vx * vx + vy * vy)
             if r > 0:
-                wx -= half[0] * vx / r
-                wy -= half[0] * vy / r
-            wz -= half[2] if vz > 0 else -half[2]
+                wx -= hx * vx / r
+                wy -= hx * vy / r
+            wz -= hz if vz > 0 else -hz
         else:
             i = support(vertices, b0, b1, vx, vy, vz)
             wx -= vertices[0, i]
@@ -140,18 +152,18 @@ def gjk(
         if plane > bound:
             bound = plane
             if bound >= high:
-                return bound
+                return float(bound)
         if upper <= low or upper - bound <= tolerance * upper:
-            return bound
+            return float(bound)
         work[3 + n, 0], work[3 + n, 1], work[3 + n, 2] = wx, wy, wz
         n, vx, vy, vz = _nearest(work, n + 1)
         length = np.sqrt(vx * vx + vy * vy + vz * vz)
         if length <= TOUCHING_M:
             return 0.0
         if length >= upper:  # no progress: rounding has the last word
-            return bound
+            return float(bound)
         upper = length
-    return bound
+    return float(bound)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -205,7 +217,7 @@ def _beyond(work: Array, i: int, j: int, k: int) -> bool:
     nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     height = nx * (work[3 + k, 0] - work[3 + i, 0]) + ny * (work[3 + k, 1] - work[3 + i, 1]) + nz * (work[3 + k, 2] - work[3 + i, 2])
     side = -(nx * work[3 + i, 0] + ny * work[3 + i, 1] + nz * work[3 + i, 2])
-    return side * height > 0.0 and height * height > TOUCHING_M * TOUCHING_M * (nx * nx + ny * ny + nz * nz)
+    return bool(side * height > 0.0 and height * height > TOUCHING_M * TOUCHING_M * (nx * nx + ny * ny + nz * nz))
 
 
 @njit(cache=True, nogil=True)

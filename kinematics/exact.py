@@ -1,0 +1,316 @@
+"""Does the arm touch anything: exact verdicts on its convex parts, for one configuration or for a whole straight joint-space edge.
+
+`Problem` is one motion query, packed flat for compiled code; `Scratch` is one thread's memory. A pair is two bodies that may not touch:
+part and part, or part and solid. Its distance is bounded from below by a ball and a box first, and by GJK (convex.py) where they don't
+decide.
+
+Edges are certified, not sampled. While every joint j goes |dq_j|, no point of one body moves further relative to the other than
+Σ_j reach_j |dq_j|; so a pair that is further apart than that in the middle of an interval can't touch within it. What is undecided is
+halved and asked again, the coarse level of the whole edge first, so that an edge that collides ends early.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
+from kinematics.convex import box_gap, gjk, relative
+from kinematics.transforms import Array
+
+MARGIN_M = 5e-4
+"""Bodies closer than this count as touching; half of it is what a certified edge keeps everywhere."""
+TOLERANCE = 0.05
+"""How much of a distance, relative, may be given away for speed; a pair up to 5 % beyond the margin may count as touching."""
+GJK_PAYS_M = 0.1
+"""GJK may prove this much more than the boxes do; where more is asked for, halving the interval is cheaper."""
+
+
+class Problem(NamedTuple):
+    """What moves, what it may not touch, and how fast. Bodies are the P parts, then the B solids.
+
+    boxes (P + B, 7): half sizes and centre of the box around each body along its own axes (a box's and a cylinder's sizes), radius of the
+    ball about the same centre. vertices (3, N): of all bodies. pairs (M, 9): the two bodies, the first one a part; their two rows of
+    `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices. reach (M, J): metres that one body of
+    the pair moves at most, relative to the other, per unit of each planning coordinate. weight (J,): the same for the arm as a whole,
+    never 0. solid_T (B, 4, 4).
+    """
+
+    chain: Chain
+    boxes: Array
+    vertices: Array
+    pairs: Int
+    reach: Array
+    weight: Array
+    solid_T: Array
+    margin_m: float
+
+
+class Scratch(NamedTuple):
+    """One thread's memory for one `Problem`.
+
+    poses (K + 1 + B, 4, 4): the chain's frames, then the solids. work (8, 4) and toward (M, 3): GJK's, and each pair's last direction.
+    q (J,); motion (M,): metres a pair moves along the edge at hand. spans (2, ·, 2), lists (2, ·, 2) and pool (2, ·): intervals of the edge
+    that are undecided, where in the pool their undecided pairs are listed, and those lists; this level's and the next one's.
+    counts (4,): configurations looked at, pairs that came to GJK, edges, edges found free. where (1,): how far along the last blocked edge.
+    """
+
+    poses: Array
+    work: Array
+    toward: Array
+    q: Array
+    motion: Array
+    spans: Array
+    lists: Int
+    pool: Int
+    counts: Int
+    where: Array
+
+
+def make_problem(
+    chain: Chain, parts: Parts, solids: Solids, query: Query, *, margin_m: float = MARGIN_M, reach_m: Array | None = None
+) -> Problem:
+    """Pack one motion query. reach_m (K, P): what `reach(chain, parts)` gives, when the caller has kept it.
+
+    Raises: ValueError when margin_m is not positive: a certificate needs some room.
+    """
+    if not margin_m > 0:
+        raise ValueError(f"the margin must be positive, not {margin_m} m")
+    reach_m = reach(chain, parts) if reach_m is None else reach_m
+    n_parts, n_solids, frames = len(parts.frame), len(solids.kind), len(chain.q_index) + 1
+    against = np.argwhere(query.check)
+    pairs = np.concatenate([against + np.array([0, n_parts]), np.asarray(query.pairs).reshape(-1, 2)]).astype(np.int64)
+    first = parts.frame[pairs[:, 0]]
+    inner, outer = np.zeros(len(pairs), np.int64), pairs[:, 0].copy()  # the joints from frame `inner` on move body `outer`
+    both = np.arange(len(pairs)) >= len(against)
+    other = parts.frame[pairs[both, 1]]
+    inner[both] = np.minimum(first[both], other)
+    outer[both] = np.where(first[both] >= other, pairs[both, 0], pairs[both, 1])
+    k = np.arange(frames - 1)
+    moving = (k >= inner[:, None]) & (k < parts.frame[outer][:, None])
+    per_joint = np.where(moving, reach_m.T[outer], 0.0) * np.abs(chain.scale)
+    coordinate = np.zeros((frames - 1, len(chain.lower)))
+    coordinate[k, chain.q_index] = 1.0
+    weight = (reach_m.max(1, initial=0.0) * np.abs(chain.scale)) @ coordinate if n_parts else np.ones(len(chain.lower))
+    order = np.argsort(-parts.frame[outer], kind="stable")  # the hand collides most often
+    low, high = _extents(parts)
+    starts = np.concatenate([parts.start, parts.start[-1] + solids.start[1:]])
+    solid_centre, solid_half = np.zeros((n_solids, 3)), solids.half.copy()
+    for b in np.flatnonzero(solids.kind == HULL):
+        v = solids.vertices[solids.start[b] : solids.start[b + 1]]
+        solid_centre[b], solid_half[b] = (v.min(0) + v.max(0)) / 2, np.ptp(v, axis=0) / 2
+    kind = np.concatenate([np.full(n_parts, HULL), solids.kind])
+    pose = np.concatenate([parts.frame, frames + np.arange(n_solids)])
+    i, j = pairs[order].T
+    return Problem(
+        chain,
+        np.concatenate(
+            [
+                np.concatenate([(high - low) / 2, (high + low) / 2, _radii(parts, (high + low) / 2)[:, None]], 1),
+                np.concatenate([solid_half, solid_centre, solids.radius[:, None]], 1),
+            ]
+        ),
+        np.ascontiguousarray(np.concatenate([parts.vertices, solids.vertices]).T),
+        np.stack([i, j, pose[i], pose[j], kind[j], starts[i], starts[i + 1], starts[j], starts[j + 1]], 1).astype(np.int64),
+        np.ascontiguousarray((per_joint @ coordinate)[order]),
+        np.maximum(weight, max(1e-9, 0.02 * float(weight.max(initial=0.0)))),
+        np.ascontiguousarray(solids.T),
+        float(margin_m),
+    )
+
+
+def make_scratch(problem: Problem) -> Scratch:
+    """Memory for one thread; it may serve any number of queries on the same problem."""
+    frames, n = len(problem.chain.q_index) + 1, len(problem.pairs)
+    poses = np.zeros((frames + len(problem.solid_T), 4, 4))
+    poses[frames:] = problem.solid_T
+    return Scratch(
+        poses,
+        np.zeros((8, 4)),
+        np.zeros((n, 3)),
+        np.zeros(len(problem.chain.lower)),
+        np.zeros(n),
+        np.zeros((2, 2048, 2)),
+        np.zeros((2, 2048, 2), np.int64),
+        np.zeros((2, 16384 + 64 * n), np.int64),
+        np.zeros(4, np.int64),
+        np.zeros(1),
+    )
+
+
+def reach(chain: Chain, parts: Parts) -> Array:
+    """How far (K, P) any point of part p can get from joint k's axis, whatever the joints beyond it do, in metres; 1 for a sliding joint.
+
+    Per rad (or m) of joint k no point of p moves further than that. 0 where joint k does not move p. Bounded by cylinders about the axes,
+    each of which holds what the next joint's cylinder can sweep.
+    """
+    out = np.zeros((len(chain.q_index), len(parts.frame)))
+    for p, frame in enumerate(parts.frame):
+        if frame == 0:
+            continue
+        v = parts.vertices[parts.start[p] : parts.start[p + 1]]
+        radius, low, high = float(np.hypot(v[:, 0], v[:, 1]).max()), float(v[:, 2].min()), float(v[:, 2].max())
+        for k in range(int(frame) - 1, -1, -1):
+            if chain.prismatic[k]:
+                ends = chain.scale[k] * np.array([chain.lower[chain.q_index[k]], chain.upper[chain.q_index[k]]]) + chain.offset[k]
+                low, high = low + float(ends.min()), high + float(ends.max())
+            out[k, p] = 1.0 if chain.prismatic[k] else radius
+            axis, at = chain.T_prev[k, :3, 2], chain.T_prev[k, :3, 3]
+            ends_z = at[2] + axis[2] * np.array([low, high])
+            spread = radius * float(np.sqrt(max(0.0, 1.0 - axis[2] ** 2)))
+            radius += float(max(np.hypot(*(at + axis * low)[:2]), np.hypot(*(at + axis * high)[:2])))
+            low, high = float(ends_z.min()) - spread, float(ends_z.max()) + spread
+    return out
+
+
+def _extents(parts: Parts) -> tuple[Array, Array]:
+    if not len(parts.frame):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    return np.minimum.reduceat(parts.vertices, parts.start[:-1]), np.maximum.reduceat(parts.vertices, parts.start[:-1])
+
+
+def _radii(parts: Parts, centre: Array) -> Array:
+    if not len(parts.frame):
+        return np.zeros(0)
+    far = np.linalg.norm(parts.vertices - np.repeat(centre, np.diff(parts.start), axis=0), axis=1)
+    return np.asarray(np.maximum.reduceat(far, parts.start[:-1]))
+
+
+@njit(cache=True, nogil=True)
+def config_free(problem: Problem, q: Array, scratch: Scratch) -> bool:
+    """Whether every pair is further apart than the problem's margin at q (J,); in doubt it is not."""
+    return bool(first_contact(problem, q, scratch) < 0)
+
+
+@njit(cache=True, nogil=True)
+def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
+    """The index in problem.pairs of a pair that is not further apart than the margin at q (J,), -1 when there is none."""
+    forward(problem.chain, q, scratch.poses)
+    scratch.counts[0] += 1
+    pairs, boxes, vertices, poses = problem.pairs, problem.boxes, problem.vertices, scratch.poses
+    work, toward, margin = scratch.work, scratch.toward, problem.margin_m
+    for n in range(pairs.shape[0]):
+        if ball_gap(pairs, boxes, poses, n) > margin:
+            continue
+        scratch.counts[1] += 1
+        if pair_bound(pairs, boxes, vertices, poses, work, toward, n, margin, margin * (1 + TOLERANCE), np.inf) <= margin:
+            return n
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch) -> float:
+    """A lower bound, at most 5 % low, of the least distance of any pair at q (J,), or cap_m if that is less; 0 when something touches."""
+    forward(problem.chain, q, scratch.poses)
+    scratch.counts[0] += 1
+    pairs, boxes, vertices, poses = problem.pairs, problem.boxes, problem.vertices, scratch.poses
+    work, toward, least = scratch.work, scratch.toward, cap_m
+    for n in range(pairs.shape[0]):
+        if ball_gap(pairs, boxes, poses, n) < least:
+            scratch.counts[1] += 1
+            least = min(least, pair_bound(pairs, boxes, vertices, poses, work, toward, n, 0.0, least, np.inf))
+            if least <= 0.0:
+                return 0.0
+    return float(least)
+
+
+@njit(cache=True, nogil=True)
+def edge_free(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
+    """Whether the arm may move straight from qa to qb (J,).
+
+    True is certain: no pair gets closer than half the margin anywhere on the edge. False: some configuration on it has a pair that is not
+    further apart than the margin.
+    """
+    return bool(edge_contact(problem, qa, qb, scratch) < 0)
+
+
+@njit(cache=True, nogil=True)
+def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> int:
+    """As `edge_free`: -1 when free, else the index in problem.pairs of a pair that blocks, scratch.where[0] in [0, 1] of the way along."""
+    pairs, boxes, vertices, reach_m, margin = problem.pairs, problem.boxes, problem.vertices, problem.reach, problem.margin_m
+    poses, work, toward, counts, q = scratch.poses, scratch.work, scratch.toward, scratch.counts, scratch.q
+    spans, lists, pool, motion = scratch.spans, scratch.lists, scratch.pool, scratch.motion
+    n_pairs, n_q, keep = pairs.shape[0], qa.shape[0], 0.5 * margin
+    counts[2] += 1
+    for n in range(n_pairs):
+        m = 0.0
+        for j in range(n_q):
+            m += reach_m[n, j] * abs(qb[j] - qa[j])
+        motion[n] = m
+        pool[0, n] = n
+    now, count = 0, 1
+    spans[0, 0, 0], spans[0, 0, 1] = 0.0, 1.0
+    lists[0, 0, 0], lists[0, 0, 1] = 0, n_pairs
+    while count > 0:
+        after, next_count, used = 1 - now, 0, 0
+        for s in range(count):
+            low, high = spans[now, s, 0], spans[now, s, 1]
+            t, h = 0.5 * (low + high), 0.5 * (high - low)
+            for j in range(n_q):
+                q[j] = qa[j] + t * (qb[j] - qa[j])
+            forward(problem.chain, q, poses)
+            counts[0] += 1
+            begin, safe = used, np.inf
+            for i in range(lists[now, s, 0], lists[now, s, 0] + lists[now, s, 1]):
+                n = pool[now, i]
+                need = keep + motion[n] * h
+                bound = ball_gap(pairs, boxes, poses, n)
+                if bound < need:
+                    counts[1] += 1
+                    bound = pair_bound(pairs, boxes, vertices, poses, work, toward, n, margin, need, GJK_PAYS_M)
+                if bound >= need:
+                    continue
+                if bound <= margin or used == pool.shape[1] or next_count + 2 > spans.shape[1]:  # out of memory reads as blocked
+                    scratch.where[0] = t
+                    return int(n)
+                safe = min(safe, (bound - keep) / motion[n])
+                pool[after, used] = n
+                used += 1
+            if used > begin:
+                for side in range(2):
+                    spans[after, next_count, 0] = low if side == 0 else t + safe
+                    spans[after, next_count, 1] = t - safe if side == 0 else high
+                    lists[after, next_count, 0], lists[after, next_count, 1] = begin, used - begin
+                    next_count += 1
+        now, count = after, next_count
+    counts[3] += 1
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def ball_gap(pairs: Int, boxes: Array, poses: Array, n: int) -> float:
+    """The distance in metres of the ball around the first body of pair n from the box around the second; negative when it reaches it."""
+    a, b, i, j = pairs[n, 0], pairs[n, 1], pairs[n, 2], pairs[n, 3]
+    x, y, z = boxes[a, 3], boxes[a, 4], boxes[a, 5]
+    dx = poses[i, 0, 0] * x + poses[i, 0, 1] * y + poses[i, 0, 2] * z + poses[i, 0, 3] - poses[j, 0, 3]
+    dy = poses[i, 1, 0] * x + poses[i, 1, 1] * y + poses[i, 1, 2] * z + poses[i, 1, 3] - poses[j, 1, 3]
+    dz = poses[i, 2, 0] * x + poses[i, 2, 1] * y + poses[i, 2, 2] * z + poses[i, 2, 3] - poses[j, 2, 3]
+    out = 0.0
+    for r in range(3):
+        e = abs(poses[j, 0, r] * dx + poses[j, 1, r] * dy + poses[j, 2, r] * dz - boxes[b, 3 + r]) - boxes[b, r]
+        out += e * e if e > 0.0 else 0.0
+    return float(np.sqrt(out) - boxes[a, 6])
+
+
+@njit(cache=True, nogil=True)
+def pair_bound(
+    pairs: Int, boxes: Array, vertices: Array, poses: Array, work: Array, toward: Array, n: int, low: float, high: float, pays: float
+) -> float:
+    """A lower bound in metres of the distance of pair n: at least `high`, or at most `low`, or at most 5 % low.
+
+    The boxes' bound, when it lies between low and high, is taken as it is if it falls short of high by more than `pays`.
+    """
+    a, b = pairs[n, 0], pairs[n, 1]
+    relative(poses[pairs[n, 2]], poses[pairs[n, 3]], work)
+    cheap = box_gap(boxes, a, b, work)
+    if cheap >= high or (cheap > low and cheap < high - pays):
+        return float(cheap)
+    for r in range(3):
+        work[7, r] = toward[n, r]
+    hx, hy, hz = boxes[b, 0], boxes[b, 1], boxes[b, 2]
+    bound = gjk(vertices, pairs[n, 5], pairs[n, 6], pairs[n, 4], hx, hy, hz, pairs[n, 7], pairs[n, 8], work, low, high, TOLERANCE)
+    for r in range(3):
+        toward[n, r] = work[7, r]
+    return float(max(bound, cheap))

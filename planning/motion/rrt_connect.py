@@ -1,0 +1,250 @@
+"""RRT-Connect (Kuffner and LaValle 2000) from one start to any of several goals, in compiled code, every edge certified.
+
+Two trees grow towards each other in the box of joint limits; all goals are roots of the second one. With dynamic domains (Yershova et al.
+2005): a node that failed to extend is drawn on only by samples near it. Distances are metres moved: each joint weighs what it can move.
+
+The loop knows neither arm nor world: it asks `connects`, the one place where an edge is judged.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kinematics.arm import Int
+from kinematics.exact import Problem, Scratch, edge_free, first_contact, make_scratch
+from kinematics.transforms import Array
+
+MAX_ITERATIONS = 5000
+STEP = 0.5
+"""Longest edge that one extension adds, as a share of the box's diagonal in the weighted metric."""
+DOMAIN = 0.5
+"""Radius, in steps, of the domain that a node gets when it first fails; it shrinks and grows by 30 % down to a tenth of this."""
+FOUND, SPENT, FULL = 1, 0, 2
+_CHUNK = 16  # iterations between looks at the clock
+
+
+class Trees(NamedTuple):
+    """Both trees, start's (0) and goals' (1), N nodes at most: q (2, N, J), parent (2, N), -1 for roots, radius (2, N) of the domain.
+
+    size (2,); rng (1,): state of the random numbers; met (3,): the two nodes that met, iterations so far.
+    """
+
+    q: Array
+    parent: Int
+    radius: Array
+    size: Int
+    rng: NDArray[np.uint64]
+    met: Int
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """What came out: the path (K, J) or None, and why not: `start` or `goals` in contact, or the `budget` spent.
+
+    goal: index of the goal reached, -1 without a path. contact: the pair (first body, second body) that touches at the start, or at the
+    last goal when all of them touch; bodies as in `Problem`, the P parts first. iterations of the planner; configurations and edges
+    looked at; seconds.
+    """
+
+    path: Array | None
+    why: str
+    goal: int
+    contact: tuple[int, int] | None
+    iterations: int
+    configurations: int
+    edges: int
+    time_s: float
+
+
+def plan(
+    problem: Problem,
+    start: Array,
+    goals: Array,
+    *,
+    max_iterations: int = MAX_ITERATIONS,
+    time_budget_s: float | None = None,
+    seed: int = 0,
+    scratch: Scratch | None = None,
+) -> Route:
+    """Find a path from start (J,) to one of goals (G, J), each edge of which is certified free (see kinematics.exact).
+
+    The same arguments give the same path, unless time_budget_s cuts the search off. scratch: memory of this thread for this problem.
+    Raises: ValueError when the shapes don't fit the problem.
+    """
+    began = time.perf_counter()
+    start, goals = np.ascontiguousarray(start, float), np.ascontiguousarray(goals, float)
+    n_q = len(problem.chain.lower)
+    if start.shape != (n_q,) or goals.ndim != 2 or goals.shape[1] != n_q or len(goals) == 0:
+        raise ValueError(f"start {start.shape} and goals {goals.shape} must be ({n_q},) and (G, {n_q}) with G > 0")
+    scratch = make_scratch(problem) if scratch is None else scratch
+    counts = scratch.counts.copy()
+
+    def route(path: Array | None, why: str, goal: int = -1, pair: int = -1, iterations: int = 0) -> Route:
+        spent = scratch.counts - counts
+        contact = None if pair < 0 else (int(problem.pairs[pair, 0]), int(problem.pairs[pair, 1]))
+        return Route(path, why, goal, contact, iterations, int(spent[0]), int(spent[2]), time.perf_counter() - began)
+
+    at_start = int(first_contact(problem, start, scratch))
+    if at_start >= 0:
+        return route(None, "start", pair=at_start)
+    at_goal = [int(first_contact(problem, g, scratch)) for g in goals]
+    free = [g for g in range(len(goals)) if at_goal[g] < 0]
+    if not free:
+        return route(None, "goals", pair=at_goal[-1])
+    free.sort(key=lambda g: float(np.sum((problem.weight * (goals[g] - start)) ** 2)))
+    trees = _plant(start, goals[free], seed)
+    status = SPENT
+    while trees.met[2] < max_iterations and status != FOUND:
+        if time_budget_s is not None and time.perf_counter() - began > time_budget_s:
+            break
+        left = max_iterations - int(trees.met[2])
+        status = grow(problem, trees, left if time_budget_s is None else min(left, _CHUNK), scratch)
+        if status == FULL:
+            trees = _widen(trees)
+    iterations = int(trees.met[2])
+    if status != FOUND:
+        return route(None, "budget", iterations=iterations)
+    ahead, back = _climb(trees, 0), _climb(trees, 1)
+    path = np.concatenate([trees.q[0, ahead[::-1]], trees.q[1, back[1:]]])
+    return route(path, "", free[back[-1]], iterations=iterations)
+
+
+def _plant(start: Array, goals: Array, seed: int) -> Trees:
+    n = 256 + 2 * len(goals)
+    trees = Trees(
+        np.zeros((2, n, len(start))),
+        np.full((2, n), -1, np.int64),
+        np.full((2, n), np.inf),
+        np.array([1, len(goals)], np.int64),
+        np.array([seed % 2**64], np.uint64),
+        np.zeros(3, np.int64),
+    )
+    trees.q[0, 0], trees.q[1, : len(goals)] = start, goals
+    return trees
+
+
+def _widen(trees: Trees) -> Trees:
+    """The same trees with room for twice as many nodes."""
+
+    return trees._replace(
+        q=np.concatenate([trees.q, np.zeros_like(trees.q)], 1),
+        parent=np.concatenate([trees.parent, trees.parent], 1),
+        radius=np.concatenate([trees.radius, trees.radius], 1),
+    )
+
+
+def _climb(trees: Trees, side: int) -> list[int]:
+    """Node indices from where the trees met to the root."""
+    way = [int(trees.met[side])]
+    while trees.parent[side, way[-1]] >= 0:
+        way.append(int(trees.parent[side, way[-1]]))
+    return way
+
+
+@njit(cache=True, nogil=True)
+def connects(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
+    """Whether the arm may move straight from qa to qb (J,), for certain. Every planner here asks this and nothing else."""
+    return bool(edge_free(problem, qa, qb, scratch))
+
+
+@njit(cache=True, nogil=True)
+def uniform(rng: NDArray[np.uint64]) -> float:
+    """A number in [0, 1) from the state rng (1,), which it advances (SplitMix64; Steele, Lea and Flood 2014)."""
+    rng[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = rng[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) * 2.0**-53
+
+
+@njit(cache=True, nogil=True)
+def weighted(weight: Array, a: Array, b: Array) -> float:
+    """The distance of two configurations (J,) in metres moved."""
+    d = 0.0
+    for j in range(weight.shape[0]):
+        e = weight[j] * (b[j] - a[j])
+        d += e * e
+    return float(np.sqrt(d))
+
+
+@njit(cache=True, nogil=True)
+def grow(problem: Problem, trees: Trees, iterations: int, scratch: Scratch) -> int:
+    """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
+    q, radius, size, weight = trees.q, trees.radius, trees.size, problem.weight
+    lower, upper = problem.chain.lower, problem.chain.upper
+    step = STEP * weighted(weight, lower, upper)
+    widest, least = DOMAIN * step, 0.1 * DOMAIN * step
+    target, new = np.empty(lower.shape[0]), np.empty(lower.shape[0])
+    if trees.met[2] == 0:  # the nearest goals straight away
+        for g in range(min(size[1], 4)):
+            if connects(problem, q[0, 0], q[1, g], scratch):
+                trees.met[0], trees.met[1] = 0, g
+                trees.met[2] = 1
+                return FOUND
+    for _ in range(iterations):
+        if size[0] == q.shape[1] or size[1] == q.shape[1]:
+            return FULL
+        turn = trees.met[2]
+        trees.met[2] += 1
+        side = turn % 2
+        if turn % 4 != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
+            side = 0 if size[0] < size[1] else 1  # balance
+        for j in range(lower.shape[0]):
+            target[j] = lower[j] + uniform(trees.rng) * (upper[j] - lower[j])
+        near, d = _closest(q, side, size[side], weight, target)
+        if d > radius[side, near]:
+            continue
+        share = min(1.0, step / max(d, 1e-300))
+        for j in range(lower.shape[0]):
+            new[j] = q[side, near, j] + share * (target[j] - q[side, near, j])
+        if not connects(problem, q[side, near], new, scratch):
+            radius[side, near] = widest if radius[side, near] == np.inf else max(least, 0.7 * radius[side, near])
+            continue
+        radius[side, near] *= 1.3
+        here = _add(trees, side, near, new)
+        other = 1 - side
+        near, d = _closest(q, other, size[other], weight, new)
+        steps = max(1, int(np.ceil(d / step)))
+        for s in range(steps):
+            if size[other] == q.shape[1]:
+                return FULL
+            for j in range(lower.shape[0]):
+                target[j] = q[other, near, j] + (new[j] - q[other, near, j]) / (steps - s)
+            if not connects(problem, q[other, near], target, scratch):
+                break
+            if s == steps - 1:
+                trees.met[side], trees.met[other] = here, near
+                return FOUND
+            near = _add(trees, other, near, target)
+    return SPENT
+
+
+@njit(cache=True, nogil=True)
+def _add(trees: Trees, side: int, parent: int, q: Array) -> int:
+    n = trees.size[side]
+    for j in range(q.shape[0]):
+        trees.q[side, n, j] = q[j]
+    trees.parent[side, n], trees.radius[side, n] = parent, np.inf
+    trees.size[side] = n + 1
+    return int(n)
+
+
+@njit(cache=True, nogil=True)
+def _closest(q: Array, side: int, size: int, weight: Array, target: Array) -> tuple[int, float]:
+    """The node of one tree nearest to a target (J,), and how far it is."""
+    at, best = 0, np.inf
+    for n in range(size):
+        d = 0.0
+        for j in range(weight.shape[0]):
+            e = weight[j] * (q[side, n, j] - target[j])
+            d += e * e
+        if d < best:
+            at, best = n, d
+    return at, float(np.sqrt(best))

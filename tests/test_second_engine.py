@@ -1,0 +1,297 @@
+"""The second engine accepts a plan that holds, and finds every way in which we spoil it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from conftest import Handmade, Json, pose
+from second_engine import Arm, Problem, matrix, replay, walls
+
+from kinematics.robot import Robot
+from kinematics.scene import Cabinet
+from kinematics.shapes import Box
+from kinematics.transforms import rotation_about, transform
+
+
+def spoil(handmade: Handmade, change: Callable[[Json, Json], object]) -> Handmade:
+    scene, plan = json.loads(json.dumps([handmade.scene, handmade.plan]))
+    change(scene, plan)
+    return Handmade(scene, plan)
+
+
+def found(handmade: Handmade, urdf: Path, step_m: float = 0.002) -> list[Problem]:
+    return replay(handmade.scene, handmade.plan, urdf, step_m)
+
+
+def kinds(problems: list[Problem]) -> set[str]:
+    return {p.kind for p in problems}
+
+
+def stage(plan: Json, name: str) -> Json:
+    """The first motion of a stage."""
+    return next(m for m in plan["motions"] if m["stage"] == name)
+
+
+@pytest.mark.parametrize("step_m", [0.001, 0.002, 0.005])
+def test_a_plan_that_holds_passes(handmade: Handmade, ur5e_urdf: Path, step_m: float) -> None:
+    assert found(handmade, ur5e_urdf, step_m) == []
+
+
+def test_an_empty_plan_passes(handmade: Handmade, ur5e_urdf: Path) -> None:
+    nothing = spoil(handmade, lambda s, p: p.update(motions=[], moves=[], success=False))
+    assert found(nothing, ur5e_urdf) == []
+
+
+def test_a_motion_of_one_waypoint_passes(handmade: Handmade, ur5e_urdf: Path) -> None:
+    def stay(_: Json, plan: Json) -> None:
+        first = plan["motions"][0]
+        plan.update(motions=[{**first, "q": first["q"][:1], "t_s": [0.0]}], moves=[], success=False)
+
+    assert found(spoil(handmade, stay), ur5e_urdf) == []
+
+
+def _into_a_wall(_: Json, plan: Json) -> None:
+    stage(plan, "transfer")["q"][9][0] += 0.6
+
+
+def _gap(_: Json, plan: Json) -> None:
+    plan["motions"][3]["q"][0][4] += 1e-3
+
+
+def _too_fast(_: Json, plan: Json) -> None:
+    plan["motions"][3]["t_s"] = [t / 1.6 for t in plan["motions"][3]["t_s"]]
+
+
+def _outside_the_limits(_: Json, plan: Json) -> None:
+    for motion in plan["motions"]:
+        for q in motion["q"]:
+            q[2] -= 4.0
+
+
+def _time_stands_still(_: Json, plan: Json) -> None:
+    plan["motions"][0]["t_s"][3] = plan["motions"][0]["t_s"][2]
+
+
+def _held_elsewhere(_: Json, plan: Json) -> None:
+    for motion in plan["motions"]:
+        if motion["held"]:
+            motion["held"]["T_hand_body"]["p"][1] += 0.002
+
+
+def _held_askew(_: Json, plan: Json) -> None:
+    turn = np.array([np.cos(0.001), 0.0, 0.0, np.sin(0.001)])
+    for motion in plan["motions"]:
+        if motion["held"] and motion["held"]["body"] == "box":
+            w, x, y, z = motion["held"]["T_hand_body"]["q_wxyz"]
+            (a, _, _, d) = turn
+            motion["held"]["T_hand_body"]["q_wxyz"] = [w * a - z * d, x * a + y * d, y * a - x * d, z * a + w * d]
+
+
+def _moved_object_dropped(scene: Json, _: Json) -> None:
+    scene["objects"] = [o for o in scene["objects"] if o["name"] != "can"]
+
+
+def _target_dropped(scene: Json, _: Json) -> None:
+    scene["objects"] = [o for o in scene["objects"] if o["name"] != "box"]
+
+
+def _obstacle_in_the_way(scene: Json, _: Json) -> None:
+    shape = {"type": "box", "size_m": [0.05, 0.002, 0.3]}
+    scene["objects"].append({"name": "plate", "shape": shape, "T_world_object": pose(transform(p=[0.62, 0.15, 0.26]))})
+
+
+def _obstacle_where_the_can_goes(scene: Json, _: Json) -> None:
+    shape = {"type": "cylinder", "radius_m": 0.02, "height_m": 0.05}
+    scene["objects"].append({"name": "low", "shape": shape, "T_world_object": pose(transform(p=[0.64, 0.28, 0.125]))})
+
+
+def _fingers_may_not_touch(_: Json, plan: Json) -> None:
+    _squeezed(_, plan, 0.03)
+    for motion in plan["motions"]:
+        motion["may_touch"] = []
+
+
+def _everything_may_touch(_: Json, plan: Json) -> None:
+    plan["motions"][0]["may_touch"] = [["forearm_link", "left"], ["can", "box"], ["left_inner_finger_pad", "box"]]
+
+
+def _floor_in_the_carry(_: Json, plan: Json) -> None:
+    stage(plan, "transfer")["may_touch"].append(["can", "floor"])
+
+
+def _let_go_in_the_air(_: Json, plan: Json) -> None:
+    lower = next(i for i, m in enumerate(plan["motions"]) if m["stage"] == "lower")
+    high = plan["motions"][lower]["q"][0]
+    motions = plan["motions"][:lower]
+    opened = [*high[:-1], plan["motions"][0]["q"][0][-1]]
+    motions.append({**plan["motions"][lower + 1], "q": [high, opened]})
+    plan["moves"][0]["T_world_to"]["p"][2] += 0.03
+    plan.update(motions=motions, success=False)
+
+
+def _open_hand_carries(_: Json, plan: Json) -> None:
+    for motion in plan["motions"]:
+        for q in motion["q"]:
+            q[-1] = plan["motions"][0]["q"][0][-1]
+
+
+def _squeezed(_: Json, plan: Json, by: float = 0.15) -> None:
+    """The gripper, shut around an object, shuts further; the motions before and after join on."""
+    motions = plan["motions"]
+    for before, motion, after in zip([None, *motions], motions, [*motions[1:], None]):
+        if motion["held"]:
+            for q in motion["q"]:
+                q[-1] += by
+            if before and not before["held"]:
+                before["q"][-1][-1] += by
+            if after and not after["held"]:
+                after["q"][0][-1] += by
+
+
+def test_the_fingers_may_press(handmade: Handmade, ur5e_urdf: Path) -> None:
+    assert kinds(found(spoil(handmade, lambda s, p: _squeezed(s, p, 0.03)), ur5e_urdf)) <= {"speed"}
+
+
+def _move_says_otherwise(_: Json, plan: Json) -> None:
+    plan["moves"][0]["T_world_to"]["p"][1] += 0.003
+
+
+def _move_forgotten(_: Json, plan: Json) -> None:
+    plan["moves"] = []
+
+
+def _move_never_made(_: Json, plan: Json) -> None:
+    plan["moves"].append({**plan["moves"][0], "object": "box"})
+
+
+def _target_still_inside(_: Json, plan: Json) -> None:
+    last = plan["motions"][-1]
+    last["q"], last["t_s"] = last["q"][:6], last["t_s"][:6]
+
+
+def _success_with_an_empty_hand(_: Json, plan: Json) -> None:
+    plan["motions"] = plan["motions"][:8]
+
+
+def _other_scene(_: Json, plan: Json) -> None:
+    plan["scene"] = "another"
+
+
+def _joint_left_out(_: Json, plan: Json) -> None:
+    plan["motions"][2]["joint_names"] = plan["motions"][2]["joint_names"][:-1]
+
+
+def _base_moved(scene: Json, _: Json) -> None:
+    scene["robot"]["T_world_base"]["p"][0] += 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "word"),
+    [
+        (_into_a_wall, "contact", "left"),
+        (_gap, "gap", "rad from where"),
+        (_too_fast, "speed", "times as fast"),
+        (_outside_the_limits, "limit", "elbow_joint"),
+        (_time_stands_still, "time", "does not increase"),
+        (_held_elsewhere, "jump", "can jumps by 2.00 mm"),
+        (_held_askew, "jump", "2.00 mrad"),
+        (_moved_object_dropped, "form", "'can', which is not in the scene"),
+        (_target_dropped, "form", "'box', which is not in the scene"),
+        (_obstacle_in_the_way, "contact", "can is"),
+        (_obstacle_where_the_can_goes, "rest", "inside low"),
+        (_fingers_may_not_touch, "contact", "finger"),
+        (_everything_may_touch, "allowance", "forearm_link and left"),
+        (_everything_may_touch, "allowance", "can and box"),
+        (_everything_may_touch, "allowance", "left_inner_finger_pad and box"),
+        (_floor_in_the_carry, "allowance", "can and floor"),
+        (_let_go_in_the_air, "rest", "above the floor"),
+        (_open_hand_carries, "grip", "no finger"),
+        (_squeezed, "contact", "pad"),
+        (_move_says_otherwise, "move", "T_world_to"),
+        (_move_forgotten, "move", "the hand carried ['can']"),
+        (_move_never_made, "move", "['can', 'box']"),
+        (_target_still_inside, "goal", "still inside"),
+        (_success_with_an_empty_hand, "goal", "instead of box"),
+        (_other_scene, "form", "'another'"),
+        (_joint_left_out, "form", "actuated joints"),
+        (_base_moved, "jump", "can jumps by 20.00 mm"),
+    ],
+)
+def test_a_spoilt_plan_fails(handmade: Handmade, ur5e_urdf: Path, change: Callable[[Json, Json], object], kind: str, word: str) -> None:
+    problems = found(spoil(handmade, change), ur5e_urdf)
+    assert any(p.kind == kind and word in p.text for p in problems), [str(p) for p in problems]
+
+
+def test_contacts_name_the_motion_and_the_depth(handmade: Handmade, ur5e_urdf: Path) -> None:
+    problems = found(spoil(handmade, _into_a_wall), ur5e_urdf)
+    deepest = max((p for p in problems if p.kind == "contact"), key=lambda p: p.depth_m)
+    assert deepest.motion is not None
+    assert handmade.plan["motions"][deepest.motion]["stage"] == "transfer"
+    assert 0.001 < deepest.depth_m < 0.4
+
+
+def test_the_order_of_joint_names_does_not_matter(handmade: Handmade, ur5e_urdf: Path) -> None:
+    def turn(_: Json, plan: Json) -> None:
+        for motion in plan["motions"]:
+            motion["joint_names"] = motion["joint_names"][::-1]
+            motion["q"] = [q[::-1] for q in motion["q"]]
+
+    assert found(spoil(handmade, turn), ur5e_urdf) == []
+
+
+def test_a_turned_world_changes_nothing(handmade: Handmade, ur5e_urdf: Path) -> None:
+    """The whole scene turned and moved in the world: the same plan holds in it."""
+    T = transform(rotation_about((0, 0, 1), 2.0), [3.0, -1.0, 0.5])
+
+    def turn(scene: Json, plan: Json) -> None:
+        places = [(scene["robot"], "T_world_base"), (scene["cabinet"], "T_world_cabinet")]
+        places += [(o, "T_world_object") for o in scene["objects"]] + [
+            (m, k) for m in plan["moves"] for k in ("T_world_from", "T_world_to")
+        ]
+        for entry, key in places:
+            entry[key] = pose(T @ matrix(entry[key]))
+
+    assert found(spoil(handmade, turn), ur5e_urdf) == []
+
+
+def test_a_mesh_object_is_read_from_its_file(handmade: Handmade, ur5e_urdf: Path, tmp_path: Path) -> None:
+    trimesh.creation.box((50, 50, 160)).export(tmp_path / "box.stl")
+
+    def as_mesh(scene: Json, plan: Json) -> None:
+        scene["objects"][1]["shape"] = {"type": "mesh", "file": "box.stl", "scale": 0.001}
+
+    meshed = spoil(handmade, as_mesh)
+    assert replay(meshed.scene, meshed.plan, ur5e_urdf, 0.002, tmp_path) == []
+    spoilt = spoil(meshed, _held_elsewhere)
+    assert "jump" in kinds(replay(spoilt.scene, spoilt.plan, ur5e_urdf, 0.002, tmp_path))
+
+
+def test_walls_are_ours(handmade: Handmade) -> None:
+    """The second engine's walls and kinematics.scene's, worked out apart, are the same boxes."""
+    entry = {**handmade.scene["cabinet"], "T_world_cabinet": pose(transform(p=[0.3, 0.1, 0.2]))}
+    ours = Cabinet(np.array(entry["size_m"]), matrix(entry["T_world_cabinet"]), entry["wall_m"]).walls()
+    assert [b.name for b in ours] == [s.name for s, _ in walls(entry)]
+    for body, (wall, T) in zip(ours, walls(entry)):
+        assert isinstance(body.shape, Box)
+        np.testing.assert_allclose(body.T_world_body, T, atol=1e-12)
+        np.testing.assert_allclose(body.shape.half, wall.high, atol=1e-12)
+
+
+def test_pairs_that_matter_are_found_alike(ur5e: Robot, ur5e_urdf: Path) -> None:
+    """Which links may never touch each other: sampled here by coal, there by FCL."""
+    arm = Arm(ur5e_urdf.read_text())
+    theirs = {frozenset((arm.solids[i].name, arm.solids[j].name)) for i, j in arm.pairs}
+    assert theirs == {frozenset((ur5e.hulls[i].link, ur5e.hulls[j].link)) for i, j in ur5e.self_pairs()}
+    assert arm.fingers == ur5e.fingers
+
+
+def test_steps_are_as_short_as_asked(handmade: Handmade, ur5e_urdf: Path) -> None:
+    """A plate thinner than a coarse step is missed by it, as expected, and never by a fine one."""
+    plate = spoil(handmade, _obstacle_in_the_way)
+    hits = [p for p in found(plate, ur5e_urdf, 0.001) if p.kind == "contact" and "plate" in p.text]
+    assert hits

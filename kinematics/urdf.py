@@ -15,6 +15,7 @@ from kinematics.transforms import Array, rpy_from_rotation
 
 _KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin", "mass", "inertia", "parent", "child", "axis", "limit"}
 _KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
+_MISPLACED = {("link", "origin"), ("collision", "material")}  # pytorch-kinematics prints a line for each
 
 
 def read(file: Path) -> etree._Element:
@@ -88,7 +89,7 @@ def to_string(root: etree._Element) -> str:
 
 def _drop_foreign(element: etree._Element) -> None:
     for child in list(element):
-        if not isinstance(child.tag, str) or child.tag not in _KEEP or (element.tag == "link" and child.tag == "origin"):
+        if not isinstance(child.tag, str) or child.tag not in _KEEP or (element.tag, child.tag) in _MISPLACED:
             element.remove(child)
         else:
             for key in [k for k in child.attrib if ":" in k or k.startswith("{")]:

@@ -65,15 +65,12 @@ def parse(args: Sequence[str]) -> Job | int | None:
         job: Job | int | None = typer.main.get_command(app)(args=list(args), prog_name="retrieve", standalone_mode=False)
         return job
     except complaint as e:
-        command = getattr(getattr(e, "ctx", None), "command_path", "retrieve")
+        names = [c.callback.__name__ for c in app.registered_commands if c.callback]
+        command = " ".join(["retrieve", *[a for a in args if a in names][:1]])
         message = " ".join(e.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
         raise InputError(f"{command}: {message} (see {command} --help)") from e
     except interrupted:
         return INTERRUPTED
-    except SystemExit as e:
-        if isinstance(e.__context__, BrokenPipeError):  # Typer ends a closed pipe with 1
-            raise e.__context__ from None
-        raise
 
 
 def _named(name: str) -> type[Exception]:

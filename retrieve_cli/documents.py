@@ -58,7 +58,7 @@ def scene_to_json(scene: Scene, folder: Path | None = None) -> dict[str, Any]:
     document: dict[str, Any] = {
         "schema": SCENE,
         "id": scene.id,
-        "seed": list(scene.seed) or None,
+        "seed": [int(s) for s in scene.seed] or None,
         "robot": _without_none(robot),
         "cabinet": {
             "size_m": _numbers(cabinet.size_m),

@@ -68,6 +68,10 @@ def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return _closed_pipe()
+    except SystemExit as e:
+        if isinstance(e.__context__, BrokenPipeError):  # so do Typer and Rich end on a closed pipe, with 1
+            return _closed_pipe()
+        raise
     except (InputError, OSError) as e:
         if debug:
             raise

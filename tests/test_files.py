@@ -376,7 +376,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
 
 def test_places_that_can_not_be_written_to(tmp_path: Path) -> None:
     with (
-        pytest.raises(InputError, match="the folder .*nowhere does not exist; make it first"),
+        pytest.raises(InputError, match=r"the folder .*nowhere does not exist; make it first"),
         scene_writer(tmp_path / "nowhere" / "s.jsonl"),
     ):
         pass

@@ -101,11 +101,13 @@ class Node:
             raise self.error(f"{_kind(values)} stands where an array of numbers is expected")
         if n is not None and len(values) != n:
             raise self.error(f"holds {len(values)} numbers, and {n} are needed")
-        for v in values:
-            self._check_number(v)
-            if positive and v <= 0:
-                raise self.error(f"{v} is not positive")
-        return np.array(values, float)
+        if not (set(map(type, values)) <= {float, int} and all(map(_finite, values))):  # plans hold many thousands of numbers
+            for v in values:
+                self._check_number(v)
+        array = np.array(values, float)
+        if positive and (array <= 0).any():
+            raise self.error(f"{values[int(np.argmax(array <= 0))]} is not positive")
+        return array
 
     def pose(self) -> Array:
         """The (4, 4) transform of {"p": [x, y, z], "q_wxyz": [w, x, y, z]}."""

@@ -101,13 +101,20 @@ class Node:
             raise self.error(f"{_kind(values)} stands where an array of numbers is expected")
         if n is not None and len(values) != n:
             raise self.error(f"holds {len(values)} numbers, and {n} are needed")
-        if not (set(map(type, values)) <= {float, int} and all(map(_finite, values))):  # plans hold many thousands of numbers
-            for v in values:
-                self._check_number(v)
-        array = np.array(values, float)
-        if positive and (array <= 0).any():
-            raise self.error(f"{values[int(np.argmax(array <= 0))]} is not positive")
-        return array
+        for v in values:
+            self._check_number(v)
+            if positive and v <= 0:
+                raise self.error(f"{v} is not positive")
+        return np.array(values, float)
+
+    def matrix(self, columns: int) -> Array:
+        """An array of at least one row of finite numbers, each of the same length."""
+        rows = self.value
+        if isinstance(rows, list) and rows and all(type(r) is list and len(r) == columns and set(map(type, r)) == {float} for r in rows):
+            table = np.array(rows)  # a plan holds many thousands of numbers: ask about all at once
+            if np.isfinite(table).all():
+                return table
+        return np.stack([row.vector(columns) for row in self.items(least=1)])
 
     def pose(self) -> Array:
         """The (4, 4) transform of {"p": [x, y, z], "q_wxyz": [w, x, y, z]}."""

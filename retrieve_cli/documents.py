@@ -12,8 +12,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from kinematics.collision import overlapping
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, load_mesh
@@ -262,7 +260,8 @@ def _move(node: Node) -> Move:
 def _motion(node: Node) -> Motion:
     f = node.record(("stage", "joint_names", "q", "t_s", "held", "may_touch"), extra=True)
     names = tuple(name.text() for name in f["joint_names"].items(least=1))
-    rows, t_s = [row.vector(len(names)) for row in f["q"].items(least=1)], f["t_s"].vector(len(f["q"].value))
+    q = f["q"].matrix(len(names))
+    t_s = f["t_s"].vector(len(q))
     if (t_s[1:] < t_s[:-1]).any() or t_s[0] < 0:
         raise f["t_s"].error("runs backwards; times start at 0 or later and never decrease")
     held = None
@@ -274,7 +273,7 @@ def _motion(node: Node) -> Motion:
         if len(two := [name.text() for name in pair.items(least=2)]) > 2:
             raise pair.error(f"holds {len(two)} names, and 2 are needed")
         pairs.append((two[0], two[1]))
-    return Motion(f["stage"].text(STAGES), names, np.stack(rows), t_s, held, tuple(pairs))
+    return Motion(f["stage"].text(STAGES), names, q, t_s, held, tuple(pairs))
 
 
 def _blocked(node: Node) -> Blocked | None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lxml import etree
 from numpy.typing import NDArray
 
 from kinematics import cache, urdf
@@ -58,9 +59,7 @@ class Tree:
             local = self.T_joint[i]
             if self.kind[i] != FIXED:
                 x = self.scale[i] * q[self.q_index[i]] + self.offset[i]
-                local = local @ (
-                    transform(rotation_about(self.axis[i], x)) if self.kind[i] == TURNS else transform(p=x * self.axis[i])
-                )
+                local = local @ (transform(rotation_about(self.axis[i], x)) if self.kind[i] == TURNS else transform(p=x * self.axis[i]))
             T[i] = local if parent < 0 else T[parent] @ local
         return T
 
@@ -219,7 +218,9 @@ class Robot:
 
     def _movers(self) -> list[int]:
         """Links on the way to the hand whose joint moves."""
-        return [i for i in self.tree.path(self.tree.index["hand"]) if self.tree.kind[i] != FIXED and self.tree.q_index[i] in self.arm_joints]
+        return [
+            i for i in self.tree.path(self.tree.index["hand"]) if self.tree.kind[i] != FIXED and self.tree.q_index[i] in self.arm_joints
+        ]
 
     def _mover(self, joint: int) -> int:
         return next(i for i in range(len(self.tree.names)) if self.tree.q_index[i] == joint and self.tree.scale[i] == 1.0)
@@ -300,7 +301,9 @@ def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on
     if hand_frame != "hand":
         urdf.add_link(root, "hand", hand_frame, np.eye(4))
     srdf = file.with_suffix(".srdf")
-    return _assemble(str(file), file.stem, urdf.to_string(root), gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step)
+    return _assemble(
+        str(file), file.stem, urdf.to_string(root), gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step
+    )
 
 
 def _locate(entry: dict[str, Any], which: str) -> Path | None:
@@ -325,7 +328,7 @@ def _assemble(
     on_step: Callable[[str], None] | None,
 ) -> Robot:
     """The Robot behind a cleaned URDF text with a `hand` link: from the cache, or derived and cached."""
-    root = urdf.etree.fromstring(text)
+    root = etree.fromstring(text)
     stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
     name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
     data = cache.load(name_in_cache)
@@ -369,8 +372,12 @@ def _derive(text: str, name: str, srdf: Path | None) -> dict[str, NDArray[Any]]:
     }
 
 
-def _robot(name: str, title: str, text: str, data: dict[str, NDArray[Any]], gripper: str | None, home: list[float] | None, stand: Array) -> Robot:
-    tree = Tree(tuple(str(n) for n in data["links"]), *(data[k] for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset")))
+def _robot(
+    name: str, title: str, text: str, data: dict[str, NDArray[Any]], gripper: str | None, home: list[float] | None, stand: Array
+) -> Robot:
+    tree = Tree(
+        tuple(str(n) for n in data["links"]), *(data[k] for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset"))
+    )
     joints = tuple(str(j) for j in data["joints"])
     lower, upper, velocity = data["limits"].T
     way = tree.path(tree.index["hand"])
@@ -413,7 +420,8 @@ def _tree(model: Any) -> tuple[Tree, list[str]]:
     roots = [name for name in model.link_map if name not in by_child]
     if len(roots) != 1:
         raise ValueError(f"the URDF has {len(roots)} root links ({', '.join(roots)}); it needs just one")
-    order, children = [roots[0]], {}
+    order = [roots[0]]
+    children: dict[str, list[str]] = {}
     for j in model.joint_map.values():
         children.setdefault(j.parent, []).append(j.child)
     for link in order:
@@ -465,8 +473,8 @@ def _link_hulls(link: Any) -> list[LinkHull]:
     for collision in link.collisions or []:
         geometry = collision.geometry
         if geometry.mesh is not None:
-            mesh = trimesh.load(geometry.mesh.filename, force="mesh", process=False)
-            points = np.asarray(mesh.vertices, float) * (1.0 if geometry.mesh.scale is None else np.asarray(geometry.mesh.scale, float))
+            scale = 1.0 if geometry.mesh.scale is None else geometry.mesh.scale
+            points = _mesh_points(Path(geometry.mesh.filename)) * np.asarray(scale, float)
         elif geometry.box is not None:
             points = box_corners(np.asarray(geometry.box.size, float) / 2)
         elif geometry.cylinder is not None:
@@ -481,6 +489,19 @@ def _link_hulls(link: Any) -> list[LinkHull]:
         hull = trimesh.convex.convex_hull(np.asarray(points @ T[:3, :3].T + T[:3, 3]))
         hulls.append(LinkHull(link.name, np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)))
     return hulls
+
+
+def _mesh_points(file: Path) -> Array:
+    """A mesh file's vertices (V, 3). Raises ValueError when it holds no solid."""
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load(file, force="mesh", process=False)
+        trimesh.convex.convex_hull(np.asarray(mesh.vertices, float))
+    except Exception as e:  # trimesh and Qhull raise many kinds, all of them "this file is no solid"
+        why = str(e).strip().split("\n")[0] or type(e).__name__
+        raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}") from e
+    return np.asarray(mesh.vertices, float)
 
 
 def _neighbours(tree: Tree, solid: set[str]) -> set[frozenset[str]]:
@@ -498,7 +519,7 @@ def _neighbours(tree: Tree, solid: set[str]) -> set[frozenset[str]]:
 def _from_srdf(srdf: Path | None) -> set[frozenset[str]]:
     if srdf is None:
         return set()
-    root = urdf.etree.fromstring(srdf.read_bytes(), urdf.etree.XMLParser(recover=True))
+    root = etree.fromstring(srdf.read_bytes(), etree.XMLParser(recover=True))
     return {frozenset((e.get("link1", ""), e.get("link2", ""))) for e in root.iter("disable_collisions")}
 
 

@@ -25,7 +25,10 @@ def read(file: Path) -> etree._Element:
     """
     if not file.is_file():
         raise ValueError(f"URDF file {file} does not exist")
-    root = etree.fromstring(file.read_bytes(), etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
+    try:
+        root = etree.fromstring(file.read_bytes(), etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
+    except etree.XMLSyntaxError as e:
+        raise ValueError(f"{file} is no URDF: {e}") from e
     if root is None or root.tag != "robot":
         raise ValueError(f"{file} is no URDF: its root element is not <robot>")
     _drop_foreign(root)

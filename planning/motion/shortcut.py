@@ -1,0 +1,162 @@
+"""Shorten a path: random shortcuts (Geraerts and Overmars 2007), whole and one coordinate at a time, compiled, every edge certified.
+
+A new edge is taken only when `connects` grants it and the path gets shorter, so the result is never longer than what came in. Lengths are
+in metres moved, as in RRT-Connect.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kinematics.exact import Problem, Scratch, make_scratch
+from kinematics.transforms import Array
+from planning.motion.rrt_connect import Route, connects, uniform, weighted
+
+ITERATIONS = 100
+_ROOM = 64  # waypoints that partial shortcuts may add
+
+
+def shorten(
+    problem: Problem,
+    path: Array,
+    *,
+    iterations: int = ITERATIONS,
+    seed: int = 0,
+    time_budget_s: float | None = None,
+    scratch: Scratch | None = None,
+) -> Route:
+    """A path (K', J) with the ends of `path` (K, J), at most as long, from a path whose edges are certified.
+
+    The same arguments give the same path, unless time_budget_s cuts it off. Raises: ValueError when the shape doesn't fit the problem.
+    """
+    began = time.perf_counter()
+    path = np.ascontiguousarray(path, float)
+    if path.ndim != 2 or len(path) < 1 or path.shape[1] != len(problem.chain.lower):
+        raise ValueError(f"path {path.shape} must be (K, {len(problem.chain.lower)}) with K > 0")
+    scratch = make_scratch(problem) if scratch is None else scratch
+    counts = scratch.counts.copy()
+    room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
+    rng = np.array([seed % 2**64], np.uint64)
+    n, done, chunk = len(path), 0, iterations if time_budget_s is None else 8
+    while done < iterations and n > 2 and (time_budget_s is None or time.perf_counter() - began < time_budget_s):
+        n = int(_shorten(problem, room, n, rng, min(chunk, iterations - done), scratch))
+        done += chunk
+    n = int(_prune(problem, room, n, scratch))
+    spent = scratch.counts - counts
+    return Route(room[:n].copy(), "", -1, None, min(done, iterations), int(spent[0]), int(spent[2]), time.perf_counter() - began)
+
+
+def length(problem: Problem, path: Array) -> float:
+    """The length of a path (K, J) in metres moved."""
+    return float(np.linalg.norm(np.diff(path, axis=0) * problem.weight, axis=1).sum())
+
+
+@njit(cache=True, nogil=True)
+def _shorten(problem: Problem, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, scratch: Scratch) -> int:
+    """Shorten path[:n] in place; returns how many waypoints it has now."""
+    n_q, weight = path.shape[1], problem.weight
+    a, b = np.empty(n_q), np.empty(n_q)
+    new = np.empty((path.shape[0], n_q))
+    for _ in range(iterations):
+        if n < 3:
+            break
+        total = 0.0
+        for k in range(n - 1):
+            total += weighted(weight, path[k], path[k + 1])
+        kind = uniform(rng)
+        u, v = uniform(rng) * total, uniform(rng) * total
+        u, v = min(u, v), max(u, v)
+        i, at_u = _locate(path, n, weight, u)
+        j, at_v = _locate(path, n, weight, v)
+        if kind < 0.3:  # from waypoint to waypoint
+            at_u, at_v = 0.0, 1.0
+        if j <= i:
+            continue
+        for c in range(n_q):
+            a[c] = path[i, c] + at_u * (path[i + 1, c] - path[i, c])
+            b[c] = path[j, c] + at_v * (path[j + 1, c] - path[j, c])
+        # the stretch a, waypoints i + 1 … j, b is to become `new`, m points
+        old, m = 0.0, 2
+        for c in range(n_q):
+            new[0, c], new[1, c] = a[c], b[c]
+        if kind < 0.7:
+            old = weighted(weight, a, path[i + 1]) + weighted(weight, path[j], b)
+            for k in range(i + 1, j):
+                old += weighted(weight, path[k], path[k + 1])
+        else:  # one coordinate goes straight, the others as before
+            m = j - i + 2
+            only = int(uniform(rng) * n_q)
+            for k in range(1, m - 1):
+                for c in range(n_q):
+                    new[k, c] = path[i + k, c]
+            for c in range(n_q):
+                new[m - 1, c] = b[c]
+            for k in range(m - 1):
+                old += weighted(weight, new[k], new[k + 1])
+            so_far = 0.0
+            for k in range(1, m - 1):
+                so_far += weighted(weight, path[i + k - 1] if k > 1 else a, path[i + k])
+                new[k, only] = a[only] + (b[only] - a[only]) * min(1.0, so_far / max(old, 1e-300))
+        now = 0.0
+        for k in range(m - 1):
+            now += weighted(weight, new[k], new[k + 1])
+        if now > old - 1e-4 * total or n - (j - i) + m > path.shape[0]:
+            continue
+        free = True
+        for k in range(m - 1):
+            if not connects(problem, new[k], new[k + 1], scratch):
+                free = False
+                break
+        if free:
+            n = _splice(path, n, i, j, new, m)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _locate(path: Array, n: int, weight: Array, at: float) -> tuple[int, float]:
+    """The segment of path[:n] that holds the point at some length from the start, and how far along the segment it is, in [0, 1]."""
+    for k in range(n - 1):
+        d = weighted(weight, path[k], path[k + 1])
+        if at <= d and d > 0.0:
+            return k, at / d
+        at -= d
+    return n - 2, 1.0
+
+
+@njit(cache=True, nogil=True)
+def _splice(path: Array, n: int, i: int, j: int, new: Array, m: int) -> int:
+    """Put new[:m] in the place of waypoints i + 1 … j; points that would repeat are left out. Returns the new number of waypoints."""
+    first, last = 0, m
+    if np.all(new[0] == path[i]):
+        first = 1
+    if np.all(new[m - 1] == path[j + 1]):
+        last = m - 1
+    shift = (last - first) - (j - i)
+    if shift > 0:
+        for k in range(n - 1, j, -1):
+            path[k + shift] = path[k]
+    else:
+        for k in range(j + 1, n):
+            path[k + shift] = path[k]
+    for k in range(first, last):
+        path[i + 1 + k - first] = new[k]
+    return n + shift
+
+
+@njit(cache=True, nogil=True)
+def _prune(problem: Problem, path: Array, n: int, scratch: Scratch) -> int:
+    """Leave out, in place, every waypoint that the arm can do without."""
+    k = 1
+    while k < n - 1:
+        if connects(problem, path[k - 1], path[k + 1], scratch):
+            for i in range(k, n - 1):
+                path[i] = path[i + 1]
+            n -= 1
+            k = max(1, k - 1)
+        else:
+            k += 1
+    return n

@@ -571,11 +571,16 @@ def _normals(
             elif s.kind[k] == CYLINDER:
                 nx, ny, nz = _cylinder_normal(half, qx, qy, qz)
             else:
-                nx, ny, nz = _face_normal(s, i - n, corner_normals, qx, qy, qz)
+                nx, ny, nz = _face_normal(s, i - n, qx, qy, qz, corner_normals[:0])
             mx = T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz
             my = T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz
             mz = T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz
             sign = -1.0 if mx * dx + my * dy + mz * dz > 0.0 else 1.0
+            if i >= n and corner_normals.shape[0] > 0:  # which side is seen is for the face to say, not for its blended normal
+                nx, ny, nz = _face_normal(s, i - n, qx, qy, qz, corner_normals)
+                mx = T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz
+                my = T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz
+                mz = T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz
             normals[v, u, 0], normals[v, u, 1], normals[v, u, 2] = sign * mx, sign * my, sign * mz
 
 
@@ -598,7 +603,7 @@ def _cylinder_normal(half: Array, x: float, y: float, z: float) -> tuple[float, 
 
 
 @njit(cache=True, nogil=True)
-def _face_normal(s: Surfaces, f: int, corner_normals: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _face_normal(s: Surfaces, f: int, x: float, y: float, z: float, corner_normals: Array) -> tuple[float, float, float]:
     a, b, c = s.vertices[s.faces[f, 0]], s.vertices[s.faces[f, 1]], s.vertices[s.faces[f, 2]]
     ax, ay, az, bx, by, bz = b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

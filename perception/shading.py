@@ -71,9 +71,9 @@ class Polyline:
 
     points: Array
     colour: Colour | Array
-    width_px: float = 3.0
+    width_px: float = 4.0
     hidden: float = 0.2
-    halo_px: float = 1.5
+    halo_px: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,13 @@ class Studio:
 
     top: Colour = (0.965, 0.972, 0.980)
     bottom: Colour = (0.865, 0.880, 0.900)
-    key: float = 0.80
+    key: float = 0.85
     key_size: float = 0.16
     sky: float = 0.52
-    fill: float = 0.10
+    fill: float = 0.08
     ground_z: float | None = None
     key_lights: int = 24
-    sky_lights: int = 96
+    sky_lights: int = 128
     edge_px: float = 1.2
     edge_alpha: float = 0.7
 
@@ -543,7 +543,7 @@ def _lay_glass(layers: Float32, lights: Float32, glass: Array, out: Float32) -> 
                 i = order[j]
                 lit, full = lights[i, v, u, 0] + lights[i, v, u, 2], lights[i, v, u, 1] + lights[i, v, u, 3]
                 shadow = 1.0 - lit / max(full, 1e-6)
-                alpha = glass[i, 3] + 0.5 * shadow * (1.0 - glass[i, 3])
+                alpha = glass[i, 3] + 0.85 * shadow * (1.0 - glass[i, 3])
                 light = 0.35 + 0.65 * lit
                 for c in range(3):
                     out[v, u, c] += alpha * (glass[i, c] * light - out[v, u, c])

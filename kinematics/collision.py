@@ -163,3 +163,18 @@ def overlapping(bodies: Sequence[Body], tolerance_m: float = 0.001) -> list[Cont
             if deepest is not None and deepest > tolerance_m:
                 found.append(Contact(other[0].name, group[0].name, deepest))
     return sorted(found, key=lambda c: -c.depth_m)
+
+
+def apart(body: Body, others: Sequence[Body], gap_m: float) -> bool:
+    """Whether a body keeps at least gap_m from every other."""
+    import fcl
+
+    mine = [s.move(body.T_world_body) for s in shape_solids(body.name, body.shape)]
+    for other in others:
+        for b in (s.move(other.T_world_body) for s in shape_solids(other.name, other.shape)):
+            for a in mine:
+                if np.linalg.norm(a.at - b.at) < a.radius + b.radius + gap_m and (
+                    depth(a, b) is not None or fcl.distance(a.object, b.object, fcl.DistanceRequest(), fcl.DistanceResult()) < gap_m
+                ):
+                    return False
+    return True

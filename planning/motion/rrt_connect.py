@@ -111,7 +111,7 @@ def plan(
     if status != FOUND:
         return route(None, "budget", iterations=iterations)
     ahead, back = _climb(trees, 0), _climb(trees, 1)
-    path = np.concatenate([trees.q[0, ahead[::-1]], trees.q[1, back[1:]]])
+    path = np.concatenate([trees.q[0, ahead[::-1]], trees.q[1, back]])
     return route(path, "", free[back[-1]], iterations=iterations)
 
 

@@ -1,0 +1,48 @@
+"""Observation: what a planner knows of a scene. Objects as boxes, floor cells with a flag, as in the paper (section III-A)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.scene import Cabinet, Grasp, Scene, State, object_box
+from kinematics.transforms import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The planner's picture of one moment.
+
+    robot_base: l_r (3,), world frame. cabinet: its size and place are known beforehand. q (J,): the robot's configuration. grasp: x_g. target: its name.
+    boxes: name to the paper's object state (6,): centre and size of the tightest axis-aligned box, world frame; the target's too.
+    regions (n², 4): x, y, z of each floor cell's centre in the world, and 1 where the cell was observed, 0 where not.
+    """
+
+    robot_base: Array
+    cabinet: Cabinet
+    q: Array
+    grasp: Grasp
+    target: str
+    boxes: Mapping[str, Array]
+    regions: Array
+
+    @property
+    def movable(self) -> tuple[str, ...]:
+        """The non-target objects' names, in the scene's order."""
+        return tuple(name for name in self.boxes if name != self.target)
+
+
+def observe(scene: Scene, state: State) -> Observation:
+    """The observation of a fully seen scene: true boxes, every region observed."""
+    regions = scene.regions()
+    return Observation(
+        scene.robot.T_world_base[:3, 3],
+        scene.cabinet,
+        state.q,
+        scene.grasp,
+        scene.target,
+        {b.name: object_box(b) for b in state.bodies(scene)},
+        np.column_stack([regions, np.ones(len(regions))]),
+    )

@@ -1,0 +1,155 @@
+"""Grasps: antipodal pairs of points on a shape, approached horizontally, diagonally or from above.
+
+A line through the shape along the closing direction gives two contact points; it is a grasp when both surface normals lie within the
+friction cone about the line and the gripper opens wide enough. The closing direction is always horizontal, so that an object keeps its
+upright pose when the hand holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.robot import Opening
+from kinematics.scene import Body, Grasp
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
+from kinematics.transforms import Array, inverse, rotation_about, transform
+
+FRICTION_ANGLE = np.radians(10)
+CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
+PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
+LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pads' centre above the floor, so that the fingers clear it
+BELOW_TOP_M = 0.015
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Where a line enters and leaves a shape: distances (m) along it from its origin, and the outward normals (3,)."""
+
+    enter: float
+    leave: float
+    enter_normal: Array
+    leave_normal: Array
+
+
+def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Contact | None:
+    """Cross a shape at pose T (4, 4) with the line origin + s · direction (world, unit direction); None when it misses."""
+    T_object = inverse(T)
+    o, d = T_object[:3, :3] @ origin + T_object[:3, 3], T_object[:3, :3] @ direction
+    match shape:
+        case Box():
+            planes = np.concatenate([np.eye(3), -np.eye(3)])
+            hits = [_through_planes(planes, np.tile(shape.half, 2), o, d)]
+        case Cylinder():
+            hits = [_through_cylinder(shape, o, d)]
+        case ConvexMesh():
+            from scipy.spatial import ConvexHull
+
+            hits = [_through_planes(e[:, :3], -e[:, 3], o, d) for e in (ConvexHull(part).equations for part in shape.parts)]
+    through = [h for h in hits if h is not None]
+    if not through:
+        return None
+    first, last = min(through, key=lambda h: h.enter), max(through, key=lambda h: h.leave)
+    return Contact(first.enter, last.leave, T[:3, :3] @ first.enter_normal, T[:3, :3] @ last.leave_normal)
+
+
+def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Contact | None:
+    speed, gap = normals @ d, offsets - normals @ o
+    if np.any((np.abs(speed) < 1e-12) & (gap < 0)):
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = gap / speed
+    entering, leaving = np.where(speed < -1e-12, s, -np.inf), np.where(speed > 1e-12, s, np.inf)
+    i, j = int(np.argmax(entering)), int(np.argmin(leaving))
+    return Contact(float(entering[i]), float(leaving[j]), normals[i], normals[j]) if entering[i] < leaving[j] else None
+
+
+def _through_cylinder(shape: Cylinder, o: Array, d: Array) -> Contact | None:
+    caps = _through_planes(np.array([UP, -UP]), np.full(2, shape.height_m / 2), o, d)
+    if caps is None:
+        return None
+    a, b, c = d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - shape.radius_m**2
+    if a < 1e-12:
+        return caps if c < 0 else None
+    root = b * b - a * c
+    if root <= 0:
+        return None
+    enter, leave = (-b - np.sqrt(root)) / a, (-b + np.sqrt(root)) / a
+
+    def side(s: float) -> Array:
+        p = (o + s * d) * [1.0, 1.0, 0.0]
+        return np.asarray(p / np.linalg.norm(p))
+
+    first = (caps.enter, caps.enter_normal) if caps.enter > enter else (enter, side(enter))
+    last = (caps.leave, caps.leave_normal) if caps.leave < leave else (leave, side(leave))
+    return Contact(first[0], last[0], first[1], last[1]) if first[0] < last[0] else None
+
+
+def closing_directions(shape: Shape, T: Array) -> list[float]:
+    """Yaw angles in [0, π) of horizontal directions along which the fingers may close: a box's faces, elsewhere all round."""
+    match shape:
+        case Box():
+            axes = T[:3, :3].T
+            yaws = [float(np.arctan2(a[1], a[0])) for a in axes if abs(a[2]) < 0.2]
+        case _:
+            yaws = list(np.arange(12) * np.pi / 12)
+    return sorted({round(y % np.pi, 6) % round(np.pi, 6) for y in yaws})
+
+
+def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor_z: float, toward: float) -> list[Grasp]:
+    """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
+
+    opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
+    The hand's x points up, or for downward grasps away from the cabinet's front, so that a camera on that side sees over the object.
+    """
+    low, high = bounds(body.shape, body.T_world_body)
+    middle, height = (low + high) / 2, high[2] - low[2]
+    candidates: list[tuple[float, Grasp]] = []
+    for yaw in closing_directions(body.shape, body.T_world_body):
+        u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        for kind in approaches:
+            levels = sorted({_level(kind, low[2], high[2], floor_z, share) for share in (0.6, 0.85)} - {None}, key=lambda z: abs(z - low[2] - 0.6 * height))  # type: ignore[operator]
+            for pitch in PITCHES[kind]:
+                for side in (1.0, -1.0):
+                    ahead = rotation_about(UP, np.pi / 2 * side) @ u
+                    approach = np.cos(pitch) * ahead - np.sin(pitch) * UP
+                    y = np.cross(approach, UP if pitch < 1.5 else -ahead)
+                    R = np.stack([np.cross(y / np.linalg.norm(y), approach), y / np.linalg.norm(y), approach], -1)
+                    turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
+                    reach = float(np.abs(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))) if kind != "downward" else 0.0
+                    for rank, z in enumerate(levels):
+                        for back in (0.0, reach - 0.03) if reach > 0.045 else (0.0,):
+                            point = np.array([middle[0], middle[1], z]) - back * ahead
+                            grasp = _antipodal(body, opening, point, u, R)
+                            if grasp is not None:
+                                candidates.append((turn + 0.5 * pitch + 0.3 * rank + (0.2 if back else 0.0), grasp))
+    candidates.sort(key=lambda c: c[0])
+    return [g for _, g in candidates]
+
+
+def _level(kind: str, low: float, high: float, floor_z: float, share: float) -> float | None:
+    """The height of the pads' centre, or None when the body is too low for this approach."""
+    wanted = high - 0.02 if kind == "downward" else low + share * (high - low)
+    z = max(wanted, floor_z + LOWEST_M[kind])
+    return round(z, 6) if z <= high - min(BELOW_TOP_M, 0.3 * (high - low)) else None
+
+
+def _antipodal(body: Body, opening: Opening, point: Array, u: Array, R: Array) -> Grasp | None:
+    """The grasp with the pads' centre on the line through `point` along u, or None."""
+    hit = line_contacts(body.shape, body.T_world_body, point, u)
+    cone = np.cos(FRICTION_ANGLE)
+    if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
+        return None
+    width = hit.leave - hit.enter
+    if width + 0.004 > opening.max_m:
+        return None
+    centre = point + 0.5 * (hit.enter + hit.leave) * u
+    return Grasp(transform(R, centre - opening.pad_z_at(width) * R[:, 2]), float(width))
+
+
+def open_width(width_m: float, opening: Opening) -> float:
+    """How wide the fingers are before they close on an object of this width."""
+    return float(min(width_m + 2 * CLEARANCE_M, opening.max_m))

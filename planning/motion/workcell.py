@@ -1,0 +1,250 @@
+"""One robot before one cabinet, ready for compiled planning: names and poses in, arrays to the compiled core, names back out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from kinematics import exact, inverse
+from kinematics.arm import Chain, Int, Parts, Query, Solids, forward, join_parts, make_parts, make_solids
+from kinematics.robot import Robot
+from kinematics.scene import Body, Held, Scene
+from kinematics.shapes import bounds, convex_parts
+from kinematics.transforms import Array, apply, rotation_about, transform
+from planning.motion.rrt_connect import plan
+from planning.motion.shortcut import shortcut
+from planning.plan import Blocked
+
+STRAIGHT_STEP_M = 0.01  # waypoints of a straight piece; between two of them the hand strays from the line by less than 0.1 mm
+LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
+SHORTCUTS = 150
+
+
+@dataclass(frozen=True)
+class Touch:
+    """What is in the way: a link or the held object, and what it touches."""
+
+    link: str | None = None
+    body: str | None = None
+    detail: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices."""
+
+    problem: exact.Problem
+    scratch: exact.Scratch
+    names: tuple[str, ...]
+
+
+class Workcell:
+    """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query."""
+
+    def __init__(self, robot: Robot, scene: Scene, *, iterations: int, time_budget_s: float | None) -> None:
+        self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
+        self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
+        self.walls = scene.cabinet.walls()
+        self._solids: tuple[object, Solids, list[str]] | None = None
+
+    def home(self) -> Array:
+        """The full configuration (J,) in which the arm waits: the robot's own, or where that touches, one before the cabinet.
+
+        Raises: ValueError when there is none.
+        """
+        gripper = float(self.robot.home[self.robot.gripper_joint])
+        empty = self.problem(self.scene.poses(), gripper)
+        own = self.robot.arm_q(self.robot.home)
+        touch = self.touch(empty, own)
+        if touch is None:
+            return self.robot.with_arm(own, gripper)
+        for q in self._waiting():
+            if self.touch(empty, q) is None:
+                return self.robot.with_arm(q, gripper)
+        raise ValueError(f"robot {self.robot.name} finds no place to wait before this cabinet: at home, {touch.link} touches {touch.body}")
+
+    @property
+    def home_arm(self) -> Array:
+        return self.robot.arm_q(self.robot.home)
+
+    def problem(
+        self, poses: Mapping[str, Array], gripper: float, *, held: Held | None = None, ignore: Iterable[tuple[str, str]] = ()
+    ) -> Situation:
+        """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
+
+        The held object may touch the fingers, which hold it, and is checked against the rest of the robot.
+        """
+        parts, links = self.arm.parts(gripper)
+        solids, bodies = self._standing(poses)
+        pairs = self.arm.self_pairs
+        if held is not None:
+            frame = len(self.arm.chain.q_index)
+            T = self.arm.T_frame_hand @ held.T_hand_body
+            pieces = [apply(T, part) for part in convex_parts(self.scene.body(held.body).shape)]
+            first = len(links)
+            parts, links = join_parts(parts, make_parts([frame] * len(pieces), pieces)), links + (held.body,) * len(pieces)
+            others = [i for i, link in enumerate(links[:first]) if link not in self.robot.fingers]
+            pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
+        check = np.ones((len(links), len(bodies)), np.uint8)
+        check[parts.frame == 0] = 0  # the base stands still: `contacts` of the first state judges it
+        for a, b in ignore:
+            check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
+        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, pairs))
+        return Situation(packed, exact.make_scratch(packed), links + tuple(bodies))
+
+    def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
+        """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
+        low, high = bounds(body.shape, np.linalg.inv(self.scene.cabinet.T_world_cabinet) @ T)
+        depth, width, height = self.scene.cabinet.size_m
+        for wall, gap in (
+            ("left", width / 2 - high[1]),
+            ("right", low[1] + width / 2),
+            ("back", depth - high[0]),
+            ("ceiling", height - high[2]),
+        ):
+            if gap < 2 * exact.MARGIN_M:
+                return Touch(body.name, wall)
+        if low[0] < 0:
+            return Touch(body.name, "floor", "it would hang over the front edge")
+        solids, names = self._standing(poses)
+        parts = make_parts([0] * len(convex_parts(body.shape)), [apply(T, part) for part in convex_parts(body.shape)])
+        check = np.array([[n not in {w.name for w in self.walls} for n in names]] * len(parts.frame), np.uint8)
+        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, np.zeros((0, 2), np.int64)))
+        hit = exact.first_contact(packed, self.home_arm, exact.make_scratch(packed))
+        return None if hit < 0 else Touch(body.name, names[packed.pairs[hit, 1] - len(parts.frame)])
+
+    def touch(self, situation: Situation, q: Array) -> Touch | None:
+        """What touches at the arm's configuration q (A,), or None."""
+        return _named(situation, exact.first_contact(situation.problem, q, situation.scratch))
+
+    def edge(self, situation: Situation, qa: Array, qb: Array) -> Touch | None:
+        """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
+        return _named(situation, exact.edge_contact(situation.problem, qa, qb, situation.scratch))
+
+    def ik(self, T_world_hand: Array, *, tries: int = 24) -> Array:
+        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to home first."""
+        arm = self.arm
+        return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
+
+    def straight(self, situation: Situation, q: Array, T_world_hand: Array, by: Array) -> Array | Touch:
+        """Arm waypoints (K, A) that take the hand from T_world_hand, where q puts it, straight by (3,) m, without turning; or what blocks."""
+        steps = int(np.ceil(np.linalg.norm(by) / STRAIGHT_STEP_M))
+        way, T = [q], T_world_hand.copy()
+        frames = np.empty((len(self.arm.chain.q_index) + 1, 4, 4))
+        for k in range(1, steps + 1):
+            T[:3, 3] = T_world_hand[:3, 3] + k / steps * by
+            nxt = way[-1].copy()
+            if not inverse.descend(self.arm.chain, self.arm.T_frame_hand, T, nxt, frames, 30):
+                return Touch("hand", None, "the straight way leaves the arm's reach")
+            if np.abs(nxt - way[-1]).max() > LARGEST_TURN:
+                return Touch("hand", None, "the straight way passes a singularity")
+            if touch := self.edge(situation, way[-1], nxt):
+                return touch
+            way.append(nxt)
+        return np.array(way)
+
+    def connect(self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator) -> Array | Blocked:
+        """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A)."""
+        seed = int(rng.integers(2**31))
+        if touch := self.touch(situation, start):
+            return Blocked("transit", touch.link, touch.body, detail="at the start")
+        found = plan(situation.problem, start, goals, max_iterations=self.iterations, time_budget_s=self.time_budget_s, seed=seed)
+        if found.path is None:
+            touch = self.touch(situation, goals[0])
+            if touch:
+                return Blocked("transit", touch.link, touch.body, detail="at the goal")
+            touch = self.edge(situation, start, goals[0]) or Touch()
+            return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
+        return np.asarray(shortcut(situation.problem, found.path, tries=SHORTCUTS, seed=seed).path)
+
+    def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
+        """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
+        goals = []
+        T_cabinet = np.linalg.inv(self.scene.cabinet.T_world_cabinet)
+        for q in [self.home_arm, *self._waiting()]:
+            centre = (T_cabinet @ self.arm.hand_pose(q) @ held.T_hand_body)[:3, 3]
+            if centre[0] < -0.03 and self.touch(carrying, q) is None:
+                goals.append(q)
+                if len(goals) == most:
+                    break
+        return np.array(goals).reshape(-1, len(self.home_arm))
+
+    def _waiting(self) -> Array:
+        cabinet = self.scene.cabinet
+        return _waiting(self.arm, cabinet.size_m.tobytes(), cabinet.T_world_cabinet.tobytes(), cabinet.wall_m)
+
+    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, list[str]]:
+        if self._solids is None or self._solids[0] is not poses:
+            bodies = [replace(b, T_world_body=poses[b.name]) for b in self.scene.objects if b.name in poses]
+            solids, names = make_solids([*self.walls, *bodies])
+            self._solids = (poses, solids, names)
+        return self._solids[1], self._solids[2]
+
+
+class Arm:
+    """A robot at one place, packed for the compiled core: what does not depend on the scene, computed once."""
+
+    def __init__(self, robot: Robot, T_world_base: Array) -> None:
+        self.robot, self.T_world_base = robot, T_world_base
+        self.chain: Chain = robot.chain(T_world_base)
+        carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_world_base)
+        self.T_frame_hand: Array = carried["hand"][1]
+        self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
+        self.self_pairs: Int = robot.self_pairs()
+        self._parts: dict[float, tuple[Parts, tuple[str, ...]]] = {}
+
+    def parts(self, gripper: float) -> tuple[Parts, tuple[str, ...]]:
+        """The link hulls with the fingers at a gripper value."""
+        key = round(gripper, 9)
+        if key not in self._parts:
+            self._parts[key] = self.robot.parts(gripper, self.T_world_base)
+        return self._parts[key]
+
+    def hand_pose(self, q: Array) -> Array:
+        """T_world_hand (4, 4) at the arm's configuration q (A,)."""
+        frames = np.empty((len(self.chain.q_index) + 1, 4, 4))
+        forward(self.chain, q, frames)
+        return np.asarray(frames[-1] @ self.T_frame_hand)
+
+
+@lru_cache(maxsize=8)
+def _arm(robot: Robot, base: bytes) -> Arm:
+    return Arm(robot, np.frombuffer(base).reshape(4, 4))
+
+
+@lru_cache(maxsize=8)
+def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
+    """Arm configurations with the hand before the cabinet's front, looking in, free of its walls; the most central first."""
+    from kinematics.scene import Cabinet
+
+    cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
+    solids, names = make_solids(cabinet.walls())
+    parts, links = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
+    check = np.ones((len(links), len(names)), np.uint8)
+    check[parts.frame == 0] = 0
+    problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs))
+    scratch = exact.make_scratch(problem)
+    found = []
+    _, width, height = cabinet.size_m
+    home = arm.robot.arm_q(arm.robot.home)
+    level = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
+    for back in (0.08, 0.16):
+        for z in (0.5, 0.9, 0.2):
+            for y in (0.0, 0.25, -0.25, 0.5, -0.5):
+                for yaw in (0.0, 0.6, -0.6, 1.2, -1.2):
+                    R = rotation_about((0.0, 0.0, 1.0), yaw) @ level
+                    T = cabinet.T_world_cabinet @ transform(R, [-back, y * width, z * height])
+                    for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
+                        if exact.config_free(problem, q, scratch):
+                            found.append(q)
+    return np.array(found).reshape(-1, len(home))
+
+
+def _named(situation: Situation, pair: int) -> Touch | None:
+    if pair < 0:
+        return None
+    a, b = situation.problem.pairs[pair, :2]
+    return Touch(situation.names[a], situation.names[b])

@@ -1,0 +1,75 @@
+"""The paper's second baseline: move what blocks the straight line in joint space to the goal, each to the nearest region off that line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from kinematics.arm import Query, make_solids
+from kinematics.exact import Problem, Scratch, config_free, make_problem, make_scratch
+from kinematics.scene import Body
+from kinematics.shapes import Box
+from kinematics.transforms import Array, transform
+from perception.observation import Observation
+from planning.grasps import open_width
+from planning.motion.pick_place import Motions
+from planning.policies.regions import free_regions
+
+SAMPLES = 64
+
+
+class Line:
+    """The arm's straight joint-space line from where it is to x_g, and which boxes would be in its way."""
+
+    def __init__(self, motions: Motions, seen: Observation) -> None:
+        self.motions = motions
+        arm, robot = motions.cell.arm, motions.robot
+        start = robot.arm_q(seen.q)
+        solutions = motions.cell.ik(seen.grasp.T_world_hand)
+        order = np.argsort(np.abs(solutions - start).max(1)) if len(solutions) else []
+        opened = robot.opening.value_at(open_width(seen.grasp.width_m, robot.opening))
+        among_walls = motions.cell.problem({}, opened)
+        goal = next((solutions[i] for i in order if motions.cell.touch(among_walls, solutions[i]) is None), None)
+        self.samples = np.zeros((0, len(start))) if goal is None else start + np.linspace(0, 1, SAMPLES)[:, None] * (goal - start)
+        self.parts, _ = arm.parts(opened)
+
+    def first_touch(self, box: Array) -> int | None:
+        """Index of the first sample at which the arm touches a box (6,), centre and size; None when none does."""
+        problem, scratch = self._against(box)
+        return next((i for i, q in enumerate(self.samples) if not config_free(problem, q, scratch)), None)
+
+    def _against(self, box: Array) -> tuple[Problem, Scratch]:
+        solids, _ = make_solids([Body("box", Box(box[3:]), transform(p=box[:3]))])
+        check = np.ones((len(self.parts.frame), 1), np.uint8)
+        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, Query(check, np.zeros((0, 2), np.int64)))
+        return problem, make_scratch(problem)
+
+
+def make_local_object(motions: Motions) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
+    """select: the objects that the line runs into, the first to be met in front; none, when it is free or x_g is out of reach."""
+
+    def local_object(seen: Observation, rng: np.random.Generator) -> Sequence[str]:
+        line = Line(motions, seen)
+        met = {name: line.first_touch(seen.boxes[name]) for name in seen.movable}
+        return sorted((n for n in met if met[n] is not None), key=lambda n: (met[n], n))
+
+    return local_object
+
+
+def make_local_region(motions: Motions) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
+    """place: the free regions where the object would be off the line, the nearest to where it stands in front."""
+
+    def local_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
+        line, box = Line(motions, seen), seen.boxes[name]
+        free = free_regions(seen, name)
+        distance = np.linalg.norm(seen.regions[free, :2] - box[:2], axis=1)
+        bottom = box[2] - box[5] / 2
+        return [
+            int(free[i])
+            for i in np.argsort(distance, kind="stable")
+            if line.first_touch(np.array([*seen.regions[free[i], :2], bottom + box[5] / 2, *box[3:]])) is None
+        ]
+
+    return local_region
+

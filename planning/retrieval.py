@@ -1,0 +1,149 @@
+"""The retrieval loop: try the target, else move one object out of the way, at most five times (paper, section III-E).
+
+A policy is a pair of functions. The loop is one and the same for every planner, so an ablation changes one word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from time import perf_counter
+
+import numpy as np
+
+from kinematics.robot import Robot
+from kinematics.scene import Scene
+from perception.observation import Observation, observe
+from planning.motion.pick_place import Motions
+from planning.motion.verify import hand_pose, verify
+from planning.plan import Blocked, Motion, Move, Plan
+
+MAX_MOVES = 5
+
+
+class Rule(StrEnum):
+    """How far the loop falls through when a proposed move can't be carried out."""
+
+    STRICT = "strict"  # the first object and its first region, or the step is lost
+    REGION = "region"  # the first object, its regions in order
+    DEEP = "deep"  # objects in order, regions in order
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Who moves, and where to.
+
+    select: ranks the names of the non-target objects, the one to move first in front.
+    place: ranks the indices of the regions for one object, the best in front.
+    """
+
+    select: Callable[[Observation, np.random.Generator], Sequence[str]]
+    place: Callable[[Observation, str, np.random.Generator], Sequence[int]]
+
+
+class Stopwatch:
+    """Adds up the time spent inside its `with` blocks."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __enter__(self) -> None:
+        self._start = perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += perf_counter() - self._start
+
+
+def proposals(
+    policy: Policy, seen: Observation, rule: Rule, failed: set[tuple[str, int]], rng: np.random.Generator, thinking: Stopwatch
+) -> Iterator[tuple[str, int]]:
+    """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state."""
+    with thinking:
+        ranked = policy.select(seen, rng)
+    for name in ranked:
+        with thinking:
+            regions = [i for i in policy.place(seen, name, rng) if (name, i) not in failed]
+        yield from ((name, i) for i in (regions[:1] if rule is Rule.STRICT else regions))
+        if rule is not Rule.DEEP and regions:
+            return
+
+
+def retrieve(
+    scene: Scene,
+    policy: Policy,
+    motions: Motions,
+    *,
+    name: str,
+    rule: Rule = Rule.DEEP,
+    max_moves: int = MAX_MOVES,
+    rng: np.random.Generator,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Plan the way to the target: moves of other objects, then the grasp x_g and the way out.
+
+    name: what the policy is called in the plan. on_step: told of each step as it is taken.
+    The plan that comes back is complete and verified, or says at which stage, link and body the last attempt was blocked.
+    """
+    state = motions.start()
+    moves: list[Move] = []
+    way: list[Motion] = []
+    failed: set[tuple[str, int]] = set()
+    thinking, moving, steps = Stopwatch(), Stopwatch(), 0
+    while True:
+        on_step(f"trying the target {scene.target}")
+        with moving:
+            taken = motions.retrieve_target(state, rng)  # the indicator I
+        if not isinstance(taken, Blocked):
+            way += taken.motions
+            break
+        if steps == max_moves:
+            break
+        steps += 1
+        why: Blocked | None = Blocked("select", detail="the policy proposes no object and region")
+        for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking):
+            with moving:
+                moved = motions.relocate(state, object_name, region, rng)
+            T_from = state.poses[object_name]
+            if isinstance(moved, Blocked):
+                failed.add((object_name, region))
+                moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, moved))
+                continue
+            on_step(f"moved {object_name} to region {region}")
+            moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))
+            way += moved.motions
+            state, why = moved.after, None
+            failed.clear()  # a new state: what failed before may work now
+            break
+        if why is not None and rule is Rule.DEEP:
+            break  # everything that the policy has was tried in this state: another round would be the same
+    success = not isinstance(taken, Blocked)
+    reason = taken if isinstance(taken, Blocked) else None
+    verified = True
+    if way:
+        with moving:
+            found = verify(motions.robot, scene, way)
+        if found is not None:
+            success, reason, verified = False, found, False
+    return Plan(
+        scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
+        hand_travel(motions.robot, scene, way), objective(scene, moves, success), verified,
+    )  # fmt: skip
+
+
+def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:
+    """Length in metres of the hand's path, measured along chords of at most `step` rad (or m) in any joint."""
+    total = 0.0
+    for motion in motions:
+        for a, b in zip(motion.q[:-1], motion.q[1:]):
+            n = max(1, int(np.ceil(np.abs(b - a).max() / step)))
+            points = np.array([hand_pose(robot, scene, a + i / n * (b - a))[:3, 3] for i in range(n + 1)])
+            total += float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return total
+
+
+def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:
+    """The paper's return (eq. 1): the sum over steps of I − d, d = |l_r → object| + |object → region|, over the moves carried out."""
+    base = scene.robot.T_world_base[:3, 3]
+    d = [np.linalg.norm(m.T_world_from[:3, 3] - base) + np.linalg.norm(m.T_world_to[:3, 3] - m.T_world_from[:3, 3]) for m in moves if m.done]
+    return float(success) - float(sum(d))

@@ -361,7 +361,7 @@ def _fill_from_within(lower: Array, k: np.int32, w: Array, primitive: Ids) -> No
             row_primitive[u] = k if seen else row_primitive[u]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _draw_cylinder(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids) -> None:
     """With o the camera and d the ray across the axis, the side keeps the ray where c·w² + 2b·w + a ≤ 0: a = d·d, b = o·d, c = o·o - r²."""
     height, width = w.shape
@@ -394,12 +394,13 @@ def _draw_cylinder(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx:
             x, y = ax * u + x0, ay * u + y0
             across = ox * y - oy * x
             b = ox * x + oy * y
-            root2 = rr * (x * x + y * y) - across * across
+            a = x * x + y * y
+            root2 = rr * a - across * across
             root = np.sqrt(max(root2, 0.0))
             high = ta * u + t0
             low = max(max(fa * u + f0, ga * u + g0), 0.0)
             high = min(high, (root - b) * by_c) if outside else high
-            low = max(low, -(b + root) * by_c)
+            low = max(low, -(b + root) * by_c if b > 0.0 else a / max(root - b, 1e-300))  # two forms of one root, each where it is exact
             near = low if within else high
             seen = (root2 >= 0.0) & (low <= high) & (near > row[u])
             row[u] = near if seen else row[u]

@@ -91,7 +91,7 @@ class Studio:
     fill: float = 0.08
     ground_z: float | None = None
     key_lights: int = 24
-    sky_lights: int = 128
+    sky_lights: int = 96
     edge_px: float = 1.2
     edge_alpha: float = 0.7
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.scene import Body, Scene, State
+from kinematics.scene import Body, Held, Scene, State
 from kinematics.shapes import Box, Cylinder, Shape, convex_parts
 from kinematics.transforms import Array, apply
 
@@ -100,9 +100,10 @@ def touch(a: Solid, b: Solid) -> float | None:
 
     if np.linalg.norm(a.at - b.at) > a.radius + b.radius:
         return None
-    result = fcl.CollisionResult()
-    if not fcl.collide(a.object, b.object, fcl.CollisionRequest(num_max_contacts=4, enable_contact=True), result):
+    if not fcl.collide(a.object, b.object, fcl.CollisionRequest(), fcl.CollisionResult()):
         return None
+    result = fcl.CollisionResult()
+    fcl.collide(a.object, b.object, fcl.CollisionRequest(num_max_contacts=4, enable_contact=True), result)
     return max((float(c.penetration_depth) for c in result.contacts), default=0.0)
 
 
@@ -135,29 +136,62 @@ class Verdict:
 
         Objects that stand are tested against the robot and the held object, not against each other or the walls.
         """
+        found = self.first_contacts(state.q[None], state.poses, state.held, may_touch)
+        return found[1] if found else []
+
+    def first_contacts(
+        self, q: Array, poses: Mapping[str, Array], held: Held | None = None, may_touch: Iterable[tuple[str, str]] = ()
+    ) -> tuple[int, list[Contact]] | None:
+        """The first of configurations q (N, J) in which something touches, and what does, deepest first; None when nothing ever does.
+
+        poses: of the objects that stand; held: moves with the hand. Pairs are culled by boxes along the world's axes, then asked of FCL.
+        """
+        T_links = self.T_world_base @ self.robot.tree.poses(q)
+        movers, T = list(self._links), [T_links[:, self.robot.tree.index[s.name]] for s in self._links]
+        if held is not None:
+            grip = self._objects[held.body]
+            movers += grip
+            T += [T_links[:, self.robot.tree.index["hand"]] @ held.T_hand_body] * len(grip)
+        standing = self._walls + [s.move(pose) for name, pose in poses.items() for s in self._objects[name]]
         allowed = {frozenset(pair) for pair in may_touch}
-        poses = self.robot.link_poses(state.q)
-        links = [s.move(self.T_world_base @ poses[s.name]) for s in self._links]
-        around = self._walls + [s.move(T) for name, T in state.poses.items() for s in self._objects[name]]
-        held: list[Solid] = []
-        if state.held is not None:
-            T = self.T_world_base @ poses["hand"] @ state.held.T_hand_body
-            held = [s.move(T) for s in self._objects[state.held.body]]
-        pairs = [(a, b) for a in links + held for b in _near(a, around)]
-        pairs += [(links[i], links[j]) for i, j in self._pairs]
-        pairs += [(h, link) for h in held for link in links]
-        found: dict[tuple[str, str], float] = {}
-        for a, b in pairs:
-            if frozenset((a.name, b.name)) not in allowed and (d := depth(a, b)) is not None:
-                found[a.name, b.name] = max(d, found.get((a.name, b.name), 0.0))
-        return sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)
+        n_links, n_movers = len(self._links), len(movers)
+        pairs = [*self._pairs, *((h, i) for h in range(n_links, n_movers) for i in range(n_links))]
+        pairs += [(i, n_movers + j) for i in range(n_movers) for j in range(len(standing))]
+        solids = movers + standing
+        tested = np.array([p for p in pairs if frozenset((solids[p[0]].name, solids[p[1]].name)) not in allowed])
+        low, high = _boxes(movers, np.stack(T, axis=1))
+        low_s, high_s = _boxes(standing, np.array([[s.T for s in standing]]))
+        low = np.concatenate([low, np.repeat(low_s, len(q), axis=0)], axis=1)
+        high = np.concatenate([high, np.repeat(high_s, len(q), axis=0)], axis=1)
+        close = ((low[:, tested[:, 0]] <= high[:, tested[:, 1]]) & (low[:, tested[:, 1]] <= high[:, tested[:, 0]])).all(-1)
+        for n in np.flatnonzero(close.any(1)):
+            now = tested[close[n]]
+            for i in np.unique(now):
+                if i < n_movers:
+                    solids[i].move(T[i][n])
+            found: dict[tuple[str, str], float] = {}
+            for a, b in ((solids[i], solids[j]) for i, j in now):
+                if (d := depth(a, b)) is not None:
+                    found[a.name, b.name] = max(d, found.get((a.name, b.name), 0.0))
+            if found:
+                return int(n), sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)
+        return None
 
 
-def _near(a: Solid, others: Sequence[Solid]) -> list[Solid]:
-    centres = np.array([o.at for o in others]).reshape(-1, 3)
-    radii = np.array([o.radius for o in others])
-    close = np.linalg.norm(centres - a.at, axis=1) <= radii + a.radius
-    return [others[int(i)] for i in np.flatnonzero(close)]
+def _boxes(solids: Sequence[Solid], T: Array) -> tuple[Array, Array]:
+    """Lower and upper corners (N, S, 3) of boxes along the world's axes around S solids at poses T (N, S, 4, 4)."""
+    low, high = (np.array([f(s.vertices) for s in solids]).reshape(-1, 3) for f in (_lowest, _highest))
+    centre = np.einsum("nsij,sj->nsi", T[..., :3, :3], (low + high) / 2) + T[..., :3, 3]
+    half = np.einsum("nsij,sj->nsi", np.abs(T[..., :3, :3]), (high - low) / 2) + 1e-9
+    return centre - half, centre + half
+
+
+def _lowest(vertices: Array) -> Array:
+    return np.asarray(vertices.min(0))
+
+
+def _highest(vertices: Array) -> Array:
+    return np.asarray(vertices.max(0))
 
 
 def always_touching(

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from kinematics import cache, urdf
 from kinematics.arm import Chain, Int, Parts, make_parts
 from kinematics.scene import RobotRef
-from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
+from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, rotations_about, transform
 
 FIXED, TURNS, SLIDES = 0, 1, 2
 _CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
@@ -53,15 +53,20 @@ class Tree:
         return {name: i for i, name in enumerate(self.names)}
 
     def poses(self, q: Array) -> Array:
-        """Forward kinematics of every link: q (J,) to (N, 4, 4) in the base frame."""
-        T = np.empty((len(self.names), 4, 4))
+        """Forward kinematics of every link: q (..., J) to (..., N, 4, 4) in the base frame."""
+        T = np.empty((*q.shape[:-1], len(self.names), 4, 4))
         for i, parent in enumerate(self.parent):
-            local = self.T_joint[i]
-            if self.kind[i] != FIXED:
-                x = self.scale[i] * q[self.q_index[i]] + self.offset[i]
-                local = local @ (transform(rotation_about(self.axis[i], x)) if self.kind[i] == TURNS else transform(p=x * self.axis[i]))
-            T[i] = local if parent < 0 else T[parent] @ local
+            local = self.local(i, q)
+            T[..., i, :, :] = local if parent < 0 else T[..., parent, :, :] @ local
         return T
+
+    def local(self, i: int, q: Array) -> Array:
+        """Link i's pose (..., 4, 4) in its parent at q (..., J)."""
+        if self.kind[i] == FIXED:
+            return np.asarray(self.T_joint[i])
+        x = self.scale[i] * q[..., self.q_index[i]] + self.offset[i]
+        moved = transform(rotations_about(self.axis[i], x)) if self.kind[i] == TURNS else transform(p=x[..., None] * self.axis[i])
+        return np.asarray(self.T_joint[i] @ moved)
 
     def path(self, link: int) -> list[int]:
         """Link indices from the root to `link`."""
@@ -161,7 +166,7 @@ class Robot:
         column = {j: i for i, j in enumerate(self.arm_joints)}
         rest = self.home
         for link in self.tree.path(self.tree.index["hand"]):
-            T_joint = self._local(link, rest) if link not in movers else self.tree.T_joint[link]
+            T_joint = self.tree.local(link, rest) if link not in movers else self.tree.T_joint[link]
             if link in movers:
                 align = _align_z(self.tree.axis[link])
                 T_prev.append(at @ T_joint @ align)
@@ -192,7 +197,7 @@ class Robot:
                 carried.append((k + 1, inverse(_align_z(self.tree.axis[i]))))
             else:
                 frame, T = carried[parent] if parent >= 0 else (0, T_world_base)
-                carried.append((frame, T @ self._local(i, q)))
+                carried.append((frame, T @ self.tree.local(i, q)))
         return dict(zip(self.tree.names, carried))
 
     def parts(self, gripper: float, T_world_base: Array) -> tuple[Parts, tuple[str, ...]]:
@@ -224,13 +229,6 @@ class Robot:
 
     def _mover(self, joint: int) -> int:
         return next(i for i in range(len(self.tree.names)) if self.tree.q_index[i] == joint and self.tree.scale[i] == 1.0)
-
-    def _local(self, i: int, q: Array) -> Array:
-        if self.tree.kind[i] == FIXED:
-            return np.asarray(self.tree.T_joint[i])
-        x = self.tree.scale[i] * q[self.tree.q_index[i]] + self.tree.offset[i]
-        moved = transform(rotation_about(self.tree.axis[i], x)) if self.tree.kind[i] == TURNS else transform(p=x * self.tree.axis[i])
-        return np.asarray(self.tree.T_joint[i] @ moved)
 
 
 def named_robots() -> dict[str, dict[str, Any]]:

@@ -33,11 +33,17 @@ def apply(T: Array, points: Array) -> Array:
 
 
 def rotation_about(axis: Array | tuple[float, float, float], angle: float) -> Array:
-    """The (3, 3) rotation by `angle` rad about `axis` (3,), which need not be of unit length (Rodrigues' formula)."""
+    """The (3, 3) rotation by `angle` rad about `axis` (3,), which need not be of unit length."""
+    return rotations_about(axis, np.asarray(angle, float))
+
+
+def rotations_about(axis: Array | tuple[float, float, float], angles: Array) -> Array:
+    """The rotations (..., 3, 3) by angles (...,) rad about one axis (3,), which need not be of unit length (Rodrigues' formula)."""
     a = np.asarray(axis, float)
     x, y, z = a / np.linalg.norm(a)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K))
+    sine, versine = np.sin(angles)[..., None, None], (1 - np.cos(angles))[..., None, None]
+    return np.asarray(np.eye(3) + sine * K + versine * (K @ K))
 
 
 def rotation_rpy(rpy: Array | tuple[float, float, float]) -> Array:

@@ -16,7 +16,7 @@ from kinematics.robot import Robot
 from kinematics.scene import Scene
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
-from planning.motion.verify import hand_pose, verify
+from planning.motion.verify import hand_poses, verify
 from planning.plan import Blocked, Motion, Move, Plan
 
 MAX_MOVES = 5
@@ -137,7 +137,7 @@ def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: flo
     for motion in motions:
         for a, b in zip(motion.q[:-1], motion.q[1:]):
             n = max(1, int(np.ceil(np.abs(b - a).max() / step)))
-            points = np.array([hand_pose(robot, scene, a + i / n * (b - a))[:3, 3] for i in range(n + 1)])
+            points = hand_poses(robot, scene, a + np.arange(n + 1)[:, None] / n * (b - a))[:, :3, 3]
             total += float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     return total
 

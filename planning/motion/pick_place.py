@@ -48,6 +48,17 @@ class Place:
     T_world_object: Array
 
 
+class _Memory:
+    """What was found out about one state, so that the many regions of an object don't ask twice."""
+
+    def __init__(self, state: State | None) -> None:
+        self.state = state
+        self.picks: dict[str, tuple[list[Pick], Blocked]] = {}
+        self.transits: dict[Pick, Array | Blocked] = {}
+        self.lowering: dict[Pick, Situation] = {}
+        self.without: dict[str, dict[str, Array]] = {}
+
+
 @dataclass(frozen=True, eq=False)
 class Done:
     """Motions that were found, and the state after them."""
@@ -65,9 +76,8 @@ class Motions:
     def __init__(self, robot: Robot, scene: Scene, *, iterations: int = 3000, time_budget_s: float | None = None) -> None:
         self.robot, self.scene = robot, scene
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s)
-        self._memory: tuple[State, dict[str, tuple[list[Pick], Blocked]], dict[int, Array | Blocked]] | None = None
-        floor = scene.cabinet.T_world_cabinet
-        self.floor_z = float(floor[2, 3])
+        self.floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
+        self._memory = _Memory(None)
 
     def start(self) -> State:
         """The scene's first state, the arm at home before the cabinet. Raises ValueError when the robot can't stand or wait there."""
@@ -91,14 +101,13 @@ class Motions:
                 why = way_out
                 continue
             motions = [*self._taking(state, name, pick, way_in), self._motion("transfer", way_out, pick.gripper_closed, pick.held)]
-            poses = {n: T for n, T in state.poses.items() if n != name}
-            return Done(tuple(motions), State(motions[-1].q[-1], poses, pick.held))
+            return Done(tuple(motions), State(motions[-1].q[-1], self._without(state, name), pick.held))
         return why
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
         """Move an object to a region."""
         T_to = self.place_pose(name, state.poses[name], region)
-        rest = {n: T for n, T in state.poses.items() if n != name}
+        rest = self._without(state, name)
         if touch := self.cell.placed(self.scene.body(name), T_to, rest):
             return Blocked("region", name, touch.body)
         picks, why = self.picks(state, name)
@@ -127,9 +136,7 @@ class Motions:
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
         """
-        if self._memory is None or self._memory[0] is not state:
-            self._memory = (state, {}, {})
-        found = self._memory[1]
+        found = self._recall(state).picks
         if name not in found:
             found[name] = self._find_picks(state, name, grasps)
         return found[name]
@@ -172,7 +179,7 @@ class Motions:
         if touch := self._fingers(state.poses, name, q, opened, closed):
             return _blocked("grasp", touch)
         held = Held(name, inverse(grasp.T_world_hand) @ state.poses[name])
-        rest = {n: T for n, T in state.poses.items() if n != name}
+        rest = self._without(state, name)
         lifting = self.cell.problem(rest, closed, held=held, ignore=[(name, "floor")])
         if touch := self.cell.touch(lifting, q):
             return _blocked("lift", touch)
@@ -184,7 +191,10 @@ class Motions:
     def _place(self, rest: dict[str, Array], name: str, pick: Pick, R: Array, centre: Array) -> Place | Blocked:
         """Put the held object down over `centre` (3,), turned from R (3, 3) as suits the hand: static checks and the straight pieces."""
         body = self.scene.body(name)
-        lowering = self.cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
+        known = self._memory.lowering
+        if pick not in known:
+            known[pick] = self.cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
+        lowering = known[pick]
         why = Blocked("ik", "hand", name, detail="the place is out of reach")
         T_hand_object = pick.held.T_hand_body
         ahead = pick.grasp.T_world_hand[:3, 2]
@@ -197,10 +207,13 @@ class Motions:
             if self.cell.placed(body, T_object, rest):
                 continue
             T_hand = T_object @ inverse(T_hand_object)
-            standing = {**rest, name: T_object}
-            retreating = self.cell.problem(standing, pick.gripper_open)
+            standing, retreating = {**rest, name: T_object}, None
             for q in self.cell.ik(T_hand, tries=12):
-                if touch := self.cell.touch(lowering, q) or self.cell.touch(retreating, q):
+                if touch := self.cell.touch(lowering, q):
+                    why = _blocked("lower", touch)
+                    continue
+                retreating = retreating or self.cell.problem(standing, pick.gripper_open)
+                if touch := self.cell.touch(retreating, q):
                     why = _blocked("lower", touch)
                     continue
                 above = self.cell.straight(lowering, q, T_hand, LIFT_M * UP)
@@ -227,18 +240,17 @@ class Motions:
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> list[Motion] | Blocked:
         """From where the arm is to the beginning of a pick's approach, the fingers set to its opening first."""
-        assert self._memory is not None
-        known = self._memory[2]
+        known = self._recall(state).transits
         q, gripper = self.robot.arm_q(state.q), float(state.q[self.robot.gripper_joint])
-        if id(pick) not in known:
+        if pick not in known:
             for value in np.linspace(gripper, pick.gripper_open, 4)[1:]:
                 if touch := self.cell.touch(self.cell.problem(state.poses, float(value)), q):
-                    known[id(pick)] = _blocked("transit", touch)
+                    known[pick] = _blocked("transit", touch)
                     break
             else:
                 moving = self.cell.problem(state.poses, pick.gripper_open)
-                known[id(pick)] = self.cell.connect(moving, q, pick.approach[:1], rng)
-        path = known[id(pick)]
+                known[pick] = self.cell.connect(moving, q, pick.approach[:1], rng)
+        path = known[pick]
         if isinstance(path, Blocked):
             return path
         motions = []
@@ -248,13 +260,25 @@ class Motions:
 
     def _way_out(self, state: State, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
         """From the lifted target to a configuration with its centre well outside the cabinet."""
-        rest = {n: T for n, T in state.poses.items() if n != pick.held.body}
+        rest = self._without(state, pick.held.body)
         carrying = self.cell.problem(rest, pick.gripper_closed, held=pick.held)
         goals = self.cell.outside(carrying, pick.held)
         if len(goals) == 0:
             return Blocked("transfer", "hand", pick.held.body, detail="no free configuration holds it outside the cabinet")
         path = self.cell.connect(carrying, pick.lift[-1], goals, rng)
         return replace(path, stage="transfer") if isinstance(path, Blocked) else path
+
+    def _recall(self, state: State) -> _Memory:
+        if self._memory.state is not state:
+            self._memory = _Memory(state)
+        return self._memory
+
+    def _without(self, state: State, name: str) -> dict[str, Array]:
+        """The poses of the objects besides one."""
+        known = self._recall(state).without
+        if name not in known:
+            known[name] = {n: T for n, T in state.poses.items() if n != name}
+        return known[name]
 
     def _taking(self, state: State, name: str, pick: Pick, way_in: list[Motion]) -> list[Motion]:
         """The motions from where the arm is to the lifted object."""

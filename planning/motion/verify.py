@@ -10,18 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.arm import join_parts, make_parts
 from kinematics.collision import Verdict
-from kinematics.exact import reach
 from kinematics.robot import Robot
-from kinematics.scene import Held, Scene, State
-from kinematics.shapes import convex_parts
-from kinematics.transforms import Array, angle_between, apply, inverse
+from kinematics.scene import Held, Scene
+from kinematics.shapes import bounds, box_corners
+from kinematics.transforms import Array, angle_between, inverse
 from planning.plan import Blocked, Motion
 
 RESOLUTION_M = 0.002
 SAME_M, SAME_RAD = 1e-3, 1e-3  # how far an object may jump when the hand takes it
-DEEPEST_M = 1e-6  # contact is contact: only rounding is forgiven
+_BATCH = 512
 
 
 def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | None:
@@ -39,59 +37,62 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
         if before is not None and np.abs(before.q[-1] - motion.q[0]).max() > 1e-9:
             return Blocked("verify", detail=f"{where}: it does not start where the one before ends")
         if before is not None and before.held and (motion.held is None or motion.held.body != before.held.body):
-            poses[before.held.body] = hand_pose(robot, scene, before.q[-1]) @ before.held.T_hand_body
+            poses[before.held.body] = hand_poses(robot, scene, before.q[-1]) @ before.held.T_hand_body
         if motion.held and motion.held.body in poses:
-            jump = inverse(poses.pop(motion.held.body)) @ hand_pose(robot, scene, motion.q[0]) @ motion.held.T_hand_body
+            jump = inverse(poses.pop(motion.held.body)) @ hand_poses(robot, scene, motion.q[0]) @ motion.held.T_hand_body
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
-        bound = speed_bound(robot, scene, motion)
-        for q in samples(motion.q, bound):
-            contacts = verdict.contacts(State(q, poses, motion.held), motion.may_touch)
-            if contacts and contacts[0].depth_m > DEEPEST_M:
-                worst = contacts[0]
+        rows = samples(robot, scene, motion)
+        for first in range(0, len(rows), _BATCH):
+            found = verdict.first_contacts(rows[first : first + _BATCH], poses, motion.held, motion.may_touch)
+            if found is not None:
+                worst = found[1][0]
                 return Blocked("verify", worst.a, worst.b, worst.depth_m, where)
         before = motion
     return None
 
 
-def hand_pose(robot: Robot, scene: Scene, q: Array) -> Array:
-    """T_world_hand (4, 4) at a full configuration q (J,)."""
-    return np.asarray(scene.robot.T_world_base @ robot.tree.poses(q)[robot.tree.index["hand"]])
+def hand_poses(robot: Robot, scene: Scene, q: Array) -> Array:
+    """T_world_hand (..., 4, 4) at full configurations q (..., J)."""
+    return np.asarray(scene.robot.T_world_base @ robot.tree.poses(q)[..., robot.tree.index["hand"], :, :])
 
 
-def samples(q: Array, bound: Array) -> Array:
-    """Configurations (N, J) along waypoints q (K, J), close enough that nothing moves more than RESOLUTION_M from one to the next.
+def samples(robot: Robot, scene: Scene, motion: Motion) -> Array:
+    """Configurations (N, J) along a motion, so close that no point of the arm or the held object moves more than RESOLUTION_M from one to
+    the next.
 
-    bound (P, J): metres that each part moves at most, per unit of each joint.
+    Between two poses of a body the displacement of its points is greatest at a corner of any box around it, so eight corners tell.
     """
-    rows = [q[:1]]
-    for a, b in zip(q[:-1], q[1:]):
-        n = max(1, int(np.ceil((bound @ np.abs(b - a)).max() / RESOLUTION_M)))
-        rows.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
+    corners = _corners(robot, scene, motion.held)
+    rows = [motion.q[:1]]
+    for a, b in zip(motion.q[:-1], motion.q[1:]):
+        n = max(1, int(np.ceil(np.abs(b - a).max() / 0.05)))
+        while True:
+            piece = a + np.arange(n + 1)[:, None] / n * (b - a)
+            worst = _largest_step(robot, corners, piece)
+            if worst <= RESOLUTION_M:
+                break
+            n = int(np.ceil(n * min(worst / RESOLUTION_M, 64.0) * 1.02)) + 1
+        rows.append(piece[1:])
     return np.concatenate(rows)
 
 
-def speed_bound(robot: Robot, scene: Scene, motion: Motion) -> Array:
-    """Metres (P, J) that each link hull, and the held object, moves at most per unit of each joint, anywhere in the joints' range."""
-    gripper = float(motion.q[0, robot.gripper_joint])
-    T_base = scene.robot.T_world_base
-    chain = robot.chain(T_base)
-    parts, links = robot.parts(gripper, T_base)
-    if motion.held is not None:
-        frame, T_frame_hand = robot.frame_of_links(gripper, T_base)["hand"]
-        T = T_frame_hand @ motion.held.T_hand_body
-        pieces = [apply(T, part) for part in convex_parts(_shape(scene, motion.held))]
-        parts, links = join_parts(parts, make_parts([frame] * len(pieces), pieces)), (*links, *[motion.held.body] * len(pieces))
-    bound = np.zeros((len(links), len(robot.joint_names)))
-    per_joint = reach(chain, parts)
-    for k, j in enumerate(chain.q_index):
-        bound[:, robot.arm_joints[j]] += per_joint[k] * abs(chain.scale[k])
-    fingers = [i for i, link in enumerate(links) if link in robot.fingers]
-    bound[fingers, robot.gripper_joint] = 0.25  # m per rad, and more than the 1 m per m of a sliding finger needs below
-    if robot.tree.kind[next(i for i in range(len(robot.tree.names)) if robot.tree.q_index[i] == robot.gripper_joint)] == 2:
-        bound[fingers, robot.gripper_joint] = 1.0
-    return bound
+def _corners(robot: Robot, scene: Scene, held: Held | None) -> list[tuple[int, Array]]:
+    """For every link hull, and the held object: the link that carries it and the corners (8, 3) of a box around it, in that link."""
+    index = robot.tree.index
+    out = []
+    for hull in robot.hulls:
+        low, high = hull.vertices.min(0), hull.vertices.max(0)
+        out.append((index[hull.link], (low + high) / 2 + box_corners((high - low) / 2)))
+    if held is not None:
+        low, high = bounds(scene.body(held.body).shape, held.T_hand_body)
+        out.append((index["hand"], (low + high) / 2 + box_corners((high - low) / 2)))
+    return out
 
 
-def _shape(scene: Scene, held: Held):  # type: ignore[no-untyped-def]
-    return scene.body(held.body).shape
+def _largest_step(robot: Robot, corners: list[tuple[int, Array]], q: Array) -> float:
+    """How far any corner moves at most between neighbouring configurations of q (N, J), in metres."""
+    T = robot.tree.poses(q)[:, [link for link, _ in corners]]
+    points = np.stack([c for _, c in corners])  # (S, 8, 3)
+    at = np.einsum("nsij,scj->nsci", T[..., :3, :3], points) + T[:, :, None, :3, 3]
+    return float(np.linalg.norm(np.diff(at, axis=0), axis=-1).max())

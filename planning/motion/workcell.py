@@ -10,12 +10,13 @@ import numpy as np
 
 from kinematics import exact, inverse
 from kinematics.arm import Chain, Int, Parts, Query, Solids, forward, join_parts, make_parts, make_solids
+from kinematics.collision import apart
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
-from kinematics.shapes import bounds, convex_parts
+from kinematics.shapes import Shape, bounds, convex_parts
 from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.motion.rrt_connect import plan
-from planning.motion.shortcut import shortcut
+from planning.motion.shortcut import shorten
 from planning.plan import Blocked
 
 STRAIGHT_STEP_M = 0.01  # waypoints of a straight piece; between two of them the hand strays from the line by less than 0.1 mm
@@ -77,22 +78,21 @@ class Workcell:
 
         The held object may touch the fingers, which hold it, and is checked against the rest of the robot.
         """
-        parts, links = self.arm.parts(gripper)
+        parts, links, reach_m = self.arm.parts(gripper)
         solids, bodies = self._standing(poses)
         pairs = self.arm.self_pairs
         if held is not None:
-            frame = len(self.arm.chain.q_index)
-            T = self.arm.T_frame_hand @ held.T_hand_body
-            pieces = [apply(T, part) for part in convex_parts(self.scene.body(held.body).shape)]
             first = len(links)
-            parts, links = join_parts(parts, make_parts([frame] * len(pieces), pieces)), links + (held.body,) * len(pieces)
+            grip, grip_reach_m = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
+            parts, links = join_parts(parts, grip), links + (held.body,) * len(grip.frame)
+            reach_m = np.concatenate([reach_m, grip_reach_m], axis=1)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.fingers]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
         check[parts.frame == 0] = 0  # the base stands still: `contacts` of the first state judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, pairs))
+        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, pairs), reach_m=reach_m)
         return Situation(packed, exact.make_scratch(packed), links + tuple(bodies))
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
@@ -109,12 +109,11 @@ class Workcell:
                 return Touch(body.name, wall)
         if low[0] < 0:
             return Touch(body.name, "floor", "it would hang over the front edge")
-        solids, names = self._standing(poses)
-        parts = make_parts([0] * len(convex_parts(body.shape)), [apply(T, part) for part in convex_parts(body.shape)])
-        check = np.array([[n not in {w.name for w in self.walls} for n in names]] * len(parts.frame), np.uint8)
-        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, np.zeros((0, 2), np.int64)))
-        hit = exact.first_contact(packed, self.home_arm, exact.make_scratch(packed))
-        return None if hit < 0 else Touch(body.name, names[packed.pairs[hit, 1] - len(parts.frame)])
+        mine = Body(body.name, body.shape, T)
+        for other in self.scene.objects:
+            if other.name in poses and not apart(mine, [replace(other, T_world_body=poses[other.name])], 2 * exact.MARGIN_M):
+                return Touch(body.name, other.name)
+        return None
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:
         """What touches at the arm's configuration q (A,), or None."""
@@ -151,14 +150,16 @@ class Workcell:
         seed = int(rng.integers(2**31))
         if touch := self.touch(situation, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
-        found = plan(situation.problem, start, goals, max_iterations=self.iterations, time_budget_s=self.time_budget_s, seed=seed)
+        problem, scratch = situation.problem, situation.scratch
+        budget = {"max_iterations": self.iterations} if self.time_budget_s is None else {"time_budget_s": self.time_budget_s}
+        found = plan(problem, start, goals, seed=seed, scratch=scratch, **budget)  # type: ignore[arg-type]
         if found.path is None:
             touch = self.touch(situation, goals[0])
             if touch:
                 return Blocked("transit", touch.link, touch.body, detail="at the goal")
             touch = self.edge(situation, start, goals[0]) or Touch()
             return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
-        return np.asarray(shortcut(situation.problem, found.path, tries=SHORTCUTS, seed=seed).path)
+        return np.asarray(shorten(problem, found.path, iterations=SHORTCUTS, seed=seed, scratch=scratch).path)
 
     def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
@@ -194,14 +195,22 @@ class Arm:
         self.T_frame_hand: Array = carried["hand"][1]
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self._parts: dict[float, tuple[Parts, tuple[str, ...]]] = {}
+        self._parts: dict[float, tuple[Parts, tuple[str, ...], Array]] = {}
 
-    def parts(self, gripper: float) -> tuple[Parts, tuple[str, ...]]:
-        """The link hulls with the fingers at a gripper value."""
+    def parts(self, gripper: float) -> tuple[Parts, tuple[str, ...], Array]:
+        """The link hulls with the fingers at a gripper value, the links' names, and how far each joint moves each (see exact.reach)."""
         key = round(gripper, 9)
         if key not in self._parts:
-            self._parts[key] = self.robot.parts(gripper, self.T_world_base)
+            parts, links = self.robot.parts(gripper, self.T_world_base)
+            self._parts[key] = parts, links, exact.reach(self.chain, parts)
         return self._parts[key]
+
+    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, Array]:
+        """A held object as parts of the hand, and how far each joint moves it."""
+        T = self.T_frame_hand @ T_hand_body
+        pieces = [apply(T, part) for part in convex_parts(shape)]
+        parts = make_parts([len(self.chain.q_index)] * len(pieces), pieces)
+        return parts, exact.reach(self.chain, parts)
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -222,10 +231,10 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 
     cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
     solids, names = make_solids(cabinet.walls())
-    parts, links = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
+    parts, links, reach_m = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
     check = np.ones((len(links), len(names)), np.uint8)
     check[parts.frame == 0] = 0
-    problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs))
+    problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs), reach_m=reach_m)
     scratch = exact.make_scratch(problem)
     found = []
     _, width, height = cabinet.size_m

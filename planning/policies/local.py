@@ -32,7 +32,7 @@ class Line:
         among_walls = motions.cell.problem({}, opened)
         goal = next((solutions[i] for i in order if motions.cell.touch(among_walls, solutions[i]) is None), None)
         self.samples = np.zeros((0, len(start))) if goal is None else start + np.linspace(0, 1, SAMPLES)[:, None] * (goal - start)
-        self.parts, _ = arm.parts(opened)
+        self.parts, _, self.reach_m = arm.parts(opened)
 
     def first_touch(self, box: Array) -> int | None:
         """Index of the first sample at which the arm touches a box (6,), centre and size; None when none does."""
@@ -42,7 +42,7 @@ class Line:
     def _against(self, box: Array) -> tuple[Problem, Scratch]:
         solids, _ = make_solids([Body("box", Box(box[3:]), transform(p=box[:3]))])
         check = np.ones((len(self.parts.frame), 1), np.uint8)
-        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, Query(check, np.zeros((0, 2), np.int64)))
+        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, Query(check, np.zeros((0, 2), np.int64)), reach_m=self.reach_m)
         return problem, make_scratch(problem)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,12 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from kinematics.inverse import descend, make_seeds, solve
 from kinematics.robot import Robot, installed, load, named_robots
 from kinematics.transforms import transform, wxyz_from_rotation
 
+settings.register_profile("repeatable", derandomize=True, database=None, deadline=None)
+settings.load_profile("repeatable")
+
 Json = dict[str, Any]
+PLANNED = {"paper": 8, "paper-any": 3, "shelf": 3}  # so many scenes of each spec
 SIDEWAYS = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the hand looking along the world's x, its own x up
 
 
@@ -129,6 +135,26 @@ def handmade(ur5e: Robot) -> Handmade:
         "planning_time_s": 0.0, "motion_time_s": 0.0, "hand_travel_m": 1.0, "return": 0.0, "verified": False,
     }  # fmt: skip
     return Handmade(scene, plan)
+
+
+@pytest.fixture(scope="session", params=[(spec, i) for spec, n in PLANNED.items() for i in range(n)], ids=lambda p: f"{p[0]}-{p[1]}")
+def planned(request: pytest.FixtureRequest, ur5e: Robot) -> Handmade:
+    """A scene and its plan as `retrieve gen | retrieve plan` write them, one after the other."""
+    pytest.importorskip("planning.retrieval")
+    from kinematics.scene import RobotRef
+    from planning.motion.pick_place import Motions
+    from planning.policies import make_policy
+    from planning.problems import generate, load_spec
+    from planning.retrieval import Rule, retrieve
+    from retrieve_cli.documents import plan_to_json, scene_to_json
+
+    spec, index = request.param
+    policy = ("local", "random")[index % 2]
+    scene = generate(load_spec(spec), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 11, index)
+    motions = Motions(ur5e, scene)
+    plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule.DEEP, rng=np.random.default_rng([11, index]))
+    documents = json.dumps([scene_to_json(scene), plan_to_json(plan)])
+    return Handmade(*json.loads(documents))
 
 
 class _Hand:

@@ -1,7 +1,7 @@
 """Sixteen configurations at once: a compiled check that says "free" only where it is certain.
 
-The arm's parts are covered by balls (see spheres.py). One batch holds 16 configurations side by side, one a lane, in float32; every
-loop over the lanes has constant length and works on rows of one flat array, which is what LLVM needs to turn it into vector code.
+The arm's parts are covered by balls (see spheres.py). One batch holds 16 configurations side by side in float32, one a
+lane (see vector.py).
 
 Free along an edge. An edge is straight in joint space. It is cut into pieces, a lane takes the middle of one, and every ball grows by the
 way that any point of its part can go from there to the piece's ends:
@@ -17,17 +17,17 @@ Bounds go coarse to fine: a part's bounding ball, its coarse balls, and only the
 
 Rounding. With u = 2^-24, a lane's joint value is off by at most 4u·|x| with |x| <= X_MAX = 16, so by 64u; sine and cosine by 6u more; the
 products of one joint by 8u of the lengths involved. So one joint moves a point by less than 80u times its distance from the base, K joints
-by K times that, and placing a ball, the body's own numbers and the comparison by no more than two joints would. `_RATIO` = 96u leaves a fifth
+by K times that, and placing a ball, the body's own numbers and the comparison by no more than two joints would. `_RATIO` = 96u leaves a
+fifth
 to spare, and the tests compare with float64. For a UR5e this is below 0.1 mm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache, partial
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple, TypeVar, cast
 
-import numba
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -36,37 +36,49 @@ from scipy.spatial import ConvexHull
 from kinematics.arm import BOX, CYLINDER, HULL, Chain, Parts, Query, Solids
 from kinematics.spheres import Levels
 from kinematics.transforms import Array
-
-numba.config.SLP_VECTORIZE = 1  # read at each compilation; loops of 16 are unrolled first, so it is this pass that makes vectors of them
+from kinematics.vector import WIDTH, below, largest, load, nearest_int, root, size, spread, store
 
 F32 = NDArray[np.float32]
 Index = NDArray[np.uint64]
+Lanes = Any  # a float32x16, which exists in compiled code only
+Mask = Any  # a uint64 with a bit a lane
+U64 = Any
+Real = Any  # a float32
 
 FREE, UNDECIDED, TOUCHES = 0, 1, 2
-LANES = 16
 FINAL_M = 0.0015  # a piece whose balls grow no more than this is not cut again
 FINE_M, COARSE_M = 0.010, 0.040  # up to so much growth the fine and the coarse balls are worth a look
 X_MAX = 16.0  # joint values beyond this are refused: float32 has too few digits left for them
 
 _RATIO = 96 * 2.0**-24
-_fast = partial(njit, cache=True, nogil=True, fastmath={"reassoc", "nsz", "arcp", "contract", "afn"}, error_model="numpy")
-_f = np.float32
-_U = np.uint64
-_W = np.uint64(LANES)
-_ZERO, _ONE, _HALF, _TWO = _f(0), _f(1), _f(0.5), _f(2)
+_f, _U = np.float32, np.uint64
+_W = np.uint64(WIDTH)
+_ZERO, _ONE, _HALF, _FAR, _INSIDE = _f(0), _f(1), _f(0.5), _f(1e9), _f(1e-4)
 _TURN, _TURN_HI, _TURN_LO = _f(1 / (2 * np.pi)), _f(6.28125), _f(2 * np.pi - 6.28125)
 _S3, _S5, _S7, _S9, _S11 = _f(-1 / 6), _f(1 / 120), _f(-1 / 5040), _f(1 / 362880), _f(-1 / 39916800)
-
 _C2, _C4, _C6, _C8, _C10, _C12 = _f(-0.5), _f(1 / 24), _f(-1 / 720), _f(1 / 40320), _f(-1 / 3628800), _f(1 / 479001600)
-_FAR = _f(-1e9)
 
-# Rows of the flat array, 16 numbers each.
-_FAIL, _SURE, _HIT, _MASK = (_U(16 * i) for i in range(4))  # lanes that touch so far; certainly; in the last test; by a coarse ball
-_BALL, _OTHER, _REL, _AT, _X = _U(16 * 4), _U(16 * 7), _U(16 * 10), _U(16 * 22), _U(16 * 23)  # _X: K values, K sines, K cosines, frames, bounds
+_COMPILE: Any = njit
+_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _fast(function: Function) -> Function:
+    """Compiled without reference counts: nothing in the kernel owns an array, and counting took most of its time."""
+    return cast(Function, _COMPILE(**_OPTIONS)(function))
+
+
+def _inline(function: Function) -> Function:
+    """The same, and a part of whatever calls it."""
+    return cast(Function, _COMPILE(**_OPTIONS, forceinline=True)(function))
+
+
+# Rows of the scratch array, 16 numbers each: places along the edge, a frame, K joint values; then K + 1 frames of 12, P centres of 3
+_AT, _REL, _X = _U(0), _U(16), _U(16 * 13)
 
 
 class LaneModel(NamedTuple):
-    """A chain and its covered parts, for 16 lanes; float32 where the kernel reads it.
+    """A chain and its covered parts, for 16 lanes.
 
     T (K, 12): the rows of T_prev. limit (K,): largest joint value. frame (P,), bound (P, 4): a ball around each part.
     coarse (C, 5): centre, outer and inner radius; part p's are coarse_start[p]:coarse_start[p + 1]. fine (F, 5), child_start (C + 1,),
@@ -87,14 +99,15 @@ class LaneModel(NamedTuple):
     child: Index
     fine: F32
     reach: Array
-    slack: Array
+    slack: F32
 
 
 class LaneWorld(NamedTuple):
-    """Solids and the question. T (B, 12): world to body, as rows of a (3, 4) matrix on points less centre... see `_into_body`.
+    """Solids and the question about them.
 
-    kind (B,), R (B, 9): rows of R_body_world, p (B, 3): the body's origin, half (B, 3), planes (H, 4) of hulls in their own frames, plane_start
-    (B + 1,), ball (B, 4): a ball around each, slack (B,): rounding allowance; check (P, B), pairs (S, 2): see `Query`.
+    kind (B,); R (B, 9): rows of the rotation from the world into the body; p (B, 3): the body's origin; half (B, 3); a hull's planes
+    (·, 4), planes[plane_start[b]:plane_start[b + 1]], in its own frame; ball (B, 4): a ball around it; slack (B,): the rounding allowance;
+    check (P, B), pairs (S, 2): see `Query`.
     """
 
     kind: Index
@@ -104,7 +117,7 @@ class LaneWorld(NamedTuple):
     plane_start: Index
     planes: F32
     ball: F32
-    slack: Array
+    slack: F32
     check: NDArray[np.uint8]
     pairs: Index
 
@@ -132,7 +145,7 @@ def lane_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> LaneMode
     fine_n = np.array([len(c.fine.radii) for c in covers], np.int64)
     child_n = np.concatenate([np.diff(c.start) for c in covers]) if covers else np.zeros(0, np.int64)
     fine_before = np.concatenate([[0], np.cumsum(fine_n)])
-    size, reach, limit = _reaches(chain, parts)
+    far, reach, limit = _reaches(chain, parts)
     return LaneModel(
         np.ascontiguousarray(chain.T_prev[:, :3].reshape(-1, 12), np.float32),
         chain.q_index.astype(np.uint64),
@@ -148,7 +161,7 @@ def lane_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> LaneMode
         np.concatenate([c.child + n for c, n in zip(covers, fine_before[:-1], strict=True)] or [np.zeros(0)]).astype(np.uint64),
         _rows([np.c_[c.fine.centres, c.fine.radii, c.fine.inner_radii()] for c in covers], 5),
         reach,
-        _RATIO * (len(chain.q_index) + 2) * size,
+        (_RATIO * (len(chain.q_index) + 2) * far).astype(np.float32),
     )
 
 
@@ -167,7 +180,7 @@ def lane_world(solids: Solids, query: Query) -> LaneWorld:
         _starts(np.array([len(x) for x in planes], np.int64)),
         _rows(planes, 4),
         np.concatenate([solids.centre, solids.radius[:, None]], 1).astype(np.float32),
-        _RATIO * (np.sqrt((p * p).sum(1)) + np.sqrt((solids.centre * solids.centre).sum(1)) + 2 * solids.radius),
+        (_RATIO * (np.sqrt((p * p).sum(1)) + np.sqrt((solids.centre * solids.centre).sum(1)) + 2 * solids.radius)).astype(np.float32),
         query.check,
         query.pairs.reshape(-1, 2).astype(np.uint64),
     )
@@ -177,8 +190,8 @@ def lane_world(solids: Solids, query: Query) -> LaneWorld:
 def lane_scratch(model: LaneModel, world: LaneWorld) -> LaneScratch:
     """Working memory for calls with this model and this world."""
     K, P, B, S = model.T.shape[0], model.frame.shape[0], world.kind.shape[0], world.pairs.shape[0]
-    rows = np.zeros(16 * (23 + 3 * K + 12 * (K + 1) + 3 * P), np.float32)
-    first = 16 * (23 + 3 * K)
+    rows = np.zeros(16 * (13 + K + 12 * (K + 1) + 3 * P), np.float32)
+    first = 16 * (13 + K)
     for r in range(3):
         for w in range(16):
             rows[first + 16 * (5 * r) + w] = 1.0
@@ -234,335 +247,275 @@ def _reaches(chain: Chain, parts: Parts) -> tuple[Array, Array, Array]:
     return size, reach, limit
 
 
-# One batch: 16 lanes against everything
+# One batch: 16 lanes against everything. Lanes that touch are bits of an integer
 
 
-@_fast
-def _sines(S: F32, K: int) -> None:
-    """Sines and cosines of the K joint values, by whole turns and half angles; off by less than 6 · 2^-24."""
-    for k in range(K):
-        x = _X + _W * k
-        s, c = x + _W * K, x + _W * _U(2) * K
-        for w in range(_W):
-            a = S[x + w]
-            turns = _f(np.int32(a * _TURN + (_HALF if a >= _ZERO else -_HALF)))
-            y = ((a - turns * _TURN_HI) - turns * _TURN_LO) * _HALF
-            z = y * y
-            si = y * (_ONE + z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * _S11)))))
-            co = _ONE + z * (_C2 + z * (_C4 + z * (_C6 + z * (_C8 + z * (_C10 + z * _C12)))))
-            S[s + w] = _TWO * si * co
-            S[c + w] = _ONE - _TWO * si * si
+@_inline
+def _sine_cosine(x: Lanes) -> tuple[Lanes, Lanes]:
+    """By whole turns and half angles; off by less than 6 · 2^-24."""
+    turns = nearest_int(x * _TURN)
+    y = ((x - turns * _TURN_HI) - turns * _TURN_LO) * _HALF
+    z = y * y
+    s = y * (z * (z * (z * (z * (z * _S11 + _S9) + _S7) + _S5) + _S3) + _ONE)
+    c = z * (z * (z * (z * (z * (z * _C12 + _C10) + _C8) + _C6) + _C4) + _C2) + _ONE
+    return (s + s) * c, _ONE - (s + s) * s
 
 
-@_fast
+@_inline
 def _frames(S: F32, M: LaneModel) -> None:
     """Forward kinematics of all lanes: joint values in rows _X to the frames' rows; frame 0, the world, stands there already."""
     K = _U(M.T.shape[0])
-    _sines(S, K)
     for k in range(K):
-        O = M.T[k]
-        o00, o01, o02, o03 = O[0], O[1], O[2], O[3]
-        o10, o11, o12, o13 = O[4], O[5], O[6], O[7]
-        o20, o21, o22, o23 = O[8], O[9], O[10], O[11]
-        v = _X + _W * k
-        b, c = v + _W * K, v + _W * _U(2) * K
-        p = _X + _W * (_U(3) * K + _U(12) * k)
-        n = p + _U(12) * _W
+        x = load(S, _X + _W * k)
+        p = _X + _W * (K + _U(12) * k)
         if M.prismatic[k]:
             for r in range(_U(3)):
-                i, j = p + _U(4) * r * _W, n + _U(4) * r * _W
-                for w in range(_W):
-                    x, y, z, t = S[i + w], S[i + _W + w], S[i + _U(2) * _W + w], S[i + _U(3) * _W + w]
-                    m2 = x * o02 + y * o12 + z * o22
-                    S[j + w] = x * o00 + y * o10 + z * o20
-                    S[j + _W + w] = x * o01 + y * o11 + z * o21
-                    S[j + _U(2) * _W + w] = m2
-                    S[j + _U(3) * _W + w] = x * o03 + y * o13 + z * o23 + t + m2 * S[v + w]
+                i = p + _W * _U(4) * r
+                m0, m1, m2, t = _turned_row(S, i, M.T, k)
+                _store_row(S, i + _U(12) * _W, m0, m1, m2, t + m2 * x)
         else:
+            s, c = _sine_cosine(x)
             for r in range(_U(3)):
-                i, j = p + _U(4) * r * _W, n + _U(4) * r * _W
-                for w in range(_W):
-                    x, y, z, t = S[i + w], S[i + _W + w], S[i + _U(2) * _W + w], S[i + _U(3) * _W + w]
-                    m0 = x * o00 + y * o10 + z * o20
-                    m1 = x * o01 + y * o11 + z * o21
-                    si, co = S[b + w], S[c + w]
-                    S[j + w] = m0 * co + m1 * si
-                    S[j + _W + w] = m1 * co - m0 * si
-                    S[j + _U(2) * _W + w] = x * o02 + y * o12 + z * o22
-                    S[j + _U(3) * _W + w] = x * o03 + y * o13 + z * o23 + t
+                i = p + _W * _U(4) * r
+                m0, m1, m2, t = _turned_row(S, i, M.T, k)
+                _store_row(S, i + _U(12) * _W, m0 * c + m1 * s, m1 * c - m0 * s, m2, t)
+
+
+@_inline
+def _turned_row(S: F32, i: U64, T: F32, k: U64) -> tuple[Lanes, Lanes, Lanes, Lanes]:
+    """A row of the frame before, times T[k]."""
+    x, y, z, t = load(S, i), load(S, i + _W), load(S, i + _U(2) * _W), load(S, i + _U(3) * _W)
+    return (
+        x * T[k, 0] + y * T[k, 4] + z * T[k, 8],
+        x * T[k, 1] + y * T[k, 5] + z * T[k, 9],
+        x * T[k, 2] + y * T[k, 6] + z * T[k, 10],
+        x * T[k, 3] + y * T[k, 7] + z * T[k, 11] + t,
+    )
+
+
+@_inline
+def _store_row(S: F32, i: U64, a: Lanes, b: Lanes, c: Lanes, d: Lanes) -> None:
+    store(S, i, a)
+    store(S, i + _W, b)
+    store(S, i + _U(2) * _W, c)
+    store(S, i + _U(3) * _W, d)
+
+
+@_inline
+def _put(S: F32, T: U64, balls: F32, i: U64) -> tuple[Lanes, Lanes, Lanes]:
+    """The centre of balls[i] mapped by the frame in the 12 rows from T on."""
+    x, y, z = balls[i, 0], balls[i, 1], balls[i, 2]
+    return _row_put(S, T, x, y, z), _row_put(S, T + _U(4) * _W, x, y, z), _row_put(S, T + _U(8) * _W, x, y, z)
+
+
+@_inline
+def _row_put(S: F32, i: U64, x: Real, y: Real, z: Real) -> Lanes:
+    return load(S, i) * x + load(S, i + _W) * y + load(S, i + _U(2) * _W) * z + load(S, i + _U(3) * _W)
+
+
+@_inline
+def _into_body(R: F32, b: U64, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, Lanes, Lanes]:
+    """A direction in the world, seen from body b."""
+    return (
+        x * R[b, 0] + y * R[b, 1] + z * R[b, 2],
+        x * R[b, 3] + y * R[b, 4] + z * R[b, 5],
+        x * R[b, 6] + y * R[b, 7] + z * R[b, 8],
+    )
 
 
 @_fast
-def _put(S: F32, T: int, x: float, y: float, z: float, o: int) -> None:
-    """Rows o, o + 1, o + 2: the point (x, y, z) mapped by the frame in the 12 rows from T on."""
-    for r in range(_U(3)):
-        p, q = T + _U(4) * r * _W, o + r * _W
-        for w in range(_W):
-            S[q + w] = S[p + w] * x + S[p + _W + w] * y + S[p + _U(2) * _W + w] * z + S[p + _U(3) * _W + w]
-
-
-@_fast
-def _point_into_body(S: F32, o: int, Wd: LaneWorld, b: int) -> None:
-    """Rows _BALL: the point in rows o (world) in body b's frame."""
-    R, p = Wd.R[b], Wd.p[b]
-    x0, y0, z0 = p[0], p[1], p[2]
-    for r in range(_U(3)):
-        a0, a1, a2 = R[_U(3) * r], R[_U(3) * r + _U(1)], R[_U(3) * r + _U(2)]
-        q = _BALL + r * _W
-        for w in range(_W):
-            S[q + w] = a0 * (S[o + w] - x0) + a1 * (S[o + _W + w] - y0) + a2 * (S[o + _U(2) * _W + w] - z0)
-
-
-@_fast
-def _frame_into_body(S: F32, T: int, Wd: LaneWorld, b: int) -> None:
+def _frame_into_body(S: F32, T: U64, R: F32, p: F32, b: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from body b."""
-    R, p = Wd.R[b], Wd.p[b]
-    x0, y0, z0 = p[0], p[1], p[2]
-    for r in range(_U(3)):
-        a0, a1, a2 = R[_U(3) * r], R[_U(3) * r + _U(1)], R[_U(3) * r + _U(2)]
-        q = _REL + _U(4) * r * _W
-        for c in range(_U(3)):
-            i, j = T + c * _W, q + c * _W
-            for w in range(_W):
-                S[j + w] = a0 * S[i + w] + a1 * S[i + _U(4) * _W + w] + a2 * S[i + _U(8) * _W + w]
-        i, j = T + _U(3) * _W, q + _U(3) * _W
-        for w in range(_W):
-            S[j + w] = a0 * (S[i + w] - x0) + a1 * (S[i + _U(4) * _W + w] - y0) + a2 * (S[i + _U(8) * _W + w] - z0)
+    for c in range(_U(4)):
+        i = T + c * _W
+        x, y, z = load(S, i), load(S, i + _U(4) * _W), load(S, i + _U(8) * _W)
+        if c == _U(3):
+            x, y, z = x - p[b, 0], y - p[b, 1], z - p[b, 2]
+        u, v, w = _into_body(R, b, x, y, z)
+        store(S, _REL + c * _W, u)
+        store(S, _REL + (c + _U(4)) * _W, v)
+        store(S, _REL + (c + _U(8)) * _W, w)
 
 
 @_fast
-def _frame_into_frame(S: F32, T: int, A: int) -> None:
+def _frame_into_frame(S: F32, T: U64, A: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from the frame in the rows from A on."""
-    for r in range(_U(3)):
-        q, a = _REL + _U(4) * r * _W, A + r * _W
-        for c in range(_U(3)):
-            i, j = T + c * _W, q + c * _W
-            for w in range(_W):
-                S[j + w] = S[a + w] * S[i + w] + S[a + _U(4) * _W + w] * S[i + _U(4) * _W + w] + S[a + _U(8) * _W + w] * S[i + _U(8) * _W + w]
-        i, d, j = T + _U(3) * _W, A + _U(3) * _W, q + _U(3) * _W
-        for w in range(_W):
-            S[j + w] = (
-                S[a + w] * (S[i + w] - S[d + w])
-                + S[a + _U(4) * _W + w] * (S[i + _U(4) * _W + w] - S[d + _U(4) * _W + w])
-                + S[a + _U(8) * _W + w] * (S[i + _U(8) * _W + w] - S[d + _U(8) * _W + w])
-            )
+    for c in range(_U(4)):
+        i = T + c * _W
+        x, y, z = load(S, i), load(S, i + _U(4) * _W), load(S, i + _U(8) * _W)
+        if c == _U(3):
+            x, y, z = x - load(S, A + _U(3) * _W), y - load(S, A + _U(7) * _W), z - load(S, A + _U(11) * _W)
+        for r in range(_U(3)):
+            a = A + r * _W
+            store(S, _REL + (_U(4) * r + c) * _W, load(S, a) * x + load(S, a + _U(4) * _W) * y + load(S, a + _U(8) * _W) * z)
 
 
-@_fast
-def _hits(S: F32, Wd: LaneWorld, b: int, r: float, inner: float) -> float:
-    """How many balls in rows _BALL (body b's frame), of radius r, reach the body; row _HIT says which. Adds to row _SURE the lanes in which
-    the ball of radius `inner` reaches it; none if `inner` is negative."""
-    h = Wd.half[b]
-    h0, h1, h2 = h[0], h[1], h[2]
-    acc, rr, ii = _ZERO, r * r, inner * abs(inner)
+@_inline
+def _hits(x: Lanes, y: Lanes, z: Lanes, Wd: LaneWorld, b: U64, r: Real, inner: Real) -> tuple[Mask, Mask]:
+    """Lanes in which the ball about (x, y, z), body b's frame, reaches the body: with radius r, and for certain with radius `inner`."""
     if Wd.kind[b] == _U(BOX):
-        for w in range(_W):
-            u, v, t = abs(S[_BALL + w]) - h0, abs(S[_BALL + _W + w]) - h1, abs(S[_BALL + _U(2) * _W + w]) - h2
-            u = u if u > _ZERO else _ZERO
-            v = v if v > _ZERO else _ZERO
-            t = t if t > _ZERO else _ZERO
-            d = u * u + v * v + t * t
-            e = _ONE if d < rr else _ZERO
-            acc += e
-            S[_HIT + w] = e
-            S[_SURE + w] += _ONE if d < ii else _ZERO
-    elif Wd.kind[b] == _U(CYLINDER):
-        for w in range(_W):
-            x, y, t = S[_BALL + w], S[_BALL + _W + w], abs(S[_BALL + _U(2) * _W + w]) - h2
-            u = np.sqrt(x * x + y * y) - h0
-            u = u if u > _ZERO else _ZERO
-            t = t if t > _ZERO else _ZERO
-            d = u * u + t * t
-            e = _ONE if d < rr else _ZERO
-            acc += e
-            S[_HIT + w] = e
-            S[_SURE + w] += _ONE if d < ii else _ZERO
-    else:
-        for w in range(_W):
-            S[_HIT + w] = _FAR
-        for j in range(Wd.plane_start[b], Wd.plane_start[b + _U(1)]):
-            n0, n1, n2, n3 = Wd.planes[j, 0], Wd.planes[j, 1], Wd.planes[j, 2], Wd.planes[j, 3]
-            for w in range(_W):
-                d = n0 * S[_BALL + w] + n1 * S[_BALL + _W + w] + n2 * S[_BALL + _U(2) * _W + w] - n3
-                S[_HIT + w] = d if d > S[_HIT + w] else S[_HIT + w]
-        deep = _ZERO if inner > _ZERO else _FAR  # outside, a plane's distance is only a lower bound: the centre itself must be inside
-        deep -= _f(1e-4)
-        for w in range(_W):
-            d = S[_HIT + w]
-            e = _ONE if d < r else _ZERO
-            acc += e
-            S[_HIT + w] = e
-            S[_SURE + w] += _ONE if d < deep else _ZERO
-    return acc
-
-
-@_fast
-def _near(S: F32, o: int, x: float, y: float, z: float, r: float, inner: float) -> float:
-    """How many points in rows o are nearer than r to (x, y, z); rows _HIT and _SURE as in `_hits`."""
-    acc, rr, ii = _ZERO, r * r, inner * abs(inner)
-    for w in range(_W):
-        u, v, t = S[o + w] - x, S[o + _W + w] - y, S[o + _U(2) * _W + w] - z
+        u = largest(size(x) - Wd.half[b, 0], _ZERO)
+        v = largest(size(y) - Wd.half[b, 1], _ZERO)
+        t = largest(size(z) - Wd.half[b, 2], _ZERO)
         d = u * u + v * v + t * t
-        e = _ONE if d < rr else _ZERO
-        acc += e
-        S[_HIT + w] = e
-        S[_SURE + w] += _ONE if d < ii else _ZERO
-    return acc
+        return below(d, r * r), below(d, inner * abs(inner))
+    if Wd.kind[b] == _U(CYLINDER):
+        u = largest(root(x * x + y * y) - Wd.half[b, 0], _ZERO)
+        t = largest(size(z) - Wd.half[b, 2], _ZERO)
+        d = u * u + t * t
+        return below(d, r * r), below(d, inner * abs(inner))
+    d = spread(-_FAR)
+    for j in range(Wd.plane_start[b], Wd.plane_start[b + _U(1)]):
+        d = largest(x * Wd.planes[j, 0] + y * Wd.planes[j, 1] + z * Wd.planes[j, 2] - Wd.planes[j, 3], d)
+    # outside, the largest plane distance is only a lower bound: for certain contact the ball's centre must be well inside
+    return below(d, r), below(d, -_INSIDE if inner > _ZERO else -_FAR)
+
+
+@_inline
+def _near(x: Lanes, y: Lanes, z: Lanes, balls: F32, i: U64, r: Real) -> Mask:
+    """Lanes in which (x, y, z) is nearer than r to the centre of balls[i]."""
+    return below(_apart(x, y, z, balls, i), r * r)
+
+
+@_inline
+def _apart(x: Lanes, y: Lanes, z: Lanes, balls: F32, i: U64) -> Lanes:
+    u, v, t = x - balls[i, 0], y - balls[i, 1], z - balls[i, 2]
+    return u * u + v * v + t * t
 
 
 @_fast
-def _add_hits(S: F32) -> None:
-    for w in range(_W):
-        S[_FAIL + w] += S[_HIT + w]
+def _part_body(S: F32, M: LaneModel, Wd: LaneWorld, p: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
+    """Part p's balls, grown by `grow` (motion) and `slack` (rounding), against body b: lanes that touch, and that do so for certain.
 
-
-@_fast
-def _add_masked_hits(S: F32) -> None:
-    for w in range(_W):
-        S[_FAIL + w] += S[_HIT + w] * S[_MASK + w]
-
-
-@_fast
-def _keep_mask(S: F32) -> None:
-    for w in range(_W):
-        S[_MASK + w] = S[_HIT + w]
-
-
-@_fast
-def _part_body(S: F32, M: LaneModel, Wd: LaneWorld, p: int, b: int, grow: float, slack: float) -> bool:
-    """Test part p against body b with balls grown by `grow` (motion) and `slack` (rounding). Whether the bounding ball touched."""
-    K = _U(M.T.shape[0])
+    Lanes in `done` are of no interest any more.
+    """
+    fail, sure = _U(0), _U(0)
     more = grow + slack
-    at = _X + _W * (_U(15) * K + _U(12) + _U(3) * p)
-    ball = Wd.ball[b]
-    if _near(S, at, ball[0], ball[1], ball[2], ball[3] + M.bound[p, 3] + more, -_ONE) == _ZERO:
-        return False
-    _point_into_body(S, at, Wd, b)
-    if _hits(S, Wd, b, M.bound[p, 3] + more, -_ONE) == _ZERO:
-        return False
-    if grow > _f(COARSE_M):
-        _add_hits(S)
-        return True
-    _frame_into_body(S, _X + _W * (_U(3) * K + _U(12) * M.frame[p]), Wd, b)
+    _frame_into_body(S, _X + _W * (_U(M.T.shape[0]) + _U(12) * M.frame[p]), Wd.R, Wd.p, b)
     for i in range(M.coarse_start[p], M.coarse_start[p + _U(1)]):
-        g = M.coarse[i]
-        _put(S, _REL, g[0], g[1], g[2], _BALL)
-        if _hits(S, Wd, b, g[3] + more, g[4] - slack) == _ZERO:
+        x, y, z = _put(S, _REL, M.coarse, i)
+        hit, in_hit = _hits(x, y, z, Wd, b, M.coarse[i, 3] + more, M.coarse[i, 4] - slack)
+        sure |= in_hit
+        hit &= ~(done | sure)
+        if hit == _U(0):
             continue
         if grow > _f(FINE_M):
-            _add_hits(S)
+            fail |= hit
             continue
-        _keep_mask(S)
         for c in range(M.child_start[i], M.child_start[i + _U(1)]):
-            g = M.fine[M.child[c]]
-            _put(S, _REL, g[0], g[1], g[2], _BALL)
-            if _hits(S, Wd, b, g[3] + more, g[4] - slack) > _ZERO:
-                _add_masked_hits(S)
-    return True
+            j = M.child[c]
+            x, y, z = _put(S, _REL, M.fine, j)
+            touch, in_touch = _hits(x, y, z, Wd, b, M.fine[j, 3] + more, M.fine[j, 4] - slack)
+            fail |= touch & hit
+            sure |= in_touch
+    return fail | sure, sure
 
 
 @_fast
-def _part_part(S: F32, M: LaneModel, a: int, b: int, grow: float, slack: float) -> bool:
-    """Test part a against part b, as `_part_body` does; everything is seen from a's frame."""
-    K = _U(M.T.shape[0])
+def _part_part(S: F32, M: LaneModel, a: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
+    """Part a's balls against part b's, as `_part_body` does it; everything is seen from a's frame."""
+    fail, sure = _U(0), _U(0)
     more = grow + slack
-    A, B = M.bound[a], M.bound[b]
-    base = _X + _W * (_U(15) * K + _U(12))
-    i, j = base + _U(3) * _W * a, base + _U(3) * _W * b
-    rr, acc = (A[3] + B[3] + more) * (A[3] + B[3] + more), _ZERO
-    for w in range(_W):
-        x, y, z = S[i + w] - S[j + w], S[i + _W + w] - S[j + _W + w], S[i + _U(2) * _W + w] - S[j + _U(2) * _W + w]
-        e = _ONE if x * x + y * y + z * z < rr else _ZERO
-        acc += e
-        S[_HIT + w] = e
-    if acc == _ZERO:
-        return False
-    if grow > _f(COARSE_M):
-        _add_hits(S)
-        return True
-    frames = _X + _W * _U(3) * K
+    frames = _X + _W * _U(M.T.shape[0])
     _frame_into_frame(S, frames + _W * _U(12) * M.frame[b], frames + _W * _U(12) * M.frame[a])
     for j in range(M.coarse_start[b], M.coarse_start[b + _U(1)]):
-        h = M.coarse[j]
-        _put(S, _REL, h[0], h[1], h[2], _BALL)
-        if _near(S, _BALL, A[0], A[1], A[2], A[3] + h[3] + more, -_ONE) == _ZERO:
+        x, y, z = _put(S, _REL, M.coarse, j)
+        if _near(x, y, z, M.bound, a, M.bound[a, 3] + M.coarse[j, 3] + more) & ~(done | sure) == _U(0):
             continue
         for i in range(M.coarse_start[a], M.coarse_start[a + _U(1)]):
-            g = M.coarse[i]
-            if _near(S, _BALL, g[0], g[1], g[2], g[3] + h[3] + more, _both(g[4], h[4]) - slack) == _ZERO:
+            d = _apart(x, y, z, M.coarse, i)
+            r, inner = M.coarse[i, 3] + M.coarse[j, 3] + more, _both(M.coarse[i, 4], M.coarse[j, 4]) - slack
+            hit = below(d, r * r)
+            if hit & ~(done | sure) == _U(0):
                 continue
+            sure |= below(d, inner * abs(inner))
+            hit &= ~(done | sure)
             if grow > _f(FINE_M):
-                _add_hits(S)
+                fail |= hit
                 continue
-            _keep_mask(S)
-            for d in range(M.child_start[j], M.child_start[j + _U(1)]):
-                f = M.fine[M.child[d]]
-                _put(S, _REL, f[0], f[1], f[2], _OTHER)
-                if _near(S, _OTHER, g[0], g[1], g[2], g[3] + f[3] + more, -_ONE) == _ZERO:
+            for e in range(M.child_start[j], M.child_start[j + _U(1)]):
+                g = M.child[e]
+                u, v, t = _put(S, _REL, M.fine, g)
+                if _near(u, v, t, M.coarse, i, M.coarse[i, 3] + M.fine[g, 3] + more) & hit == _U(0):
                     continue
                 for c in range(M.child_start[i], M.child_start[i + _U(1)]):
-                    e = M.fine[M.child[c]]
-                    if _near(S, _OTHER, e[0], e[1], e[2], e[3] + f[3] + more, _both(e[4], f[4]) - slack) > _ZERO:
-                        _add_masked_hits(S)
-    return True
+                    h = M.child[c]
+                    d = _apart(u, v, t, M.fine, h)
+                    r, inner = M.fine[g, 3] + M.fine[h, 3] + more, _both(M.fine[g, 4], M.fine[h, 4]) - slack
+                    fail |= below(d, r * r) & hit
+                    sure |= below(d, inner * abs(inner))
+    return fail | sure, sure
 
 
-@_fast
-def _both(a: float, b: float) -> float:
+@_inline
+def _both(a: Any, b: Any) -> Any:
     """The sum of two inner radii, or something negative when a ball has none."""
     return a + b if a > _ZERO and b > _ZERO else -_ONE
 
 
 @_fast
-def _any(S: F32, row: int) -> bool:
-    acc = _ZERO
-    for w in range(_W):
-        acc += S[row + w]
-    return acc > _ZERO
+def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: bool, whole: bool) -> tuple[Mask, Mask]:
+    """Test the 16 configurations in rows _X, balls grown for pieces of this width: lanes that touch, and that do so for certain.
 
-
-@_fast
-def _clear(S: F32) -> None:
-    for w in range(_W):
-        S[_FAIL + w] = _ZERO
-        S[_SURE + w] = _ZERO
-
-
-@_fast
-def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: bool, whole: bool) -> None:
-    """Test the 16 configurations in rows _X, balls grown for pieces of this width; rows _FAIL and _SURE say which touch.
-
-    first: notes the pairs within reach, later batches look at those alone. whole: goes on after a certain contact.
+    first: notes the pairs within reach; later batches look at those alone. whole: goes on after a certain contact.
     """
     S = X.rows
     K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])
-    _clear(S)
+    frames, bounds = _X + _W * K, _X + _W * (_U(13) * K + _U(12))
+    fail, sure = _U(0), _U(0)
     _frames(S, M)
-    for p in range(P):
-        g = M.bound[p]
-        _put(S, _X + _W * (_U(3) * K + _U(12) * M.frame[p]), g[0], g[1], g[2], _X + _W * (_U(15) * K + _U(12) + _U(3) * p))
     half = width * 0.5
     for q in range(P):
         p = P - _U(1) - q  # the hand touches most
+        x, y, z = _put(S, frames + _W * _U(12) * M.frame[p], M.bound, p)
+        o = bounds + _W * _U(3) * p
+        store(S, o, x)
+        store(S, o + _W, y)
+        store(S, o + _U(2) * _W, z)
         grow = _f(half * X.travel[p, M.frame[p]])
         for b in range(B):
-            if X.bodies_on[p, b]:
-                near = _part_body(S, M, Wd, p, b, grow, _f(M.slack[p] + Wd.slack[b]))
-                if first:
-                    X.bodies_on[p, b] = near
-                if near and not whole and _any(S, _SURE):
-                    return
+            if not X.bodies_on[p, b]:
+                continue
+            slack = M.slack[p] + Wd.slack[b]
+            r = M.bound[p, 3] + grow + slack
+            near = _near(x, y, z, Wd.ball, b, Wd.ball[b, 3] + r)
+            if near & ~sure != _U(0):
+                u, v, t = _into_body(Wd.R, b, x - Wd.p[b, 0], y - Wd.p[b, 1], z - Wd.p[b, 2])
+                near, _ = _hits(u, v, t, Wd, b, r, -_ONE)
+            if first:
+                X.bodies_on[p, b] = near != _U(0)
+            if near & ~sure != _U(0):
+                if grow > _f(COARSE_M):
+                    fail |= near
+                    continue
+                now, certain = _part_body(S, M, Wd, p, b, grow, slack, ~near | sure)
+                fail |= now
+                sure |= certain
+                if sure != _U(0) and not whole:
+                    return fail, sure
     for i in range(n):
         if X.pairs_on[i]:
             a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
             if M.frame[a] > M.frame[b]:
                 a, b = b, a
-            grow = _f(half * (X.travel[b, M.frame[b]] - X.travel[b, M.frame[a]]) + 1e-7)
-            near = _part_part(S, M, a, b, grow, _f(M.slack[a] + M.slack[b]))
+            grow = _f(half * (X.travel[b, M.frame[b]] - X.travel[b, M.frame[a]]))
+            slack = M.slack[a] + M.slack[b]
+            r = M.bound[a, 3] + M.bound[b, 3] + grow + slack
+            u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * b
+            x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
+            near = below(x * x + y * y + z * z, r * r)
             if first:
-                X.pairs_on[i] = near
-            if near and not whole and _any(S, _SURE):
-                return
+                X.pairs_on[i] = near != _U(0)
+            if near & ~sure != _U(0):
+                if grow > _f(COARSE_M):
+                    fail |= near
+                    continue
+                now, certain = _part_part(S, M, a, b, grow, slack, ~near | sure)
+                fail |= now
+                sure |= certain
+                if sure != _U(0) and not whole:
+                    return fail, sure
+    return fail, sure
 
 
 # Edges and sets of configurations
@@ -570,7 +523,7 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
 
 @njit(cache=True, nogil=True)
 def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) -> float:
-    """Joint values at the start and their change, and each part's travel; the largest travel comes back, or -1 for a value out of bounds."""
+    """Joint values at the start, their change and each part's travel; the largest travel comes back, or -1 for a value out of bounds."""
     K, P = M.T.shape[0], M.frame.shape[0]
     for k in range(K):
         j = M.q_index[k]
@@ -594,12 +547,11 @@ def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) ->
 
 
 @_fast
-def _spread(S: F32, X: LaneScratch) -> None:
+def _set_out(S: F32, X: LaneScratch) -> None:
     """Joint values of the 16 places along the edge that row _AT names."""
     for k in range(_U(X.start.shape[0])):
         a, d, o = _f(X.start[k]), _f(X.step[k]), _X + _W * k
-        for w in range(_W):
-            S[o + w] = a + d * S[_AT + w]
+        store(S, o, load(S, _AT) * d + a)
 
 
 @njit(cache=True, nogil=True)
@@ -620,17 +572,17 @@ def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch:
     pieces = 16
     lows = np.zeros(16)
     while True:
-        _spread(S, scratch)
-        _batch(model, world, scratch, width, first, False)
+        _set_out(S, scratch)
+        fail, sure = _batch(model, world, scratch, width, first, False)
         first = False
-        if _any(S, _SURE):
+        if sure != 0:
             return TOUCHES
-        if _any(S, _FAIL):
+        if fail != 0:
             if width * longest <= 2 * FINAL_M or top + 16 > stack.shape[0]:
                 return UNDECIDED
             for i in range(n):
                 for j in range(pieces):
-                    if S[_FAIL + _U(i * pieces + j)] > 0:
+                    if (fail >> _U(i * pieces + j)) & _U(1):
                         stack[top, 0], stack[top, 1] = lows[i] + j * width, width
                         top += 1
         if top == 0:
@@ -667,9 +619,9 @@ def configs_free(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScra
             for k in range(K):
                 x = model.scale[k] * Q[i, model.q_index[k]] + model.offset[k]
                 S[_X + _U(16 * k + w)] = np.float32(x) if abs(x) <= model.limit[k] else np.float32(0.0)
-        _batch(model, world, scratch, 0.0, False, True)
+        fail, sure = _batch(model, world, scratch, 0.0, False, True)
         for w in range(n):
-            out[start + w] = TOUCHES if S[_SURE + _U(w)] > 0 else UNDECIDED if S[_FAIL + _U(w)] > 0 else FREE
+            out[start + w] = TOUCHES if (sure >> _U(w)) & _U(1) else UNDECIDED if (fail >> _U(w)) & _U(1) else FREE
             for k in range(K):
                 if not abs(model.scale[k] * Q[start + w, model.q_index[k]] + model.offset[k]) <= model.limit[k]:
                     out[start + w] = UNDECIDED

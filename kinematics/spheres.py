@@ -165,8 +165,8 @@ def _hull(vertices: Array) -> _Solid:
     planes = np.unique(np.round(np.c_[normals, -hull.equations[:, 3]], 12), axis=0)
     triangles = points[hull.simplices]
     middle = points[hull.vertices].mean(0)
-    fan = np.concatenate([np.broadcast_to(middle, (len(triangles), 1, 3)), triangles], 1)
-    return _Solid(planes, np.ascontiguousarray(fan), triangles, normals)
+    fan = np.concatenate([np.repeat(middle[None, None], len(triangles), 0), triangles], 1)
+    return _Solid(planes.astype(float), fan, triangles, normals)
 
 
 def _surface(solid: _Solid, excess_m: float) -> tuple[Array, Array]:
@@ -253,7 +253,7 @@ def _weighted(holds: NDArray[np.uint8], weights: Array, fixed: Int) -> tuple[Int
         if m < fixed.shape[0]:
             best = fixed[m]
         else:
-            first = np.argmax(gain / weights)
+            first = int(np.argmax(gain / weights))
             gain[first] = _common(holds[first], bare)
             if gain[first] > 0:
                 best, value = first, gain[first] / weights[first]
@@ -295,7 +295,7 @@ def _common(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> int:
 
 @njit(cache=True, nogil=True)
 def _holds(c: Array, rr: float, x: float, y: float, z: float) -> bool:
-    return (x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2 <= rr
+    return bool((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2 <= rr)
 
 
 @njit(cache=True, nogil=True)
@@ -386,7 +386,7 @@ def _counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, 
 
 @njit(cache=True, nogil=True)
 def _in_some(p: Array, centres: Array, rr: Array) -> bool:
-    for i in range(rr.shape[0]):
+    for i in range(rr.shape[0]):  # noqa: SIM110
         if _holds(centres[i], rr[i], p[0], p[1], p[2]):
             return True
     return False
@@ -432,7 +432,7 @@ def _links(fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Arra
 
 @njit(cache=True, nogil=True)
 def _all_in(T: Array, c: Array, rr: float) -> bool:
-    for i in range(4):
+    for i in range(4):  # noqa: SIM110
         if not _holds(c, rr, T[i, 0], T[i, 1], T[i, 2]):
             return False
     return True
@@ -468,7 +468,7 @@ def box_cover(size_m: tuple[float, float, float], excess_m: float) -> Cover:
         centres = np.stack(np.meshgrid(*spots, indexing="ij"), -1).reshape(-1, 3)
         radii = (half - centres).min(1) + excess_m
         weights = 2.0 ** (centres > 0).sum(1)
-        holds = _cells_held(*far, radii - _SLACK * excess_m)
+        holds = _cells_held(far[0], far[1], far[2], radii - _SLACK * excess_m)
         chosen, left = _weighted(holds, weights, np.zeros(0, np.int64))
         if left == 0:
             c, r = _mirrored(centres[chosen], radii[chosen])

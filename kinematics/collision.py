@@ -228,14 +228,20 @@ def overlapping(bodies: Sequence[Body], tolerance_m: float = 0.001) -> list[Cont
 
 def apart(body: Body, others: Sequence[Body], gap_m: float) -> bool:
     """Whether a body keeps at least gap_m from every other."""
+    mine = [s.move(body.T_world_body) for s in shape_solids(body.name, body.shape)]
+    return all(
+        gap(a, b.move(other.T_world_body), gap_m) >= gap_m for other in others for b in shape_solids(other.name, other.shape) for a in mine
+    )
+
+
+def gap(a: Solid, b: Solid, cap_m: float) -> float:
+    """The distance of two solids in metres, 0 when they touch; cap_m or more when the balls around them already are that far apart."""
     import fcl
 
-    mine = [s.move(body.T_world_body) for s in shape_solids(body.name, body.shape)]
-    for other in others:
-        for b in (s.move(other.T_world_body) for s in shape_solids(other.name, other.shape)):
-            for a in mine:
-                if np.linalg.norm(a.at - b.at) < a.radius + b.radius + gap_m and (
-                    touch(a, b) is not None or fcl.distance(a.object, b.object, fcl.DistanceRequest(), fcl.DistanceResult()) < gap_m
-                ):
-                    return False
-    return True
+    d = a.at - b.at
+    far = float(np.sqrt(d @ d)) - a.radius - b.radius
+    if far >= cap_m:
+        return far
+    if touch(a, b) is not None:
+        return 0.0
+    return max(0.0, float(fcl.distance(a.object, b.object, fcl.DistanceRequest(), fcl.DistanceResult())))

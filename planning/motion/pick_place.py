@@ -106,13 +106,19 @@ class Motions:
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
         """Move an object to a region."""
+        picks, why = self.picks(state, name)
+        if not picks:
+            return why
         T_to = self.place_pose(name, state.poses[name], region)
         rest = self._without(state, name)
         if touch := self.cell.placed(self.scene.body(name), T_to, rest):
             return Blocked("region", name, touch.body)
-        picks, why = self.picks(state, name)
         tries = 0
         for pick in picks:
+            unreached = self._recall(state).transits.get(pick)
+            if isinstance(unreached, Blocked):
+                why = unreached
+                continue
             place = self._place(rest, name, pick, T_to[:3, :3], self.scene.regions()[region])
             if isinstance(place, Blocked):
                 why = place

@@ -21,9 +21,9 @@ from kinematics.exact import Problem, Scratch, edge_free, first_contact, make_sc
 from kinematics.transforms import Array
 
 MAX_ITERATIONS = 5000
-STEP = 0.5
+STEP = 0.04
 """Longest edge that one extension adds, as a share of the box's diagonal in the weighted metric."""
-DOMAIN = 0.5
+DOMAIN = 60.0
 """Radius, in steps, of the domain that a node gets when it first fails; it shrinks and grows by 30 % down to a tenth of this."""
 FOUND, SPENT, FULL = 1, 0, 2
 _CHUNK = 16  # iterations between looks at the clock

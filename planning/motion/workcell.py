@@ -10,7 +10,7 @@ import numpy as np
 
 from kinematics import exact, inverse
 from kinematics.arm import Chain, Int, Parts, Query, Solids, forward, join_parts, make_parts, make_solids
-from kinematics.collision import apart
+from kinematics.collision import gap, shape_solids
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import Shape, bounds, convex_parts
@@ -49,6 +49,7 @@ class Workcell:
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
         self.walls = scene.cabinet.walls()
+        self._moulds = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._solids: tuple[object, Solids, list[str]] | None = None
 
     def home(self) -> Array:
@@ -99,20 +100,20 @@ class Workcell:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
         low, high = bounds(body.shape, np.linalg.inv(self.scene.cabinet.T_world_cabinet) @ T)
         depth, width, height = self.scene.cabinet.size_m
-        for wall, gap in (
+        for wall, room in (
             ("left", width / 2 - high[1]),
             ("right", low[1] + width / 2),
             ("back", depth - high[0]),
             ("ceiling", height - high[2]),
         ):
-            if gap < 2 * exact.MARGIN_M:
+            if room < 2 * exact.MARGIN_M:
                 return Touch(body.name, wall)
         if low[0] < 0:
             return Touch(body.name, "floor", "it would hang over the front edge")
-        mine = Body(body.name, body.shape, T)
-        for other in self.scene.objects:
-            if other.name in poses and not apart(mine, [replace(other, T_world_body=poses[other.name])], 2 * exact.MARGIN_M):
-                return Touch(body.name, other.name)
+        mine, least = [s.move(T) for s in self._moulds[body.name]], 2 * exact.MARGIN_M
+        for name, pose in poses.items():
+            if any(gap(a, b.move(pose), least) < least for b in self._moulds[name] for a in mine):
+                return Touch(body.name, name)
         return None
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:

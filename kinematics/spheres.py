@@ -33,13 +33,13 @@ Int = NDArray[np.int64]
 COARSE_M, FINE_M = 0.020, 0.005
 OnStep = Callable[[str], None]
 
-_ALGORITHM = "cover-1"  # part of the cache's key: change it whenever another result may come out
+_ALGORITHM = "cover-4"  # part of the cache's key: change it whenever another result may come out
 _SLACK = 0.03  # samples are covered by balls this share of the excess smaller, so that the bisection ends
 _ROUNDING_M = 1e-9  # balls are this much smaller in proofs: qhull's planes and float64 are better than that for anything in a room
 _GAMMAS = (0.08, 0.25, 0.5, 0.75, 1.0)
 _CANDIDATES = 900  # surface points that candidate balls are made from
 _GAPS = 250  # counterexamples a round
-_FRESH_ROUNDS = 5  # so often the set cover starts afresh with the new samples; later rounds only add to it
+_FRESH_ROUNDS = 10  # so often the set cover starts afresh with the new samples; later rounds only add to it
 
 
 class Cover(NamedTuple):
@@ -76,25 +76,39 @@ def cover(vertices: Array, excess_m: float, *, on_step: OnStep | None = None) ->
     samples, normals = _surface(solid, excess_m)
     some = _spread(len(samples), _CANDIDATES)
     centres, radii = _candidates(solid, samples[some], normals[some], excess_m, slack)
-    chosen = np.zeros(0, np.int64)
+    c, r, pruned, none = centres, radii, False, np.zeros(0, np.int64)
+    unproved = np.ones(len(solid.fan), np.bool_)
     for turn in range(1000):
-        fixed = chosen if turn >= _FRESH_ROUNDS else chosen[:0]
-        chosen = _set_cover(centres, radii - slack, samples, fixed)
-        gaps, _ = _counterexamples(solid.fan, centres[chosen], radii[chosen] - _ROUNDING_M, slack / 4, _GAPS)
+        if turn < _FRESH_ROUNDS:
+            chosen = _set_cover(centres, radii - slack, samples, none)
+            c, r = centres[chosen], radii[chosen]
+        if turn < _FRESH_ROUNDS:
+            unproved[:] = True  # other balls. As long as balls are only added, what is proved stays proved
+        gaps = _counterexamples(solid.fan, c, r - _ROUNDING_M, slack / 4, _GAPS, unproved)
         if on_step is not None:
-            on_step(f"round {turn + 1}: {len(chosen)} balls, {len(gaps)} gaps")
+            on_step(f"round {turn + 1}: {len(r)} balls, {len(gaps)} gaps")
+        if len(gaps) == 0 and (pruned or turn < _FRESH_ROUNDS):
+            return Cover(c, r, excess_m)
         if len(gaps) == 0:
-            return Cover(centres[chosen], radii[chosen], excess_m)
+            needed = _set_cover(c, r - slack, samples, np.arange(len(r)))
+            c, r, pruned = c[needed], r[needed], True
+            unproved[:] = True
+            continue
+        samples = np.concatenate([samples, gaps])
         nearest = np.argmin(solid.planes[:, 3] - gaps @ solid.planes[:, :3].T, 1)
-        more, r = _candidates(solid, gaps, solid.planes[nearest, :3], excess_m, slack)
-        samples, centres, radii = np.concatenate([samples, gaps]), np.concatenate([centres, more]), np.concatenate([radii, r])
+        more, more_r = _candidates(solid, gaps, solid.planes[nearest, :3], excess_m, slack)
+        if turn + 1 < _FRESH_ROUNDS:
+            centres, radii = np.concatenate([centres, more]), np.concatenate([radii, more_r])
+        else:
+            chosen = _set_cover(more, more_r - slack, gaps, none)
+            c, r = np.concatenate([c, more[chosen]]), np.concatenate([r, more_r[chosen]])
     raise RuntimeError("the cover did not close")  # each round covers at least one gap with slack: it can't take so many
 
 
 def uncovered(vertices: Array, balls: Cover) -> Array:
     """Points (N, 3) of the hull of vertices (V, 3) that lie in no ball, at most 400: none is the proof that the balls contain it."""
-    gaps, _ = _counterexamples(_hull(vertices).fan, balls.centres, balls.radii, 1e-6, 400)
-    return gaps
+    fan = _hull(vertices).fan
+    return _counterexamples(fan, balls.centres, balls.radii, 1e-6, 400, np.ones(len(fan), np.bool_))
 
 
 def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, *, on_step: OnStep | None = None) -> Levels:
@@ -219,9 +233,11 @@ def _line_balls(points: Array, outward: Array, planes: Array, excess: float, sla
             depth = 1e9
             for j in range(planes.shape[0]):
                 depth = min(depth, planes[j, 3] - (a * planes[j, 0] + b * planes[j, 1] + c * planes[j, 2]))
+            if depth < 0.0:  # the line has left a sharp corner: a ball about the point itself always will do
+                a, b, c, depth = x, y, z, 0.0
             k = i * m + g
             centres[k, 0], centres[k, 1], centres[k, 2] = a, b, c
-            radii[k] = max(depth, 0.0) + excess
+            radii[k] = depth + excess
     return centres, radii
 
 
@@ -299,9 +315,8 @@ def _holds(c: Array, rr: float, x: float, y: float, z: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _one_ball(T: Array, centres: Array, rr: Array, first: int) -> int:
-    """A ball that holds the tetrahedron T (4, 3), or -1. `first` is tried first: neighbours often share it."""
-    n = rr.shape[0]
+def _one_ball(T: Array, centres: Array, rr: Array, n: int, first: int) -> int:
+    """One of the first n balls that holds the tetrahedron T (4, 3), or -1. `first` is tried first: neighbours often share it."""
     for k in range(n):
         i = k + first
         if i >= n:
@@ -339,54 +354,68 @@ def _split(stack: Array, top: int, a: int, b: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, most: int) -> tuple[Array, int]:
-    """Corners of the bisection that lie in no ball (N, 3), at most `most` and three a tetrahedron of the fan; and the nodes visited.
+def _counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, most: int, open_: NDArray[np.bool_]) -> Array:
+    """Corners of the bisection that lie in no ball (N, 3), at most `most`, and three a tetrahedron of the fan.
 
-    A tetrahedron shorter than `smallest` that no ball holds counts as a counterexample too, so the search ends. Nothing found: proved.
+    A tetrahedron shorter than `smallest` that no ball holds counts as a counterexample too, so the search ends. Only the tetrahedra
+    that are open_ (T,) are looked at; what is proved is closed. Nothing found: all proved.
     """
-    rr = radii * radii
     found = np.empty((most, 3))
-    n, nodes = 0, 0
+    n = 0
     stack = np.empty((400, 4, 3))
+    near, rr = np.empty_like(centres), np.empty_like(radii)
     for root in range(fan.shape[0]):
+        if not open_[root]:
+            continue
+        near_n = _nearby(fan[root], centres, radii, near, rr)
         mine, top, last = 0, 0, 0
         stack[0] = fan[root]
         for i in range(4):
-            if mine == 0 and not _in_some(fan[root, i], centres, rr):
+            if mine == 0 and not _in_some(fan[root, i], near, rr, near_n):
                 found[n] = fan[root, i]
                 n += 1
                 mine += 1
-                if n == most:
-                    return found, nodes
-        if mine > 0:
-            continue
-        while top >= 0:
-            nodes += 1
-            i = _one_ball(stack[top], centres, rr, last)
+        while top >= 0 and mine < 3 and n < most:
+            i = _one_ball(stack[top], near, rr, near_n, last)
             if i >= 0:
                 last = i
                 top -= 1
                 continue
             a, b, long = _longest(stack[top])
             middle = (stack[top, a] + stack[top, b]) / 2
-            if long < smallest * smallest or not _in_some(middle, centres, rr):
+            if long < smallest * smallest or not _in_some(middle, near, rr, near_n):
                 found[n] = middle
                 n += 1
                 mine += 1
                 top -= 1
-                if n == most:
-                    return found, nodes
-                if mine == 3:
-                    break
-                continue
-            _split(stack, top, a, b)
-            top += 1
-    return found[:n].copy(), nodes
+            else:
+                _split(stack, top, a, b)
+                top += 1
+        if n == most:
+            break
+        open_[root] = mine > 0
+    return found[:n].copy()
 
 
 @njit(cache=True, nogil=True)
-def _in_some(p: Array, centres: Array, rr: Array) -> bool:
-    for i in range(rr.shape[0]):  # noqa: SIM110
+def _nearby(T: Array, centres: Array, radii: Array, near: Array, rr: Array) -> int:
+    """Copy the balls that meet a ball around the tetrahedron T (4, 3) to near, their squared radii to rr; and how many they are."""
+    x, y, z = T[:, 0].mean(), T[:, 1].mean(), T[:, 2].mean()
+    reach = 0.0
+    for i in range(4):
+        reach = max(reach, np.sqrt((T[i, 0] - x) ** 2 + (T[i, 1] - y) ** 2 + (T[i, 2] - z) ** 2))
+    n = 0
+    for i in range(radii.shape[0]):
+        if _holds(centres[i], (radii[i] + reach) ** 2, x, y, z):
+            near[n] = centres[i]
+            rr[n] = radii[i] * radii[i]
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _in_some(p: Array, centres: Array, rr: Array, n: int) -> bool:
+    for i in range(n):  # noqa: SIM110
         if _holds(centres[i], rr[i], p[0], p[1], p[2]):
             return True
     return False
@@ -482,7 +511,8 @@ def cylinder_cover(radius_m: float, height_m: float, excess_m: float) -> Cover:
         raise ValueError(f"a cylinder of {radius_m} × {height_m} m with {excess_m} m of excess: all must be positive")
     outer, h = radius_m / np.cos(np.pi / CYLINDER_SIDES), height_m / 2
     step = excess_m
-    rings = np.array([1, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32])
+    most = 8 + 4 * outer / excess_m  # balls in the ring that holds the rim: each takes about a step of it
+    rings = np.unique(np.concatenate([[1], np.geomspace(3, most, 14).astype(np.int64)]))
     while True:
         cells, (spots, heights) = [_edges(outer, step), _edges(h, step)], (_spots(radius_m, step), _spots(h, step))
         rho, z, n = (g.ravel() for g in np.meshgrid(spots, heights, rings, indexing="ij"))

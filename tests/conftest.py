@@ -20,7 +20,7 @@ settings.register_profile("repeatable", derandomize=True, database=None, deadlin
 settings.load_profile("repeatable")
 
 Json = dict[str, Any]
-PLANNED = {"paper": 8, "paper-any": 3, "shelf": 3}  # so many scenes of each spec
+PLANNED = {"paper": 6, "paper-any": 2, "shelf": 4}  # so many scenes of each spec
 SIDEWAYS = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the hand looking along the world's x, its own x up
 
 

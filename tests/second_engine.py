@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 CONTACT_M = 0.001  # deeper than this is a collision
-TOUCH_M = 0.003  # and so is this, even where touching is allowed
+TOUCH_M = 0.003  # and so is this, even where touching is allowed; a parameter of `replay`
 POSE_M, POSE_RAD = 0.001, 0.001
 GAP = 1e-6
 LIMIT = 1e-5  # rad or m; files round
@@ -48,12 +48,15 @@ class Problem:
         return (f"motion {self.motion}: " if self.motion is not None else "") + f"{self.kind}: {self.text}"
 
 
-def replay(scene: Json, plan: Json, urdf_file: str | Path, step_m: float = 0.001, folder: str | Path = ".") -> list[Problem]:
+def replay(
+    scene: Json, plan: Json, urdf_file: str | Path, step_m: float = 0.001, folder: str | Path = ".", touch_m: float = TOUCH_M
+) -> list[Problem]:
     """Everything that is wrong with a plan; an empty list when it holds.
 
     step_m: no point of the arm or the held object moves further between two samples. folder: where the scene's mesh files are.
+    touch_m: how deep bodies may press into each other where touching is allowed.
     """
-    return _Replay(scene, plan, _arm(str(urdf_file), Path(urdf_file).stat().st_mtime_ns), step_m, Path(folder)).run()
+    return _Replay(scene, plan, _arm(str(urdf_file), Path(urdf_file).stat().st_mtime_ns), step_m, Path(folder), touch_m).run()
 
 
 # ---------------------------------------------------------------------------------------------------------------- solids
@@ -267,8 +270,8 @@ def _reaches(Ta: np.ndarray, a: Solid, Tb: np.ndarray, b: Solid) -> np.ndarray:
 
 
 class _Replay:
-    def __init__(self, scene: Json, plan: Json, arm: Arm, step_m: float, folder: Path) -> None:
-        self.scene, self.plan, self.arm, self.step_m = scene, plan, arm, step_m
+    def __init__(self, scene: Json, plan: Json, arm: Arm, step_m: float, folder: Path, touch_m: float) -> None:
+        self.scene, self.plan, self.arm, self.step_m, self.touch_m = scene, plan, arm, step_m, touch_m
         self.problems: list[Problem] = []
         self.T_base_world = np.linalg.inv(matrix(scene["robot"]["T_world_base"]))
         self.bodies = {o["name"]: body_solid(o, folder) for o in scene["objects"]}
@@ -441,7 +444,7 @@ class _Replay:
         for a, Ta, b, Tb in pairs:
             for s in np.flatnonzero(close(Ta, a, Tb, b)):
                 d = depth(a.geometry, Ta[s], b.geometry, Tb if Tb.ndim == 2 else Tb[s])
-                bound = TOUCH_M if frozenset((a.name, b.name)) in allowed else CONTACT_M
+                bound = self.touch_m if frozenset((a.name, b.name)) in allowed else CONTACT_M
                 if d is not None and d > max(bound, deepest.get((a.name, b.name), (0.0, 0))[0]):
                     deepest[a.name, b.name] = d, int(s)
         for (a_name, b_name), (d, s) in deepest.items():

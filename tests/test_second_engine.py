@@ -295,3 +295,53 @@ def test_steps_are_as_short_as_asked(handmade: Handmade, ur5e_urdf: Path) -> Non
     plate = spoil(handmade, _obstacle_in_the_way)
     hits = [p for p in found(plate, ur5e_urdf, 0.001) if p.kind == "contact" and "plate" in p.text]
     assert hits
+
+
+# ------------------------------------------------------------------------------------------------------------------ the planner's plans
+
+
+KNUCKLES_M = 0.008
+"""How deep the 2F-85's inner knuckles may reach into a deep object that the pads hold: real plans have up to 6.2 mm (all else: below 1)."""
+
+
+def test_plans_hold_in_another_engine(planned: Handmade, ur5e_urdf: Path) -> None:
+    """Every motion that our planner hands out, of solved and of unsolved scenes."""
+    assert planned.plan["verified"]
+    problems = replay(planned.scene, planned.plan, ur5e_urdf, 0.002)
+    assert [p for p in problems if "knuckle" not in p.text or p.depth_m > KNUCKLES_M] == []
+
+
+def test_plans_with_a_waypoint_in_a_wall_fail(planned: Handmade, ur5e_urdf: Path) -> None:
+    motions = planned.plan["motions"]
+    inside = [i for i, m in enumerate(motions) if m["stage"] == "approach" and len(m["q"]) > 2]
+    if not inside:
+        pytest.skip("nothing was moved")
+
+    def shift(_: Json, plan: Json) -> None:
+        motion = plan["motions"][inside[0]]
+        motion["q"][-2][motion["joint_names"].index("shoulder_lift_joint")] += 0.5
+
+    problems = found(spoil(planned, shift), ur5e_urdf, 0.005)
+    walls_hit = [
+        p
+        for p in problems
+        if p.kind == "contact" and p.text.split(" inside ")[-1].split(" ")[0] in {"floor", "ceiling", "left", "right", "back"}
+    ]
+    assert walls_hit
+    assert {p.motion for p in walls_hit} == {inside[0]}
+
+
+def test_plans_of_another_scene_fail(planned: Handmade, ur5e_urdf: Path) -> None:
+    """What is moved has been dropped from the scene, or stands 4 mm further on."""
+    carried = [m["held"]["body"] for m in planned.plan["motions"] if m["held"]]
+    if not carried:
+        pytest.skip("nothing was moved")
+
+    def drop(scene: Json, _: Json) -> None:
+        scene["objects"] = [o for o in scene["objects"] if o["name"] != carried[0]]
+
+    def push(scene: Json, _: Json) -> None:
+        next(o for o in scene["objects"] if o["name"] == carried[0])["T_world_object"]["p"][0] += 0.004
+
+    assert kinds(found(spoil(planned, drop), ur5e_urdf, 0.01)) == {"form"}
+    assert "jump" in kinds(found(spoil(planned, push), ur5e_urdf, 0.01))

@@ -6,6 +6,7 @@ tightness at worst, never truth.
 
 The first solid is a polyhedron, vertices[:, a0:a1] of one shared array (3, N) in its own frame; the second a BOX or CYLINDER with
 half sizes (3,), or a HULL, vertices[:, b0:b1]. Vertices lie by coordinate because the support scan then runs over contiguous memory.
+`grouped` sorts large hulls for a quicker search.
 
 `work` (8, 4) is scratch: rows 0–2 the first solid's frame in the second's, rows 3–6 the simplex, row 7 the direction from the second solid
 to the first (in the second's frame), where the search starts and which it leaves behind. A kept row 7 warm-starts the next query of the
@@ -17,11 +18,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from kinematics.arm import BOX, CYLINDER
+from kinematics.arm import BOX, CYLINDER, Int
 from kinematics.transforms import Array
 
 MOST_STEPS = 48
 """Steps of GJK after which the bound reached so far is the answer; polyhedra need about 6, cylinders to full precision about 15."""
+GROUP = 16
+"""Vertices in a group that the search for the furthest one opens or skips as a whole."""
+TIGHT = 0.05
+"""The tolerance that holds at least where it must be told whether a distance exceeds `low`."""
 TOUCHING_M = 1e-10
 """Distances below this are called 0."""
 
@@ -36,11 +41,40 @@ def by_coordinate(points: Array) -> Array:
     return np.ascontiguousarray(np.asarray(points, float).T)
 
 
+def grouped(points: Array, start: Int) -> tuple[Array, Array, Int]:
+    """Sort the points (V, 3) of bodies, body i's being points[start[i]:start[i + 1]], so that neighbours in space are neighbours in memory.
+
+    Returns vertices (3, N), every body filled up to whole groups by repeating its last point; balls around the groups (4, N / GROUP):
+    centre and radius; and where each body starts now.
+    """
+    sizes = np.diff(start)
+    body = np.repeat(np.arange(len(sizes)), sizes)
+    some = np.flatnonzero(sizes)
+    low, high = np.zeros((len(sizes), 3)), np.ones((len(sizes), 3))
+    if len(some):
+        low[some], high[some] = (f.reduceat(points, start[some]) for f in (np.minimum, np.maximum))
+    cell = ((points - low[body]) / np.maximum(high - low, 1e-9)[body] * 31.99).astype(np.int64)
+    code = np.zeros(len(points), np.int64)  # the bits of the three coordinates interleaved: Morton's order
+    for bit in range(5):
+        for c in range(3):
+            code |= (cell[:, c] >> bit & 1) << (3 * bit + c)
+    order = np.argsort(code + (body << 15), kind="stable")
+    filled = -(-sizes // GROUP) * GROUP
+    starts = np.concatenate([[0], np.cumsum(filled)]).astype(np.int64)
+    owner = np.repeat(np.arange(len(sizes)), filled)
+    within = np.minimum(np.arange(starts[-1]) - starts[owner], sizes[owner] - 1)
+    placed = points[order[start[owner] + within]]
+    corners = placed.reshape(-1, GROUP, 3)
+    centre = (corners.min(1) + corners.max(1)) / 2 if len(corners) else np.zeros((0, 3))
+    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(-1, initial=0.0)) + 1e-12
+    return np.ascontiguousarray(placed.T), np.ascontiguousarray(np.c_[centre, radius].T), starts
+
+
 @njit(cache=True, nogil=True)
 def distance(vertices: Array, a0: int, a1: int, T_a: Array, kind: int, half: Array, b0: int, b1: int, T_b: Array, work: Array) -> float:
     """The distance in metres between a polyhedron at T_a (4, 4) and a solid at T_b (4, 4), to 1e-9 relative; 0 when they touch."""
     relative(T_a, T_b, work)
-    return float(gjk(vertices, a0, a1, kind, half[0], half[1], half[2], b0, b1, work, 0.0, np.inf, 1e-9))
+    return float(gjk(vertices, np.empty((4, 0)), a0, a1, kind, half[0], half[1], half[2], b0, b1, work, 0.0, np.inf, 1e-9))
 
 
 @njit(cache=True, nogil=True)
@@ -50,14 +84,14 @@ def separated_by(
     """Whether a polyhedron at T_a (4, 4) is certainly further than margin_m ≥ 0 from a solid at T_b (4, 4); in doubt it is not."""
     relative(T_a, T_b, work)
     above = margin_m + 1e-12
-    return bool(gjk(vertices, a0, a1, kind, half[0], half[1], half[2], b0, b1, work, margin_m, above, 1e-9) >= above)
+    return bool(gjk(vertices, np.empty((4, 0)), a0, a1, kind, half[0], half[1], half[2], b0, b1, work, margin_m, above, 1e-9) >= above)
 
 
 @njit(cache=True, nogil=True)
 def relative(T_a: Array, T_b: Array, work: Array) -> None:
     """Write the frame T_a (4, 4) as seen from T_b (4, 4) into rows 0–2 of work."""
     x, y, z = T_a[0, 3] - T_b[0, 3], T_a[1, 3] - T_b[1, 3], T_a[2, 3] - T_b[2, 3]
-    for r in range(3):
+    for r in range(np.uint64(3)):
         a, b, c = T_b[0, r], T_b[1, r], T_b[2, r]
         work[r, 0] = a * T_a[0, 0] + b * T_a[1, 0] + c * T_a[2, 0]
         work[r, 1] = a * T_a[0, 1] + b * T_a[1, 1] + c * T_a[2, 1]
@@ -72,24 +106,36 @@ def box_gap(boxes: Array, a: int, b: int, work: Array) -> float:
 
     Each box in turn is widened to one along the other's axes; the distance of two such boxes is exact.
     """
-    x, y, z = boxes[a, 3], boxes[a, 4], boxes[a, 5]
-    c0 = work[0, 0] * x + work[0, 1] * y + work[0, 2] * z + work[0, 3] - boxes[b, 3]
-    c1 = work[1, 0] * x + work[1, 1] * y + work[1, 2] * z + work[1, 3] - boxes[b, 4]
-    c2 = work[2, 0] * x + work[2, 1] * y + work[2, 2] * z + work[2, 3] - boxes[b, 5]
+    i, j = np.uint64(a), np.uint64(b)
+    x, y, z = boxes[i, 3], boxes[i, 4], boxes[i, 5]
+    c0 = work[0, 0] * x + work[0, 1] * y + work[0, 2] * z + work[0, 3] - boxes[j, 3]
+    c1 = work[1, 0] * x + work[1, 1] * y + work[1, 2] * z + work[1, 3] - boxes[j, 4]
+    c2 = work[2, 0] * x + work[2, 1] * y + work[2, 2] * z + work[2, 3] - boxes[j, 5]
+    ax, ay, az = boxes[i, 0], boxes[i, 1], boxes[i, 2]
+    bx, by, bz = boxes[j, 0], boxes[j, 1], boxes[j, 2]
     in_b = in_a = 0.0
-    for r in range(3):
-        c = c0 if r == 0 else (c1 if r == 1 else c2)
-        gap = abs(c) - boxes[b, r] - abs(work[r, 0]) * boxes[a, 0] - abs(work[r, 1]) * boxes[a, 1] - abs(work[r, 2]) * boxes[a, 2]
-        in_b += gap * gap if gap > 0 else 0.0
-        c = work[0, r] * c0 + work[1, r] * c1 + work[2, r] * c2
-        gap = abs(c) - boxes[a, r] - abs(work[0, r]) * boxes[b, 0] - abs(work[1, r]) * boxes[b, 1] - abs(work[2, r]) * boxes[b, 2]
-        in_a += gap * gap if gap > 0 else 0.0
+    x = abs(c0) - bx - abs(work[0, 0]) * ax - abs(work[0, 1]) * ay - abs(work[0, 2]) * az
+    in_b += max(x, 0.0) ** 2
+    x = abs(c1) - by - abs(work[1, 0]) * ax - abs(work[1, 1]) * ay - abs(work[1, 2]) * az
+    in_b += max(x, 0.0) ** 2
+    x = abs(c2) - bz - abs(work[2, 0]) * ax - abs(work[2, 1]) * ay - abs(work[2, 2]) * az
+    in_b += max(x, 0.0) ** 2
+    x = abs(work[0, 0] * c0 + work[1, 0] * c1 + work[2, 0] * c2) - ax
+    x -= abs(work[0, 0]) * bx + abs(work[1, 0]) * by + abs(work[2, 0]) * bz
+    in_a += max(x, 0.0) ** 2
+    x = abs(work[0, 1] * c0 + work[1, 1] * c1 + work[2, 1] * c2) - ay
+    x -= abs(work[0, 1]) * bx + abs(work[1, 1]) * by + abs(work[2, 1]) * bz
+    in_a += max(x, 0.0) ** 2
+    x = abs(work[0, 2] * c0 + work[1, 2] * c1 + work[2, 2] * c2) - az
+    x -= abs(work[0, 2]) * bx + abs(work[1, 2]) * by + abs(work[2, 2]) * bz
+    in_a += max(x, 0.0) ** 2
     return float(np.sqrt(max(in_a, in_b)))
 
 
 @njit(cache=True, nogil=True)
 def gjk(
     vertices: Array,
+    groups: Array,
     a0: int,
     a1: int,
     kind: int,
@@ -120,13 +166,15 @@ def gjk(
         # the vertex of the first solid furthest along -v, placed in the second's frame
         i = support(
             vertices,
+            groups,
             a0,
             a1,
             -(R[0, 0] * vx + R[1, 0] * vy + R[2, 0] * vz),
             -(R[0, 1] * vx + R[1, 1] * vy + R[2, 1] * vz),
             -(R[0, 2] * vx + R[1, 2] * vy + R[2, 2] * vz),
         )
-        x, y, z = vertices[0, i], vertices[1, i], vertices[2, i]
+        u = np.uint64(i)
+        x, y, z = vertices[0, u], vertices[1, u], vertices[2, u]
         wx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + R[0, 3]
         wy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + R[1, 3]
         wz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + R[2, 3]
@@ -142,10 +190,10 @@ def gjk(
                 wy -= hx * vy / r
             wz -= hz if vz > 0 else -hz
         else:
-            i = support(vertices, b0, b1, vx, vy, vz)
-            wx -= vertices[0, i]
-            wy -= vertices[1, i]
-            wz -= vertices[2, i]
+            u = np.uint64(support(vertices, groups, b0, b1, vx, vy, vz))
+            wx -= vertices[0, u]
+            wy -= vertices[1, u]
+            wz -= vertices[2, u]
         length = np.sqrt(vx * vx + vy * vy + vz * vz)
         plane = (vx * wx + vy * wy + vz * wz) / length - 1e-13  # every point of the difference lies beyond it
         work[7, 0], work[7, 1], work[7, 2] = vx, vy, vz
@@ -153,9 +201,10 @@ def gjk(
             bound = plane
             if bound >= high:
                 return float(bound)
-        if upper <= low or upper - bound <= tolerance * upper:
+        if upper <= low or upper - bound <= (tolerance if bound > low else min(tolerance, TIGHT)) * upper:
             return float(bound)
-        work[3 + n, 0], work[3 + n, 1], work[3 + n, 2] = wx, wy, wz
+        row = np.uint64(3 + n)
+        work[row, 0], work[row, 1], work[row, 2] = wx, wy, wz
         n, vx, vy, vz = _nearest(work, n + 1)
         length = np.sqrt(vx * vx + vy * vy + vz * vz)
         if length <= TOUCHING_M:
@@ -166,16 +215,39 @@ def gjk(
     return float(bound)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def support(vertices: Array, start: int, stop: int, x: float, y: float, z: float) -> int:
-    """The index in [start, stop) of the vertex furthest along (x, y, z): a linear scan, quicker than climbing up to 1000 vertices."""
-    xs, ys, zs = vertices[0, start:stop], vertices[1, start:stop], vertices[2, start:stop]
-    best, at = -1e300, 0
-    for i in range(xs.shape[0]):
-        d = xs[i] * x + ys[i] * y + zs[i] * z
-        at = i if d > best else at
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def support(vertices: Array, groups: Array, start: int, stop: int, x: float, y: float, z: float) -> int:
+    """The index in [start, stop) of the vertex furthest along (x, y, z).
+
+    With groups (4, N / GROUP), balls around GROUP vertices each in the order of `grouped`, large hulls are searched only where a ball
+    reaches further than the best vertex so far: twice as quick as the scan for 700 vertices. groups (4, 0): a plain scan.
+    """
+    X, Y, Z, W, one = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(1)  # unsigned: no look for negative indices
+    best, at = -1e300, np.uint64(start)
+    if stop - start <= 4 * GROUP or groups.shape[1] == 0:
+        for i in range(np.uint64(start), np.uint64(stop)):
+            d = vertices[X, i] * x + vertices[Y, i] * y + vertices[Z, i] * z
+            at = np.uint64(i) if d > best else at
+            best = d if d > best else best
+        return int(at)
+    size = np.sqrt(x * x + y * y + z * z)
+    first, last, width = np.uint64(start // GROUP), np.uint64(stop // GROUP), np.uint64(GROUP)
+    top, g = -1e300, first
+    for k in range(first, last):
+        d = groups[X, k] * x + groups[Y, k] * y + groups[Z, k] * z + groups[W, k] * size
+        g = np.uint64(k) if d > top else g
+        top = d if d > top else top
+    for i in range(g * width, (g + one) * width):
+        d = vertices[X, i] * x + vertices[Y, i] * y + vertices[Z, i] * z
+        at = np.uint64(i) if d > best else at
         best = d if d > best else best
-    return start + at
+    for k in range(first, last):
+        if groups[X, k] * x + groups[Y, k] * y + groups[Z, k] * z + groups[W, k] * size > best:
+            for i in range(k * width, (k + one) * width):
+                d = vertices[X, i] * x + vertices[Y, i] * y + vertices[Z, i] * z
+                at = np.uint64(i) if d > best else at
+                best = d if d > best else best
+    return int(at)
 
 
 @njit(cache=True, nogil=True)
@@ -203,8 +275,8 @@ def _nearest(work: Array, n: int) -> tuple[int, float, float, float]:
     kept = 0
     for i in range(n):
         if mask >> i & 1:
-            for c in range(3):
-                work[3 + kept, c] = work[3 + i, c]
+            to, row = np.uint64(3 + kept), np.uint64(3 + i)
+            work[to, 0], work[to, 1], work[to, 2] = work[row, 0], work[row, 1], work[row, 2]
             kept += 1
     return kept, x, y, z
 
@@ -212,20 +284,22 @@ def _nearest(work: Array, n: int) -> tuple[int, float, float, float]:
 @njit(cache=True, nogil=True)
 def _beyond(work: Array, i: int, j: int, k: int) -> bool:
     """Whether the origin is on the same side of the face (i, j, 3) as point k, for certain: a flat tetrahedron never says so."""
-    ux, uy, uz = work[3 + j, 0] - work[3 + i, 0], work[3 + j, 1] - work[3 + i, 1], work[3 + j, 2] - work[3 + i, 2]
-    wx, wy, wz = work[6, 0] - work[3 + i, 0], work[6, 1] - work[3 + i, 1], work[6, 2] - work[3 + i, 2]
+    ri, rj, rk = np.uint64(3 + i), np.uint64(3 + j), np.uint64(3 + k)
+    ux, uy, uz = work[rj, 0] - work[ri, 0], work[rj, 1] - work[ri, 1], work[rj, 2] - work[ri, 2]
+    wx, wy, wz = work[6, 0] - work[ri, 0], work[6, 1] - work[ri, 1], work[6, 2] - work[ri, 2]
     nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-    height = nx * (work[3 + k, 0] - work[3 + i, 0]) + ny * (work[3 + k, 1] - work[3 + i, 1]) + nz * (work[3 + k, 2] - work[3 + i, 2])
-    side = -(nx * work[3 + i, 0] + ny * work[3 + i, 1] + nz * work[3 + i, 2])
+    height = nx * (work[rk, 0] - work[ri, 0]) + ny * (work[rk, 1] - work[ri, 1]) + nz * (work[rk, 2] - work[ri, 2])
+    side = -(nx * work[ri, 0] + ny * work[ri, 1] + nz * work[ri, 2])
     return bool(side * height > 0.0 and height * height > TOUCHING_M * TOUCHING_M * (nx * nx + ny * ny + nz * nz))
 
 
 @njit(cache=True, nogil=True)
 def _on_triangle(work: Array, i: int, j: int, k: int) -> tuple[int, float, float, float]:
     """The point of a triangle nearest to the origin, and a bit mask of the corners that carry it."""
-    ax, ay, az = work[3 + i, 0], work[3 + i, 1], work[3 + i, 2]
-    bx, by, bz = work[3 + j, 0], work[3 + j, 1], work[3 + j, 2]
-    cx, cy, cz = work[3 + k, 0], work[3 + k, 1], work[3 + k, 2]
+    ri, rj, rk = np.uint64(3 + i), np.uint64(3 + j), np.uint64(3 + k)
+    ax, ay, az = work[ri, 0], work[ri, 1], work[ri, 2]
+    bx, by, bz = work[rj, 0], work[rj, 1], work[rj, 2]
+    cx, cy, cz = work[rk, 0], work[rk, 1], work[rk, 2]
     ux, uy, uz = bx - ax, by - ay, bz - az
     wx, wy, wz = cx - ax, cy - ay, cz - az
     nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
@@ -252,13 +326,14 @@ def _on_triangle(work: Array, i: int, j: int, k: int) -> tuple[int, float, float
 @njit(cache=True, nogil=True)
 def _on_segment(work: Array, i: int, j: int) -> tuple[int, float, float, float]:
     """The point of a segment nearest to the origin, and a bit mask of the ends that carry it."""
-    ax, ay, az = work[3 + i, 0], work[3 + i, 1], work[3 + i, 2]
-    ux, uy, uz = work[3 + j, 0] - ax, work[3 + j, 1] - ay, work[3 + j, 2] - az
+    ri, rj = np.uint64(3 + i), np.uint64(3 + j)
+    ax, ay, az = work[ri, 0], work[ri, 1], work[ri, 2]
+    ux, uy, uz = work[rj, 0] - ax, work[rj, 1] - ay, work[rj, 2] - az
     uu = ux * ux + uy * uy + uz * uz
     t = -(ax * ux + ay * uy + az * uz)
     if t <= 0.0 or uu == 0.0:
         return 1 << i, ax, ay, az
     if t >= uu:
-        return 1 << j, work[3 + j, 0], work[3 + j, 1], work[3 + j, 2]
+        return 1 << j, work[rj, 0], work[rj, 1], work[rj, 2]
     t /= uu
     return (1 << i) | (1 << j), ax + t * ux, ay + t * uy, az + t * uz

@@ -17,14 +17,16 @@ import numpy as np
 from numba import njit
 
 from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
-from kinematics.convex import box_gap, gjk, relative
+from kinematics.convex import box_gap, gjk, grouped, relative
 from kinematics.transforms import Array
 
 MARGIN_M = 5e-4
 """Bodies closer than this count as touching; half of it is what a certified edge keeps everywhere."""
 TOLERANCE = 0.05
 """How much of a distance, relative, may be given away for speed; a pair up to 5 % beyond the margin may count as touching."""
-GJK_PAYS_M = 0.1
+LOOSE = 0.5
+"""The tolerance for distances that only say how far an edge is free around a sample."""
+GJK_PAYS_M = 0.03
 """GJK may prove this much more than the boxes do; where more is asked for, halving the interval is cheaper."""
 
 
@@ -32,20 +34,31 @@ class Problem(NamedTuple):
     """What moves, what it may not touch, and how fast. Bodies are the P parts, then the B solids.
 
     boxes (P + B, 7): half sizes and centre of the box around each body along its own axes (a box's and a cylinder's sizes), radius of the
-    ball about the same centre. vertices (3, N): of all bodies. pairs (M, 9): the two bodies, the first one a part; their two rows of
-    `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices. reach (M, J): metres that one body of
-    the pair moves at most, relative to the other, per unit of each planning coordinate. weight (J,): the same for the arm as a whole,
-    never 0. solid_T (B, 4, 4).
+    ball about the same centre. vertices (3, N), groups (4, ·): of all bodies, see `convex.grouped`. pairs (M, 9): the two bodies, the
+    first one a part; their two rows of `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices.
+    reach (M, J): metres that one body of the pair moves at most, relative to the other, per unit of each planning coordinate.
+    weight (J,): the same for the arm as a whole, never 0. solid_T (B, 4, 4).
     """
 
     chain: Chain
     boxes: Array
     vertices: Array
+    groups: Array
     pairs: Int
     reach: Array
     weight: Array
     solid_T: Array
     margin_m: float
+
+
+class Prepared(NamedTuple):
+    """What only the arm decides, worth keeping while its parts stay the same: reach (K, P), boxes (P, 7), and the grouped vertices."""
+
+    reach: Array
+    boxes: Array
+    vertices: Array
+    groups: Array
+    start: Int
 
 
 class Scratch(NamedTuple):
@@ -70,15 +83,23 @@ class Scratch(NamedTuple):
 
 
 def make_problem(
-    chain: Chain, parts: Parts, solids: Solids, query: Query, *, margin_m: float = MARGIN_M, reach_m: Array | None = None
+    chain: Chain,
+    parts: Parts,
+    solids: Solids,
+    query: Query,
+    *,
+    margin_m: float = MARGIN_M,
+    reach_m: Array | None = None,
+    prepared: Prepared | None = None,
 ) -> Problem:
-    """Pack one motion query. reach_m (K, P): what `reach(chain, parts)` gives, when the caller has kept it.
+    """Pack one motion query. prepared: what `prepare(chain, parts)` gives, or reach_m (K, P): `reach(chain, parts)`, if the caller kept it.
 
     Raises: ValueError when margin_m is not positive: a certificate needs some room.
     """
     if not margin_m > 0:
         raise ValueError(f"the margin must be positive, not {margin_m} m")
-    reach_m = reach(chain, parts) if reach_m is None else reach_m
+    arm = prepare(chain, parts, reach_m) if prepared is None else prepared
+    reach_m = arm.reach
     n_parts, n_solids, frames = len(parts.frame), len(solids.kind), len(chain.q_index) + 1
     against = np.argwhere(query.check)
     pairs = np.concatenate([against + np.array([0, n_parts]), np.asarray(query.pairs).reshape(-1, 2)]).astype(np.int64)
@@ -95,8 +116,8 @@ def make_problem(
     coordinate[k, chain.q_index] = 1.0
     weight = (reach_m.max(1, initial=0.0) * np.abs(chain.scale)) @ coordinate if n_parts else np.ones(len(chain.lower))
     order = np.argsort(-parts.frame[outer], kind="stable")  # the hand collides most often
-    low, high = _extents(parts)
-    starts = np.concatenate([parts.start, parts.start[-1] + solids.start[1:]])
+    solid_vertices, solid_groups, solid_start = grouped(solids.vertices, solids.start)
+    starts = np.concatenate([arm.start, arm.start[-1] + solid_start[1:]])
     solid_centre, solid_half = np.zeros((n_solids, 3)), solids.half.copy()
     for b in np.flatnonzero(solids.kind == HULL):
         v = solids.vertices[solids.start[b] : solids.start[b + 1]]
@@ -106,19 +127,27 @@ def make_problem(
     i, j = pairs[order].T
     return Problem(
         chain,
-        np.concatenate(
-            [
-                np.concatenate([(high - low) / 2, (high + low) / 2, _radii(parts, (high + low) / 2)[:, None]], 1),
-                np.concatenate([solid_half, solid_centre, solids.radius[:, None]], 1),
-            ]
-        ),
-        np.ascontiguousarray(np.concatenate([parts.vertices, solids.vertices]).T),
+        np.concatenate([arm.boxes, np.c_[solid_half, solid_centre, solids.radius]]),
+        np.concatenate([arm.vertices, solid_vertices], 1),
+        np.concatenate([arm.groups, solid_groups], 1),
         np.stack([i, j, pose[i], pose[j], kind[j], starts[i], starts[i + 1], starts[j], starts[j + 1]], 1).astype(np.int64),
         np.ascontiguousarray((per_joint @ coordinate)[order]),
         np.maximum(weight, max(1e-9, 0.02 * float(weight.max(initial=0.0)))),
         np.ascontiguousarray(solids.T),
         float(margin_m),
     )
+
+
+def prepare(chain: Chain, parts: Parts, reach_m: Array | None = None) -> Prepared:
+    """The arm's share of `make_problem`, for all problems with the same chain and parts."""
+    reach_m = reach(chain, parts) if reach_m is None else reach_m
+    vertices, groups, start = grouped(parts.vertices, parts.start)
+    if not len(parts.frame):
+        return Prepared(reach_m, np.zeros((0, 7)), vertices, groups, start)
+    low, high = (f.reduceat(parts.vertices, parts.start[:-1]) for f in (np.minimum, np.maximum))
+    centre = (low + high) / 2
+    far = np.linalg.norm(parts.vertices - np.repeat(centre, np.diff(parts.start), axis=0), axis=1)
+    return Prepared(reach_m, np.c_[(high - low) / 2, centre, np.maximum.reduceat(far, parts.start[:-1])], vertices, groups, start)
 
 
 def make_scratch(problem: Problem) -> Scratch:
@@ -165,19 +194,6 @@ def reach(chain: Chain, parts: Parts) -> Array:
     return out
 
 
-def _extents(parts: Parts) -> tuple[Array, Array]:
-    if not len(parts.frame):
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    return np.minimum.reduceat(parts.vertices, parts.start[:-1]), np.maximum.reduceat(parts.vertices, parts.start[:-1])
-
-
-def _radii(parts: Parts, centre: Array) -> Array:
-    if not len(parts.frame):
-        return np.zeros(0)
-    far = np.linalg.norm(parts.vertices - np.repeat(centre, np.diff(parts.start), axis=0), axis=1)
-    return np.asarray(np.maximum.reduceat(far, parts.start[:-1]))
-
-
 @njit(cache=True, nogil=True)
 def config_free(problem: Problem, q: Array, scratch: Scratch) -> bool:
     """Whether every pair is further apart than the problem's margin at q (J,); in doubt it is not."""
@@ -189,13 +205,16 @@ def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
     """The index in problem.pairs of a pair that is not further apart than the margin at q (J,), -1 when there is none."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
-    pairs, boxes, vertices, poses = problem.pairs, problem.boxes, problem.vertices, scratch.poses
+    pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
     work, toward, margin = scratch.work, scratch.toward, problem.margin_m
     for n in range(pairs.shape[0]):
         if ball_gap(pairs, boxes, poses, n) > margin:
             continue
         scratch.counts[1] += 1
-        if pair_bound(pairs, boxes, vertices, poses, work, toward, n, margin, margin * (1 + TOLERANCE), np.inf) <= margin:
+        if (
+            pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, margin, margin * (1 + TOLERANCE), np.inf, TOLERANCE)
+            <= margin
+        ):
             return n
     return -1
 
@@ -205,12 +224,12 @@ def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch)
     """A lower bound, at most 5 % low, of the least distance of any pair at q (J,), or cap_m if that is less; 0 when something touches."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
-    pairs, boxes, vertices, poses = problem.pairs, problem.boxes, problem.vertices, scratch.poses
+    pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
     work, toward, least = scratch.work, scratch.toward, cap_m
     for n in range(pairs.shape[0]):
         if ball_gap(pairs, boxes, poses, n) < least:
             scratch.counts[1] += 1
-            least = min(least, pair_bound(pairs, boxes, vertices, poses, work, toward, n, 0.0, least, np.inf))
+            least = min(least, pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, 0.0, least, np.inf, TOLERANCE))
             if least <= 0.0:
                 return 0.0
     return float(least)
@@ -229,7 +248,8 @@ def edge_free(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
 @njit(cache=True, nogil=True)
 def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> int:
     """As `edge_free`: -1 when free, else the index in problem.pairs of a pair that blocks, scratch.where[0] in [0, 1] of the way along."""
-    pairs, boxes, vertices, reach_m, margin = problem.pairs, problem.boxes, problem.vertices, problem.reach, problem.margin_m
+    pairs, boxes, vertices, groups = problem.pairs, problem.boxes, problem.vertices, problem.groups
+    reach_m, margin = problem.reach, problem.margin_m
     poses, work, toward, counts, q = scratch.poses, scratch.work, scratch.toward, scratch.counts, scratch.q
     spans, lists, pool, motion = scratch.spans, scratch.lists, scratch.pool, scratch.motion
     n_pairs, n_q, keep = pairs.shape[0], qa.shape[0], 0.5 * margin
@@ -259,7 +279,7 @@ def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> in
                 bound = ball_gap(pairs, boxes, poses, n)
                 if bound < need:
                     counts[1] += 1
-                    bound = pair_bound(pairs, boxes, vertices, poses, work, toward, n, margin, need, GJK_PAYS_M)
+                    bound = pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, margin, need, GJK_PAYS_M, LOOSE)
                 if bound >= need:
                     continue
                 if bound <= margin or used == pool.shape[1] or next_count + 2 > spans.shape[1]:  # out of memory reads as blocked
@@ -282,35 +302,45 @@ def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> in
 @njit(cache=True, nogil=True)
 def ball_gap(pairs: Int, boxes: Array, poses: Array, n: int) -> float:
     """The distance in metres of the ball around the first body of pair n from the box around the second; negative when it reaches it."""
-    a, b, i, j = pairs[n, 0], pairs[n, 1], pairs[n, 2], pairs[n, 3]
+    m = np.uint64(n)  # unsigned: no look for negative indices
+    a, b, i, j = np.uint64(pairs[m, 0]), np.uint64(pairs[m, 1]), np.uint64(pairs[m, 2]), np.uint64(pairs[m, 3])
     x, y, z = boxes[a, 3], boxes[a, 4], boxes[a, 5]
     dx = poses[i, 0, 0] * x + poses[i, 0, 1] * y + poses[i, 0, 2] * z + poses[i, 0, 3] - poses[j, 0, 3]
     dy = poses[i, 1, 0] * x + poses[i, 1, 1] * y + poses[i, 1, 2] * z + poses[i, 1, 3] - poses[j, 1, 3]
     dz = poses[i, 2, 0] * x + poses[i, 2, 1] * y + poses[i, 2, 2] * z + poses[i, 2, 3] - poses[j, 2, 3]
-    out = 0.0
-    for r in range(3):
-        e = abs(poses[j, 0, r] * dx + poses[j, 1, r] * dy + poses[j, 2, r] * dz - boxes[b, 3 + r]) - boxes[b, r]
-        out += e * e if e > 0.0 else 0.0
-    return float(np.sqrt(out) - boxes[a, 6])
+    ex = max(abs(poses[j, 0, 0] * dx + poses[j, 1, 0] * dy + poses[j, 2, 0] * dz - boxes[b, 3]) - boxes[b, 0], 0.0)
+    ey = max(abs(poses[j, 0, 1] * dx + poses[j, 1, 1] * dy + poses[j, 2, 1] * dz - boxes[b, 4]) - boxes[b, 1], 0.0)
+    ez = max(abs(poses[j, 0, 2] * dx + poses[j, 1, 2] * dy + poses[j, 2, 2] * dz - boxes[b, 5]) - boxes[b, 2], 0.0)
+    return float(np.sqrt(ex * ex + ey * ey + ez * ez) - boxes[a, 6])
 
 
 @njit(cache=True, nogil=True)
 def pair_bound(
-    pairs: Int, boxes: Array, vertices: Array, poses: Array, work: Array, toward: Array, n: int, low: float, high: float, pays: float
+    pairs: Int,
+    boxes: Array,
+    vertices: Array,
+    groups: Array,
+    poses: Array,
+    work: Array,
+    toward: Array,
+    n: int,
+    low: float,
+    high: float,
+    pays: float,
+    tolerance: float,
 ) -> float:
     """A lower bound in metres of the distance of pair n: at least `high`, or at most `low`, or at most 5 % low.
 
     The boxes' bound, when it lies between low and high, is taken as it is if it falls short of high by more than `pays`.
     """
-    a, b = pairs[n, 0], pairs[n, 1]
-    relative(poses[pairs[n, 2]], poses[pairs[n, 3]], work)
-    cheap = box_gap(boxes, a, b, work)
+    m = np.uint64(n)
+    b = np.uint64(pairs[m, 1])
+    relative(poses[np.uint64(pairs[m, 2])], poses[np.uint64(pairs[m, 3])], work)
+    cheap = box_gap(boxes, pairs[m, 0], pairs[m, 1], work)
     if cheap >= high or (cheap > low and cheap < high - pays):
         return float(cheap)
-    for r in range(3):
-        work[7, r] = toward[n, r]
+    work[7, 0], work[7, 1], work[7, 2] = toward[m, 0], toward[m, 1], toward[m, 2]
     hx, hy, hz = boxes[b, 0], boxes[b, 1], boxes[b, 2]
-    bound = gjk(vertices, pairs[n, 5], pairs[n, 6], pairs[n, 4], hx, hy, hz, pairs[n, 7], pairs[n, 8], work, low, high, TOLERANCE)
-    for r in range(3):
-        toward[n, r] = work[7, r]
+    bound = gjk(vertices, groups, pairs[m, 5], pairs[m, 6], pairs[m, 4], hx, hy, hz, pairs[m, 7], pairs[m, 8], work, low, high, tolerance)
+    toward[m, 0], toward[m, 1], toward[m, 2] = work[7, 0], work[7, 1], work[7, 2]
     return float(max(bound, cheap))

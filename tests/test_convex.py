@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from kinematics.arm import BOX, CYLINDER, HULL
-from kinematics.convex import box_gap, by_coordinate, distance, make_work, relative, separated_by, support
+from kinematics.convex import box_gap, by_coordinate, distance, grouped, make_work, relative, separated_by, support
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array, apply, rotation_about, transform
 
@@ -148,4 +148,20 @@ def test_support_is_the_furthest() -> None:
     points = by_coordinate(rng.normal(size=(300, 3)))
     for _ in range(200):
         d = rng.normal(size=3)
-        assert d @ points[:, support(points, 37, 251, *d)] == (d @ points[:, 37:251]).max()
+        assert d @ points[:, support(points, np.empty((4, 0)), 37, 251, *d)] == (d @ points[:, 37:251]).max()
+
+
+def test_grouped_search_finds_the_same() -> None:
+    """Groups change the order of the vertices and the time, not the furthest one; no body loses or gains a point."""
+    rng = np.random.default_rng(8)
+    sizes = [500, 3, 1, 77, 1000, 32]
+    bodies = [rng.normal(size=(n, 3)) * rng.uniform(0.01, 1, 3) for n in sizes]
+    bodies[3] /= np.linalg.norm(bodies[3], axis=1)[:, None]
+    vertices, groups, start = grouped(np.concatenate(bodies), np.r_[0, np.cumsum(sizes)])
+    for body, a, b in zip(bodies, start, start[1:]):
+        assert {tuple(p) for p in vertices[:, a:b].T} == {tuple(p) for p in body}
+        for _ in range(200):
+            d = rng.normal(size=3) * 10.0 ** rng.integers(-3, 3)
+            i = support(vertices, groups, a, b, *d)
+            assert a <= i < b
+            assert d @ vertices[:, i] == pytest.approx((body @ d).max(), rel=1e-12)

@@ -132,6 +132,7 @@ class LaneScratch(NamedTuple):
     bodies_on: NDArray[np.uint8]
     pairs_on: NDArray[np.uint8]
     stack: Array
+    lows: Array
 
 
 # Building
@@ -196,7 +197,14 @@ def lane_scratch(model: LaneModel, world: LaneWorld) -> LaneScratch:
         for w in range(16):
             rows[first + 16 * (5 * r) + w] = 1.0
     return LaneScratch(
-        rows, np.empty(K), np.empty(K), np.empty((P, K + 1)), np.empty((P, B), np.uint8), np.empty(S, np.uint8), np.empty((1024, 3))
+        rows,
+        np.empty(K),
+        np.empty(K),
+        np.empty((P, K + 1)),
+        np.empty((P, B), np.uint8),
+        np.empty(S, np.uint8),
+        np.empty((1024, 2)),
+        np.empty(16),
     )
 
 
@@ -521,7 +529,7 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
 # Edges and sets of configurations
 
 
-@njit(cache=True, nogil=True)
+@_fast
 def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) -> float:
     """Joint values at the start, their change and each part's travel; the largest travel comes back, or -1 for a value out of bounds."""
     K, P = M.T.shape[0], M.frame.shape[0]
@@ -554,7 +562,7 @@ def _set_out(S: F32, X: LaneScratch) -> None:
         store(S, o, load(S, _AT) * d + a)
 
 
-@njit(cache=True, nogil=True)
+@_fast
 def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch: LaneScratch) -> int:
     """Whether the straight motion from qa (J,) to qb (J,) touches nothing.
 
@@ -570,7 +578,8 @@ def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch:
         S[_AT + _U(w)] = np.float32((w + 0.5) * width)
     first, n = True, 1
     pieces = 16
-    lows = np.zeros(16)
+    lows = scratch.lows
+    lows[0] = 0.0
     while True:
         _set_out(S, scratch)
         fail, sure = _batch(model, world, scratch, width, first, False)

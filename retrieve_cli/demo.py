@@ -1,0 +1,148 @@
+"""`retrieve demo`: find one hard scene, plan it, and leave the scene, the plan, a page and pictures of it in a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from retrieve_cli.errors import InputError, blame
+from retrieve_cli.files import plan_writer, scene_writer
+from retrieve_cli.terminal import say
+
+if TYPE_CHECKING:
+    from kinematics.robot import Robot
+    from kinematics.scene import Scene
+    from planning.motion.pick_place import Motions
+    from planning.plan import Plan
+    from retrieve_cli.picture import Film
+
+ROBOT, SPEC, POLICY = "ur5e", "paper", "local"
+LOOKS, MOST_LOOKS = 12, 60
+"""Scenes that are tried for one in which two different objects must move; and for one with any move at all."""
+
+
+def run(*, out: Path, seed: int) -> None:
+    """Write scene.jsonl, plan.jsonl, plan.html, before.png, during.png, after.png and hand.png into `out`, and tell the story."""
+    folder = _folder(out)
+    say("getting ready; a first run compiles for up to a minute, later ones start at once")
+    with blame("demo"):
+        scene, plan, motions = _hard_scene(seed)
+    from retrieve_cli.picture import Film
+
+    film = Film(motions.robot, scene, plan)
+    _tell(film, motions)
+    with scene_writer(folder / "scene.jsonl") as write:
+        write(scene)
+    with plan_writer(folder / "plan.jsonl") as write:
+        write(plan)
+    say("\ndrawing")
+    _draw(film, folder)
+    say(f"  {folder / 'plan.html'}: the whole plan in 3D, with play controls; open it in a browser")
+    say(f"  {folder / 'before.png'}, during.png, after.png; hand.png is what the camera on the hand sees")
+    say(f"\nagain, from the scene alone: retrieve plan {folder / 'scene.jsonl'} --policy {POLICY} --seed {seed} | retrieve report")
+
+
+def _folder(out: Path) -> Path:
+    """Raises InputError when it can't be made."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as e:
+        raise InputError(f"{out}: is a file, not a folder; name another one with --out") from e
+    return out
+
+
+def _hard_scene(seed: int) -> tuple[Scene, Plan, Motions]:
+    """The first scene of a seed in which two different objects are moved, each once; else the first with any move.
+
+    Raises: ValueError when there is none.
+    """
+    from kinematics.robot import load
+    from kinematics.scene import RobotRef
+    from kinematics.transforms import transform
+    from planning.problems import generate, load_spec
+
+    arm = load(ROBOT, on_step=say)
+    spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.stand), name=arm.name)
+    say("looking for a scene in which two objects are in the way")
+    kept = None
+    for index in range(MOST_LOOKS):
+        scene = generate(spec, arm, ref, seed, index)
+        plan, motions = _planned(scene, arm, seed)
+        moved = [m.object for m in plan.moves if m.done]
+        if not (plan.success and plan.verified):
+            say(f"  scene {scene.id}: not solved")
+        elif len(set(moved)) == len(moved) >= 2:
+            say(f"  scene {scene.id}: {len(moved)} moves; this one")
+            return scene, plan, motions
+        else:
+            say(
+                f"  scene {scene.id}: {'nothing' if not moved else '1 move' if len(moved) == 1 else f'{len(moved)} moves, one object more than once'}"
+            )
+            kept = kept or ((scene, plan, motions) if moved else None)
+        if kept and index + 1 >= LOOKS:
+            say(f"  scene {kept[0].id} will do")
+            return kept
+    raise ValueError(f"none of {MOST_LOOKS} scenes was solved by moving something; try another --seed")
+
+
+def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:
+    """Just what `retrieve plan --policy local` does with the scene alone in its file."""
+    import numpy as np
+
+    from planning.motion.pick_place import Motions
+    from planning.policies import make_policy
+    from planning.retrieval import retrieve
+    from retrieve_cli.plan import ITERATIONS, STAGE
+
+    motions = Motions(arm, scene, iterations=ITERATIONS)
+    rng = np.random.default_rng([seed, STAGE, 0])
+    return retrieve(scene, make_policy(POLICY, motions), motions, name=POLICY, rng=rng), motions
+
+
+def _tell(film: Film, motions: Motions) -> None:
+    """The story: what is in the way, each move, and the times."""
+    import numpy as np
+
+    from planning.plan import Blocked
+
+    scene, plan = film.scene, film.plan
+    assert plan is not None
+    say(f"\n{scene.target} is wanted; {len(scene.objects) - 1} other objects stand in the cabinet")
+    for number, move in enumerate(film.done):
+        first = next(s for s in film.stretches if s.move == number)
+        why = motions.retrieve_target(film.state_at(first.start_s), np.random.default_rng(0))
+        if isinstance(why, Blocked):
+            say(f"  {scene.target} is {'still ' if number else ''}blocked: {_in_words(why)}")
+        seconds = sum(s.end_s - s.start_s for s in film.stretches if s.move == number)
+        far = 100 * float(np.linalg.norm(move.T_world_to[:3, 3] - move.T_world_from[:3, 3]))
+        say(f"  {number + 1}. {move.object} moves {far:.0f} cm away, to region {move.region} ({seconds:.1f} s)")
+    seconds = sum(s.end_s - s.start_s for s in film.stretches if s.move == len(film.done))
+    say(f"  {len(film.done) + 1}. {scene.target} comes out ({seconds:.1f} s)")
+    failed = len(plan.moves) - len(film.done)
+    tries = f"; {failed} other attempts failed" if failed > 1 else "; 1 other attempt failed" if failed else ""
+    say(f"planned in {plan.planning_time_s + plan.motion_time_s:.1f} s{tries}; every motion was verified")
+    say(f"the arm moves for {film.length_s:.1f} s, its hand {plan.hand_travel_m:.1f} m")
+
+
+def _in_words(why: object) -> str:
+    from planning.plan import Blocked
+
+    assert isinstance(why, Blocked)
+    if why.link and why.body:
+        return f"{why.link} would touch {why.body} ({why.stage})"
+    return str(why)
+
+
+def _draw(film: Film, folder: Path) -> None:
+    from retrieve_cli.files import write_text
+    from retrieve_cli.page import page
+    from retrieve_cli.picture import best_view
+    from retrieve_cli.still import hand_view, save, side_view, time_of_best_carry, time_of_best_sight
+
+    write_text(folder / "plan.html", page(film))
+    camera = best_view(film)
+    time_s, move = time_of_best_carry(film, camera)
+    save(side_view(film, 0.0, camera), folder / "before.png")
+    save(side_view(film, time_s, camera, move=move), folder / "during.png")
+    save(side_view(film, film.length_s, camera, move=len(film.done)), folder / "after.png")
+    save(hand_view(film, time_of_best_sight(film)), folder / "hand.png")

@@ -1,0 +1,134 @@
+"""`retrieve show`: a scene or a plan as a page, as a still picture, or live in the browser."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from retrieve_cli.errors import InputError, blame, did_you_mean
+from retrieve_cli.files import read_either, read_scenes, write_text
+from retrieve_cli.terminal import say
+
+if TYPE_CHECKING:
+    from kinematics.scene import Scene
+    from planning.plan import Plan
+    from retrieve_cli.picture import Film
+
+FIRST_PORT, PORTS = 7000, 100
+"""meshcat's own choice, and how many ports are tried before any free one."""
+
+
+def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None, png: Path | None, camera: str) -> None:
+    """Show line `index` of a file: write `html` and `png` where asked, else serve the page until Ctrl-C."""
+    where, scene, plan = _find(file, index, scenes)
+    with blame(where):
+        film = _film(scene, plan)
+    if png is not None:
+        from retrieve_cli.still import write_png
+
+        write_png(film, png, camera=camera)
+    if html is not None:
+        _write_page(film, html)
+    if html is None and png is None:
+        _serve(film)
+
+
+def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
+    """Write a page that needs nothing else: the scene in 3D, and the plan as an animation. Raises InputError like `files.replacing`."""
+    _write_page(_film(scene, plan), out)
+
+
+def _write_page(film: Film, out: Path) -> None:
+    from retrieve_cli.page import page
+
+    write_text(out, page(film))
+
+
+def _film(scene: Scene, plan: Plan | None) -> Film:
+    """Raises ValueError when the robot can't be loaded, or the plan is not for it."""
+    from kinematics.robot import from_ref
+    from retrieve_cli.picture import Film
+
+    film = Film(from_ref(scene.robot, on_step=say), scene, plan)
+    names = {b.name for b in scene.objects}
+    for motion in plan.motions if plan else ():
+        film.full(motion)
+        if motion.held and motion.held.body not in names:
+            raise ValueError(f"the plan holds {motion.held.body!r}, which scene {scene.id} does not have")
+    for move in plan.moves if plan else ():
+        if move.object not in names:
+            raise ValueError(f"the plan moves {move.object!r}, which scene {scene.id} does not have")
+    return film
+
+
+def _find(file: Path | None, index: int, scenes: Path | None) -> tuple[str, Scene, Plan | None]:
+    """Where it stands, the scene and, if the line is one, the plan."""
+    from kinematics.scene import Scene
+
+    lines = list(islice(read_either(file), index + 1))
+    if len(lines) <= index:
+        count = "1 line" if len(lines) == 1 else f"{len(lines)} lines"
+        raise InputError(f"{_name(file)}: there is no line for --index {index}: it has {count}, and the first is --index 0")
+    where, value = lines[index]
+    if isinstance(value, Scene):
+        return where, value, None
+    if scenes is None:
+        raise InputError(f"{where}: a plan is shown in its scene: name the file that has scene {value.scene}, with --scenes FILE")
+    if file is None and str(scenes) == "-":
+        raise InputError("show: plan and scenes can't both come from stdin; give one of them as a file")
+    known = []
+    for _, scene in read_scenes(scenes, "show"):
+        if scene.id == value.scene:
+            return where, scene, value
+        known.append(scene.id)
+    hint = did_you_mean(value.scene, known)
+    raise InputError(f"{scenes}: none of its {len(known)} scenes is {value.scene}, for which the plan at {where} was made{hint}")
+
+
+def _name(file: Path | None) -> str:
+    return "stdin" if file is None or str(file) == "-" else str(file)
+
+
+def _serve(film: Film) -> None:
+    """The same page, for the browser on this machine, until Ctrl-C: no second process, and no copy on the disk."""
+    from functools import partial
+    from http.server import ThreadingHTTPServer
+
+    from retrieve_cli.page import page
+
+    content = page(film).encode()
+    for port in (*range(FIRST_PORT, FIRST_PORT + PORTS), 0):
+        try:
+            server = ThreadingHTTPServer(("127.0.0.1", port), partial(_handler(), content))
+            break
+        except OSError:
+            if port == 0:
+                raise
+    with server:
+        say(f"open http://127.0.0.1:{server.server_port}/ in a browser; Ctrl-C ends")
+        server.serve_forever()
+
+
+def _handler() -> type:
+    from http.server import BaseHTTPRequestHandler
+    from typing import Any
+
+    class Page(BaseHTTPRequestHandler):
+        def __init__(self, content: bytes, *args: Any) -> None:
+            self.content = content
+            super().__init__(*args)
+
+        def do_GET(self) -> None:
+            found = self.path.split("?")[0] in ("/", "/index.html")
+            self.send_response(200 if found else 404)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(self.content) if found else 0))
+            self.end_headers()
+            if found:
+                self.wfile.write(self.content)
+
+        def log_message(self, *_: object) -> None:
+            """Requests are nobody's business."""
+
+    return Page

@@ -20,7 +20,7 @@ settings.register_profile("repeatable", derandomize=True, database=None, deadlin
 settings.load_profile("repeatable")
 
 Json = dict[str, Any]
-PLANNED = {"paper": 6, "paper-any": 2, "shelf": 4}  # so many scenes of each spec
+PLANNED = {"paper": 6, "paper-any": 2, "shelf": 2}  # so many scenes of each spec
 SIDEWAYS = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the hand looking along the world's x, its own x up
 
 
@@ -140,6 +140,12 @@ def handmade(ur5e: Robot) -> Handmade:
 @pytest.fixture(scope="session", params=[(spec, i) for spec, n in PLANNED.items() for i in range(n)], ids=lambda p: f"{p[0]}-{p[1]}")
 def planned(request: pytest.FixtureRequest, ur5e: Robot) -> Handmade:
     """A scene and its plan as `retrieve gen | retrieve plan` write them, one after the other."""
+    spec, index = request.param
+    return make_plan(ur5e, spec, index, ("local", "random")[index % 2])
+
+
+def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
+    """Scene `index` of a spec before a named robot, and its plan, as they come back from files."""
     pytest.importorskip("planning.retrieval")
     from kinematics.scene import RobotRef
     from planning.motion.pick_place import Motions
@@ -148,13 +154,11 @@ def planned(request: pytest.FixtureRequest, ur5e: Robot) -> Handmade:
     from planning.retrieval import Rule, retrieve
     from retrieve_cli.documents import plan_to_json, scene_to_json
 
-    spec, index = request.param
-    policy = ("local", "random")[index % 2]
-    scene = generate(load_spec(spec), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 11, index)
-    motions = Motions(ur5e, scene)
-    plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule.DEEP, rng=np.random.default_rng([11, index]))
-    documents = json.dumps([scene_to_json(scene), plan_to_json(plan)])
-    return Handmade(*json.loads(documents))
+    scene = generate(load_spec(spec), robot, RobotRef(transform(p=robot.stand), robot.name), 11, index)
+    motions = Motions(robot, scene)
+    rng = np.random.default_rng([11, index])
+    plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule.DEEP, rng=rng)
+    return Handmade(*json.loads(json.dumps([scene_to_json(scene), plan_to_json(plan)])))
 
 
 class _Hand:

@@ -10,7 +10,7 @@ import json
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -72,15 +72,15 @@ class Solid:
     high: np.ndarray
     keep: Any = field(default=None, repr=False)  # what owns the geometry's memory
 
-    @property
+    @cached_property
     def centre(self) -> np.ndarray:
         return (self.low + self.high) / 2
 
-    @property
+    @cached_property
     def radius(self) -> float:
         return float(np.linalg.norm(self.high - self.low) / 2)
 
-    @property
+    @cached_property
     def corners(self) -> np.ndarray:
         return np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (self.high - self.low) + self.low
 
@@ -202,21 +202,21 @@ class Arm:
             yield self.parent_joint[link]
             link = self.parent_link[link]
 
-    def configuration(self, q: np.ndarray) -> np.ndarray:
-        """pinocchio's configuration for the actuated joints' values q, in the order of `actuated`."""
-        value = dict(zip(self.actuated, q))
-        out = pin.neutral(self.model)
+    def configurations(self, Q: np.ndarray) -> np.ndarray:
+        """pinocchio's configurations (S, nq) for the actuated joints' values Q (S, J), in the order of `actuated`."""
+        column = {name: j for j, name in enumerate(self.actuated)}
+        out = np.tile(pin.neutral(self.model), (len(Q), 1))
         for name, (source, factor, offset) in self.follows.items():
             joint = self.model.joints[self.model.getJointId(name)]
-            x = factor * value[source] + offset
-            out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+            x = factor * Q[:, column[source]] + offset
+            out[:, joint.idx_q : joint.idx_q + joint.nq] = x[:, None] if joint.nq == 1 else np.stack([np.cos(x), np.sin(x)], -1)
         return out
 
     def place(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses in the base frame of the solids (S, G, 4, 4) and of the hand (S, 4, 4) for configurations (S, J)."""
         joints = np.empty((len(Q), self.model.njoints, 4, 4))
-        for i, q in enumerate(Q):
-            pin.forwardKinematics(self.model, self.data, self.configuration(q))
+        for i, q in enumerate(self.configurations(Q)):
+            pin.forwardKinematics(self.model, self.data, q)
             joints[i] = [M.homogeneous for M in self.data.oMi]
         return joints[:, self.carrier] @ self.offset, joints[:, self.hand[0]] @ self.hand[1]
 
@@ -435,16 +435,22 @@ class _Replay:
         movers = [(s, poses[:, g]) for g, s in enumerate(self.arm.solids)]
         still = self.walls + [(self.bodies[n], T) for n, T in self.poses.items() if n != name]
         still = [(s, self.T_base_world @ T) for s, T in still]
-        pairs = [(a, Ta, b, Tb) for a, Ta in movers for b, Tb in still]
-        pairs += [(*movers[g], *movers[h]) for g, h in self.arm.pairs]
+        first = len(movers)
+        pairs = [tuple(pair) for pair in self.arm.pairs]
         if name is not None and moving is not None:
-            carried = self.bodies[name]
-            pairs += [(carried, moving, b, Tb) for b, Tb in [*still, *movers]]
+            movers.append((self.bodies[name], moving))
+            pairs += [(first, g) for g in range(first)]
+        solids = [s for s, _ in movers + still]
+        centres = np.stack([np.broadcast_to(T[..., :3, :3] @ s.centre + T[..., :3, 3], (len(poses), 3)) for s, T in movers + still])
+        radii = np.array([s.radius for s in solids])
+        pairs += [(g, h) for g in range(len(movers)) for h in range(len(movers), len(solids))]
+        one, two = np.array(pairs).T
+        near = (((centres[one] - centres[two]) ** 2).sum(-1) <= (radii[one] + radii[two])[:, None] ** 2).any(1)
         deepest: dict[tuple[str, str], tuple[float, int]] = {}
-        for a, Ta, b, Tb in pairs:
+        for (a, Ta), (b, Tb) in ((movers[g], (movers + still)[h]) for g, h in zip(one[near], two[near])):
+            bound = self.touch_m if frozenset((a.name, b.name)) in allowed else CONTACT_M
             for s in np.flatnonzero(close(Ta, a, Tb, b)):
                 d = depth(a.geometry, Ta[s], b.geometry, Tb if Tb.ndim == 2 else Tb[s])
-                bound = self.touch_m if frozenset((a.name, b.name)) in allowed else CONTACT_M
                 if d is not None and d > max(bound, deepest.get((a.name, b.name), (0.0, 0))[0]):
                     deepest[a.name, b.name] = d, int(s)
         for (a_name, b_name), (d, s) in deepest.items():

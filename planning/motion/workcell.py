@@ -79,21 +79,22 @@ class Workcell:
 
         The held object may touch the fingers, which hold it, and is checked against the rest of the robot.
         """
-        parts, links, reach_m = self.arm.parts(gripper)
+        parts, prepared = self.arm.parts(gripper)
+        links = self.arm.links
         solids, bodies = self._standing(poses)
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
-            grip, grip_reach_m = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
+            grip, grip_prepared = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
             parts, links = join_parts(parts, grip), links + (held.body,) * len(grip.frame)
-            reach_m = np.concatenate([reach_m, grip_reach_m], axis=1)
+            prepared = exact.join_prepared(prepared, grip_prepared)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.fingers]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
         check[parts.frame == 0] = 0  # the base stands still: `contacts` of the first state judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, pairs), reach_m=reach_m)
+        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, pairs), prepared=prepared)
         return Situation(packed, exact.make_scratch(packed), links + tuple(bodies))
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
@@ -196,22 +197,23 @@ class Arm:
         self.T_frame_hand: Array = carried["hand"][1]
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self._parts: dict[float, tuple[Parts, tuple[str, ...], Array]] = {}
+        self._links: dict[float, tuple[Parts, exact.Prepared]] = {}
+        self.links = tuple(hull.link for hull in robot.hulls)
 
-    def parts(self, gripper: float) -> tuple[Parts, tuple[str, ...], Array]:
-        """The link hulls with the fingers at a gripper value, the links' names, and how far each joint moves each (see exact.reach)."""
+    def parts(self, gripper: float) -> tuple[Parts, exact.Prepared]:
+        """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
         key = round(gripper, 9)
-        if key not in self._parts:
-            parts, links = self.robot.parts(gripper, self.T_world_base)
-            self._parts[key] = parts, links, exact.reach(self.chain, parts)
-        return self._parts[key]
+        if key not in self._links:
+            parts, _ = self.robot.parts(gripper, self.T_world_base)
+            self._links[key] = parts, exact.prepare(self.chain, parts)
+        return self._links[key]
 
-    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, Array]:
-        """A held object as parts of the hand, and how far each joint moves it."""
+    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared]:
+        """A held object as parts of the hand."""
         T = self.T_frame_hand @ T_hand_body
         pieces = [apply(T, part) for part in convex_parts(shape)]
         parts = make_parts([len(self.chain.q_index)] * len(pieces), pieces)
-        return parts, exact.reach(self.chain, parts)
+        return parts, exact.prepare(self.chain, parts)
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -232,10 +234,10 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 
     cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
     solids, names = make_solids(cabinet.walls())
-    parts, links, reach_m = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
-    check = np.ones((len(links), len(names)), np.uint8)
+    parts, prepared = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
+    check = np.ones((len(parts.frame), len(names)), np.uint8)
     check[parts.frame == 0] = 0
-    problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs), reach_m=reach_m)
+    problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs), prepared=prepared)
     scratch = exact.make_scratch(problem)
     found = []
     _, width, height = cabinet.size_m

@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from planning.motion.pick_place import Motions
-from planning.policies.local import make_local_object, make_local_region
+from planning.policies.local import Lines, make_local_object, make_local_region
 from planning.policies.random import random_object, random_region
 from planning.retrieval import Policy
 
+
+def _local(motions: Motions) -> Policy:
+    lines = Lines(motions)
+    return Policy(make_local_object(lines), make_local_region(lines))
+
+
 POLICIES: dict[str, Callable[[Motions], Policy]] = {
     "random": lambda motions: Policy(random_object, random_region),
-    "local": lambda motions: Policy(make_local_object(motions), make_local_region(motions)),
+    "local": _local,
 }
 
 

@@ -27,12 +27,10 @@ class Line:
         arm, robot = motions.cell.arm, motions.robot
         start = robot.arm_q(seen.q)
         solutions = motions.cell.ik(seen.grasp.T_world_hand)
-        order = np.argsort(np.abs(solutions - start).max(1)) if len(solutions) else []
         opened = robot.opening.value_at(open_width(seen.grasp.width_m, robot.opening))
-        among_walls = motions.cell.problem({}, opened)
-        goal = next((solutions[i] for i in order if motions.cell.touch(among_walls, solutions[i]) is None), None)
+        goal = min(solutions, key=lambda q: float(np.abs(q - start).max()), default=None)
         self.samples = np.zeros((0, len(start))) if goal is None else start + np.linspace(0, 1, SAMPLES)[:, None] * (goal - start)
-        self.parts, _, self.reach_m = arm.parts(opened)
+        self.parts, self.prepared = arm.parts(opened)
 
     def first_touch(self, box: Array) -> int | None:
         """Index of the first sample at which the arm touches a box (6,), centre and size; None when none does."""
@@ -42,26 +40,39 @@ class Line:
     def _against(self, box: Array) -> tuple[Problem, Scratch]:
         solids, _ = make_solids([Body("box", Box(box[3:]), transform(p=box[:3]))])
         check = np.ones((len(self.parts.frame), 1), np.uint8)
-        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, Query(check, np.zeros((0, 2), np.int64)), reach_m=self.reach_m)
+        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, Query(check, np.zeros((0, 2), np.int64)), prepared=self.prepared)
         return problem, make_scratch(problem)
 
 
-def make_local_object(motions: Motions) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
+class Lines:
+    """The line of the latest observation, computed once for all that is asked about it."""
+
+    def __init__(self, motions: Motions) -> None:
+        self.motions = motions
+        self._seen: Observation | None = None
+
+    def of(self, seen: Observation) -> Line:
+        if self._seen is not seen:
+            self._seen, self._line = seen, Line(self.motions, seen)
+        return self._line
+
+
+def make_local_object(lines: Lines) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
     """select: the objects that the line runs into, the first to be met in front; none, when it is free or x_g is out of reach."""
 
     def local_object(seen: Observation, rng: np.random.Generator) -> Sequence[str]:
-        line = Line(motions, seen)
+        line = lines.of(seen)
         met = {name: line.first_touch(seen.boxes[name]) for name in seen.movable}
         return sorted((n for n in met if met[n] is not None), key=lambda n: (met[n], n))
 
     return local_object
 
 
-def make_local_region(motions: Motions) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
+def make_local_region(lines: Lines) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
     """place: the free regions where the object would be off the line, the nearest to where it stands in front."""
 
     def local_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-        line, box = Line(motions, seen), seen.boxes[name]
+        line, box = lines.of(seen), seen.boxes[name]
         free = free_regions(seen, name)
         distance = np.linalg.norm(seen.regions[free, :2] - box[:2], axis=1)
         bottom = box[2] - box[5] / 2

@@ -158,12 +158,13 @@ class Verdict:
         pairs = [*self._pairs, *((h, i) for h in range(n_links, n_movers) for i in range(n_links))]
         pairs += [(i, n_movers + j) for i in range(n_movers) for j in range(len(standing))]
         solids = movers + standing
-        tested = np.array([p for p in pairs if frozenset((solids[p[0]].name, solids[p[1]].name)) not in allowed])
+        tested = np.array([p for p in pairs if frozenset((solids[p[0]].name, solids[p[1]].name)) not in allowed], np.int64).reshape(-1, 2)
         low, high = _boxes(movers, np.stack(T, axis=1))
         low_s, high_s = _boxes(standing, np.array([[s.T for s in standing]]))
         low = np.concatenate([low, np.repeat(low_s, len(q), axis=0)], axis=1)
         high = np.concatenate([high, np.repeat(high_s, len(q), axis=0)], axis=1)
-        close = ((low[:, tested[:, 0]] <= high[:, tested[:, 1]]) & (low[:, tested[:, 1]] <= high[:, tested[:, 0]])).all(-1)
+        overlap = (low[:, tested[:, 0]] <= high[:, tested[:, 1]]) & (low[:, tested[:, 1]] <= high[:, tested[:, 0]])
+        close = np.asarray(overlap.all(-1))
         for n in np.flatnonzero(close.any(1)):
             now = tested[close[n]]
             for i in np.unique(now):

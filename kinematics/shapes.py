@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def load_mesh(file: Path, scale: float = 1.0, name: str = "") -> ConvexMesh:
     if not file.is_file():
         raise ValueError(f"mesh file {file} does not exist")
     try:
-        mesh = trimesh.load(file, force="mesh")
+        mesh: Any = trimesh.load(file, force="mesh")
     except Exception as e:  # trimesh raises many kinds, all of them "this file is no mesh"
         raise ValueError(f"mesh file {file} can't be read: {e}") from e
     if len(mesh.vertices) < 4:

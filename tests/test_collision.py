@@ -154,6 +154,18 @@ def test_a_verdict_can_be_asked_again(toy: Robot) -> None:
     assert answers[0] == [Contact("left_finger", "box", answers[0][0].depth_m)]
 
 
+def test_the_first_of_many_configurations_that_touches(toy: Robot) -> None:
+    """The arm reaches out step by step, until a finger is in the box."""
+    box = Body("box", Box(np.array([0.05, 0.05, 0.04])), at(toy, "left_finger", (0, 0, 0.0351 + 0.02)))
+    verdict, q = Verdict(toy, scene_of(toy, box)), np.linspace(HOME - np.array([0, 0, 0.05, 0]), HOME + np.array([0, 0, 0.05, 0]), 11)
+    found = verdict.first_contacts(q, {"box": box.T_world_body})
+    assert found is not None
+    assert (found[0], [(c.a, c.b) for c in found[1]]) == (6, [("left_finger", "box")])
+    assert found[1][0].depth_m == pytest.approx(0.0099, abs=1e-6)
+    assert verdict.first_contacts(q[:6], {"box": box.T_world_body}) is None
+    assert verdict.first_contacts(q, {"box": box.T_world_body}, may_touch=[("left_finger", "box")]) is None
+
+
 def test_an_arm_folded_into_itself(ur5e: Robot) -> None:
     q = ur5e.home.copy()
     q[list(ur5e.arm_joints)] = [0.0, -1.5, 2.9, 0.0, 0.0, 0.0]

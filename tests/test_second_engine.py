@@ -316,7 +316,7 @@ def test_plans_of_other_robots_hold(name: str, tmp_path: Path) -> None:
         pytest.skip(f"the package of {name} is not installed")
     robot = load(name)
     (tmp_path / "robot.urdf").write_text(robot.urdf)
-    planned = make_plan(robot, "paper", 0, "local")
+    planned = make_plan(robot, "paper", 1, "local")
     assert planned.plan["verified"]
     assert but_for_knuckles(found(planned, tmp_path / "robot.urdf")) == []
 

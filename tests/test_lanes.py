@@ -258,6 +258,56 @@ def test_a_free_edge_is_free_everywhere(seed):
     assert seen[lanes.FREE] + seen[lanes.TOUCHES] > 100
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_grain_on_the_way_of_a_corner_is_never_missed(seed):
+    """A body of 2 mm, put where a corner of a part comes by at some moment of a long motion."""
+    p, rng = problem(seed), np.random.default_rng([6, seed])
+    P = len(p.parts.frame)
+    query = Query(np.ones((P, 1), np.uint8), np.zeros((0, 2), np.int64))
+    for a, b in zip(p.sample(rng, 100), p.sample(rng, 100), strict=True):
+        part = rng.integers(1, P)
+        vertex = p.parts.vertices[rng.integers(p.parts.start[part], p.parts.start[part + 1])]
+        forward(p.chain, a + rng.random() * (b - a), p.frames)
+        grain = Body("grain", Box(np.full(3, 0.002)), transform(p=mapped(p.frames[p.parts.frame[part]], vertex)))
+        world = lanes.lane_world(make_solids([grain])[0], query)
+        assert lanes.edge_free(p.model, world, a, b, lanes.lane_scratch(p.model, world)) != lanes.FREE
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_parts_that_meet_on_the_way_are_never_missed(seed):
+    """Long motions, parts against parts alone."""
+    p, rng = problem(seed), np.random.default_rng([8, seed])
+    world = lanes.lane_world(p.solids, p.query._replace(check=np.zeros_like(p.query.check)))
+    scratch = lanes.lane_scratch(p.model, world)
+    request = fcl.CollisionRequest()
+    for a, b in zip(p.sample(rng, 60), p.sample(rng, 60), strict=True):
+        if lanes.edge_free(p.model, world, a, b, scratch) != lanes.FREE:
+            continue
+        for s in np.linspace(0, 1, 100):
+            forward(p.chain, a + s * (b - a), p.frames)
+            for i, part in enumerate(p.fcl_parts):
+                part.setTransform(placed(p.frames[p.parts.frame[i]]))
+            for i, j in p.query.pairs:
+                assert fcl.collide(p.fcl_parts[i], p.fcl_parts[j], request, fcl.CollisionResult()) == 0
+
+
+def test_growth_covers_a_piece_to_its_very_ends():
+    """A sliding needle whose tip touches a grain at the end of the motion only: the bounding ball, which ends at the tip, has to grow by
+    the whole half piece."""
+    needle = np.concatenate([np.diag([0.02, 0.02, 0.1]), -np.diag([0.02, 0.02, 0.1])])
+    one, zero = np.ones(1), np.zeros(1, np.int64)
+    chain = Chain(np.eye(4)[None], zero, one, 0 * one, zero + 1, 0 * one, one, zero)
+    parts = make_parts([1], [needle])
+    model = lanes.lane_model(chain, parts, [spheres.levels(needle)])
+    for at, far in ((1.1, 0.0), (-0.1, 1.0)):
+        grain = Body("grain", Box(np.full(3, 0.001)), transform(p=(0, 0, at)))
+        world = lanes.lane_world(make_solids([grain])[0], Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))
+        scratch = lanes.lane_scratch(model, world)
+        assert lanes.edge_free(model, world, far * one, (1 - far) * one, scratch) != lanes.FREE
+        assert lanes.edge_free(model, world, far * one, 0.5 * one, scratch) == lanes.FREE
+        assert lanes.edge_free(model, world, 0.5 * one, 1.001 * one, scratch) == lanes.UNDECIDED  # beyond the limit
+
+
 def test_float32_frames_stay_within_a_quarter_of_the_allowance():
     for seed in SEEDS:
         p, rng = problem(seed), np.random.default_rng([4, seed])

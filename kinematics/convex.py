@@ -153,7 +153,8 @@ def gjk(
     soon as the distance is known
 
     - to be at least `high`: the bound returned is ≥ high;
-    - to be at most `low`, or within the relative tolerance: the bound returned is the best so far.
+    - to be at most `low`, or within the relative tolerance: the bound returned is the best so far. Whether it exceeds `low` is told to
+      5 % even when the tolerance is wider.
     """
     R = work
     vx, vy, vz = work[7, 0], work[7, 1], work[7, 2]

@@ -151,7 +151,7 @@ def prepare(chain: Chain, parts: Parts, reach_m: Array | None = None) -> Prepare
 
 
 def join_prepared(a: Prepared, b: Prepared) -> Prepared:
-    """What `prepare` gives for the parts of a followed by those of b, for one chain: a held object is added so without a look at the arm."""
+    """What `prepare` gives for the parts of a, then those of b, on one chain: a held object is added so without a look at the arm."""
     return Prepared(
         np.concatenate([a.reach, b.reach], axis=1),
         np.concatenate([a.boxes, b.boxes]),
@@ -340,7 +340,7 @@ def pair_bound(
     pays: float,
     tolerance: float,
 ) -> float:
-    """A lower bound in metres of the distance of pair n: at least `high`, or at most `low`, or at most 5 % low.
+    """A lower bound in metres of the distance of pair n: at least `high`, or at most `low`, or within the tolerance.
 
     The boxes' bound, when it lies between low and high, is taken as it is if it falls short of high by more than `pays`.
     """

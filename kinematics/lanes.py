@@ -46,8 +46,9 @@ U64 = Any
 Real = Any  # a float32
 
 FREE, UNDECIDED, TOUCHES = 0, 1, 2
+_CONTACT, _TOO_MUCH = -1, -2
 FINAL_M = 0.0015  # a piece whose balls grow no more than this is not cut again
-FINE_M, COARSE_M = 0.010, 0.040  # up to so much growth the fine and the coarse balls are worth a look
+FINE_M, COARSE_M = 0.010, 0.060  # up to so much growth the fine and the coarse balls are worth a look
 X_MAX = 16.0  # joint values beyond this are refused: float32 has too few digits left for them
 
 _RATIO = 96 * 2.0**-24
@@ -569,47 +570,69 @@ def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch:
     FREE: certain, at every point. TOUCHES: certain as well. UNDECIDED: ask an exact check. Joint values that are not finite, or a sliding
     joint beyond its limits, are undecided.
     """
-    longest = _begin(model, world, qa, qb, scratch)
+    n = _edge(model, world, qa, qb, scratch, scratch.stack, 0)
+    return FREE if n == 0 else TOUCHES if n == _CONTACT else UNDECIDED
+
+
+@_fast
+def edge_open(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch: LaneScratch, pieces: Array) -> int:
+    """What an exact check still has to look at on the motion from qa to qb: n pieces, from pieces[i, 0] to pieces[i, 1] as shares of the
+    way, i < n; all the rest is free for certain, and 0 means that everything is. -1: it touches for certain. -2: more than pieces (N, 2)
+    holds, or joint values that are refused: look at everything.
+    """
+    return _edge(model, world, qa, qb, scratch, pieces, pieces.shape[0])
+
+
+@_fast
+def _edge(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch, pieces: Array, most: int) -> int:
+    """`edge_open`, but with room for `most` pieces."""
+    longest = _begin(M, Wd, qa, qb, X)
     if longest < 0.0:
-        return UNDECIDED
-    S, stack = scratch.rows, scratch.stack
-    width, top = 1.0 / 16, 0
+        return _TOO_MUCH
+    S, stack, lows = X.rows, X.stack, X.lows
+    lows[0] = 0.0
+    width, top, found, first = 1.0 / 16, 0, 0, True
+    parents, cuts = 1, 16  # the batch holds `parents` pieces of the level before, each cut in so many
     for w in range(16):
         S[_AT + _U(w)] = np.float32((w + 0.5) * width)
-    first, n = True, 1
-    pieces = 16
-    lows = scratch.lows
-    lows[0] = 0.0
     while True:
-        _set_out(S, scratch)
-        fail, sure = _batch(model, world, scratch, width, first, False)
+        _set_out(S, X)
+        fail, sure = _batch(M, Wd, X, width, first, False)
         first = False
         if sure != 0:
-            return TOUCHES
+            return _CONTACT
         if fail != 0:
-            if width * longest <= 2 * FINAL_M or top + 16 > stack.shape[0]:
-                return UNDECIDED
-            for i in range(n):
-                for j in range(pieces):
-                    if (fail >> _U(i * pieces + j)) & _U(1):
-                        stack[top, 0], stack[top, 1] = lows[i] + j * width, width
-                        top += 1
+            last = width * longest <= 2 * FINAL_M
+            for i in range(parents):
+                for j in range(cuts):
+                    if (fail >> _U(i * cuts + j)) & _U(1):
+                        low = lows[i] + j * width
+                        if last:
+                            if found == most:
+                                return _TOO_MUCH
+                            pieces[found, 0], pieces[found, 1] = low, low + width
+                            found += 1
+                        else:
+                            if top == stack.shape[0]:
+                                return _TOO_MUCH
+                            stack[top, 0], stack[top, 1] = low, width
+                            top += 1
         if top == 0:
-            return FREE
+            return found
         wide = stack[top - 1, 1]
-        pieces = 2
-        while pieces < 16 and wide * longest > 2 * FINAL_M * pieces:
-            pieces *= 2
-        width = wide / pieces
-        n = 0
-        while n < 16 // pieces and top > 0 and stack[top - 1, 1] == wide:
+        cuts = 2
+        while cuts < 16 and wide * longest > 2 * FINAL_M * cuts:
+            cuts *= 2
+        width = wide / cuts
+        parents = 0
+        while parents < 16 // cuts and top > 0 and stack[top - 1, 1] == wide:
             top -= 1
-            lows[n] = stack[top, 0]
-            n += 1
-        for i in range(16 // pieces):
-            low = lows[min(i, n - 1)]
-            for j in range(pieces):
-                S[_AT + _U(i * pieces + j)] = np.float32(low + (j + 0.5) * width)
+            lows[parents] = stack[top, 0]
+            parents += 1
+        for i in range(16 // cuts):
+            low = lows[min(i, parents - 1)]
+            for j in range(cuts):
+                S[_AT + _U(i * cuts + j)] = np.float32(low + (j + 0.5) * width)
 
 
 @njit(cache=True, nogil=True)

@@ -76,7 +76,7 @@ class Problem:
         self.frames = np.empty((joints + 1, 4, 4))
 
     def sample(self, rng, n):
-        return rng.uniform(self.chain.lower, self.chain.upper, (n, len(self.chain.lower)))
+        return rng.uniform(self.chain.lower, self.chain.upper, (*np.atleast_1d(n), len(self.chain.lower)))
 
     def touches(self, q):
         """FCL's verdict on one configuration."""
@@ -256,6 +256,24 @@ def test_a_free_edge_is_free_everywhere(seed):
             assert any(p.touches(a + s * (b - a)) for s in np.linspace(0, 1, 513))
     assert seen[lanes.UNDECIDED] < 60
     assert seen[lanes.FREE] + seen[lanes.TOUCHES] > 100
+
+
+def test_what_an_edge_leaves_open_is_all_that_may_touch():
+    pieces, partly = np.empty((500, 2)), 0
+    edges = [(problem(seed), *ends) for seed in SEEDS for ends in problem(seed).sample(np.random.default_rng([9, seed]), (100, 2))]
+    for p, a, b in edges:
+        says = lanes.edge_free(p.model, p.world, a, b, p.scratch)
+        n = lanes.edge_open(p.model, p.world, a, b, p.scratch, pieces)
+        assert (n == 0) == (says == lanes.FREE)
+        assert n == -1 or says != lanes.TOUCHES
+        if n > 0:
+            partly += 1
+            s = np.linspace(0, 1, 100)
+            closed = ~((pieces[:n, 0] <= s[:, None]) & (s[:, None] <= pieces[:n, 1])).any(1)
+            assert not any(p.touches(a + t * (b - a)) for t in s[closed])
+        if n > 1:
+            assert lanes.edge_open(p.model, p.world, a, b, p.scratch, pieces[: n - 1]) == -2
+    assert partly > 20
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from retrieve_cli.errors import InputError, blame
-from retrieve_cli.files import plan_writer, scene_writer
+from retrieve_cli.files import plan_writer, read_scenes, scene_writer
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
@@ -26,13 +26,11 @@ def run(*, out: Path, seed: int) -> None:
     folder = _folder(out)
     say("getting ready; a first run compiles for up to a minute, later ones start at once")
     with blame("demo"):
-        scene, plan, motions = _hard_scene(seed)
+        scene, plan, motions = _hard_scene(seed, folder / "scene.jsonl")
     from retrieve_cli.picture import Film
 
     film = Film(motions.robot, scene, plan)
     _tell(film, motions)
-    with scene_writer(folder / "scene.jsonl") as write:
-        write(scene)
     with plan_writer(folder / "plan.jsonl") as write:
         write(plan)
     say("\ndrawing")
@@ -51,8 +49,10 @@ def _folder(out: Path) -> Path:
     return out
 
 
-def _hard_scene(seed: int) -> tuple[Scene, Plan, Motions]:
+def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
     """The first scene of a seed in which two different objects are moved, each once; else the first with any move.
+
+    It is left in `file`, and planned as it is read from there: so `retrieve plan` makes the same plan of it, to the last bit.
 
     Raises: ValueError when there is none.
     """
@@ -66,7 +66,7 @@ def _hard_scene(seed: int) -> tuple[Scene, Plan, Motions]:
     say("looking for a scene in which two objects are in the way")
     kept = None
     for index in range(MOST_LOOKS):
-        scene = generate(spec, arm, ref, seed, index)
+        scene = _through(file, generate(spec, arm, ref, seed, index))
         plan, motions = _planned(scene, arm, seed)
         moved = [m.object for m in plan.moves if m.done]
         if not (plan.success and plan.verified):
@@ -75,14 +75,20 @@ def _hard_scene(seed: int) -> tuple[Scene, Plan, Motions]:
             say(f"  scene {scene.id}: {len(moved)} moves; this one")
             return scene, plan, motions
         else:
-            say(
-                f"  scene {scene.id}: {'nothing' if not moved else '1 move' if len(moved) == 1 else f'{len(moved)} moves, one object more than once'}"
-            )
+            again = ", one object more than once" if len(set(moved)) < len(moved) else ""
+            say(f"  scene {scene.id}: {len(moved)} move{'s' if len(moved) != 1 else ''}{again}")
             kept = kept or ((scene, plan, motions) if moved else None)
         if kept and index + 1 >= LOOKS:
             say(f"  scene {kept[0].id} will do")
+            _through(file, kept[0])
             return kept
     raise ValueError(f"none of {MOST_LOOKS} scenes was solved by moving something; try another --seed")
+
+
+def _through(file: Path, scene: Scene) -> Scene:
+    with scene_writer(file) as write:
+        write(scene)
+    return next(read_scenes(file))[1]
 
 
 def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:

@@ -241,7 +241,7 @@ def _object(path: str, kind: str, geometry: Command, material: Command, matrix: 
 
 def _packed(values: Any, kind: str, items: int) -> Command:
     """An array as meshcat's viewer unpacks it: an extension type for each kind of number."""
-    import umsgpack  # type: ignore[import-untyped]
+    import umsgpack
 
     code = {"Int8Array": 0x11, "Int16Array": 0x13, "Uint16Array": 0x14, "Uint32Array": 0x16, "Float32Array": 0x17}[kind]
     data = umsgpack.Ext(code, np.ascontiguousarray(values).tobytes())

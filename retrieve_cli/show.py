@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from retrieve_cli.errors import InputError, blame, did_you_mean
-from retrieve_cli.files import read_either, read_scenes, write_text
+from retrieve_cli.files import read_either, read_scenes, replacing
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
 def _write_page(film: Film, out: Path) -> None:
     from retrieve_cli.page import page
 
-    write_text(out, page(film))
+    with replacing(out) as part:
+        part.write_text(page(film), encoding="utf-8")
 
 
 def _film(scene: Scene, plan: Plan | None) -> Film:

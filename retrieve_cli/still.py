@@ -37,15 +37,21 @@ def write_png(film: Film, out: Path, *, camera: str = "side") -> None:
     """Write the still that tells most: from the side the beginning, with the hand's path and where moved objects go; or what the camera on
     the hand sees of the target. Raises InputError when `out` can't be written.
     """
-    save(side_view(film) if camera == "side" else hand_view(film, time_of_best_sight(film)), out)
+    with replacing(out) as part:
+        image = side_view(film) if camera == "side" else hand_view(film, time_of_best_sight(film))
+        _save(image, part)
 
 
 def save(image: Image, out: Path) -> None:
     """Write a PNG file, beside its name first. Raises InputError like `files.replacing`."""
+    with replacing(out) as part:
+        _save(image, part)
+
+
+def _save(image: Image, file: Path) -> None:
     from PIL import Image as Pillow
 
-    with replacing(out) as part:
-        Pillow.fromarray(image).save(part, format="PNG", optimize=True)
+    Pillow.fromarray(image).save(file, format="PNG")
 
 
 def time_of_best_sight(film: Film) -> float:
@@ -105,7 +111,7 @@ def side_view(film: Film, time_s: float = 0.0, T_world_camera: Array | None = No
     intrinsics = pinhole(WIDTH_PX, round(WIDTH_PX / ASPECT), 2 * float(np.arctan(HALF_WIDTH * 1.06)))
     T = best_view(film) if T_world_camera is None else T_world_camera
     lines = [*marks(film, state, T), *plan_lines(film, move)]
-    return shade(items(film, state), T, intrinsics, lines, studio=Studio(ground_z=ground(film)))
+    return shade(items(film, state), T, intrinsics, lines, studio=_studio(film))
 
 
 def hand_view(film: Film, time_s: float = 0.0) -> Image:
@@ -115,7 +121,7 @@ def hand_view(film: Film, time_s: float = 0.0) -> Image:
     state = film.state_at(time_s)
     T = film.link_poses(state.q)[film.robot.tree.index["camera"]]
     drawn = items(film, state, without="camera")
-    return shade(drawn, T, realsense_d435i(WIDTH_PX, WIDTH_PX * 3 // 4), marks(film, state, T), studio=Studio(ground_z=ground(film)))
+    return shade(drawn, T, realsense_d435i(WIDTH_PX, WIDTH_PX * 3 // 4), marks(film, state, T), studio=_studio(film))
 
 
 def items(film: Film, state: State, without: str = "") -> list[Item]:
@@ -165,6 +171,11 @@ def plan_lines(film: Film, move: int | None = None) -> list[Polyline]:
         colour, width = (film.colours[way.held], 4.0) if way.held else (EMPTY_COLOUR, 2.0)
         lines.append(Polyline(way.points, colour, width, hidden=0.3, halo_px=1.5))
     return lines
+
+
+def _studio(film: Film) -> Studio:
+    """Twice the usual lights: the arm's shadows fall on a white floor, where bands would show."""
+    return Studio(ground_z=ground(film), key_lights=48, sky_lights=192)
 
 
 def _darker(colour: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -28,6 +28,7 @@ from kinematics.scene import RobotRef
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, rotations_about, transform
 
 FIXED, TURNS, SLIDES = 0, 1, 2
+WINDOW = 1.3 * np.pi
 _CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
 
 
@@ -113,7 +114,8 @@ class Robot:
     name: as asked for; urdf: the cleaned, joined URDF text with links `hand` and `camera`. joint_names (J,): every actuated joint, mimic
     joints left out; lower, upper, velocity (J,): limits, in rad or m (and per second), infinite where a joint is continuous.
     arm_joints: indices of those between base and hand, in order; gripper_joint: index of the one that opens the hand.
-    skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves.
+    skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves; pads: those of them that close on
+    an object.
     """
 
     name: str
@@ -130,6 +132,7 @@ class Robot:
     hulls: tuple[LinkHull, ...]
     skip: frozenset[frozenset[str]]
     fingers: frozenset[str]
+    pads: frozenset[str]
     opening: Opening
     stand: Array = field(default_factory=lambda: np.zeros(3))
     has_camera: bool = False
@@ -151,12 +154,15 @@ class Robot:
 
     @cached_property
     def planning_limits(self) -> tuple[Array, Array]:
-        """Limits (A,) for planning: a revolute joint that turns more than once keeps to one turn about its home position."""
+        """Limits (A,) for planning: a revolute joint that turns more than once keeps to a window of 1.3 turns about its home position.
+
+        A window of just one turn would cut through branches of solutions that straddle its ends.
+        """
         arm = list(self.arm_joints)
         low, high, home = self.lower[arm].copy(), self.upper[arm].copy(), self.home[arm]
         turns = np.array([self.tree.kind[self._mover(j)] == TURNS for j in arm])
-        wide = turns & (high - low > 2 * np.pi)
-        low[wide], high[wide] = np.maximum(low, home - np.pi)[wide], np.minimum(high, home + np.pi)[wide]
+        wide = turns & (high - low > 2 * WINDOW)
+        low[wide], high[wide] = np.maximum(low, home - WINDOW)[wide], np.minimum(high, home + WINDOW)[wide]
         return low, high
 
     def chain(self, T_world_base: Array) -> Chain:
@@ -403,11 +409,11 @@ def _robot(
     rest = np.clip(np.zeros(len(joints)), lower, upper)
     if home is not None:
         rest[arm] = home
-    opening = _opening(tree, tuple(hulls), fingers, g, lower, upper, rest, name)
+    opening, pads = _opening(tree, tuple(hulls), fingers, g, lower, upper, rest, name)
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
     return Robot(
-        name, title, text, joints, lower, upper, velocity, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, opening, stand,
+        name, title, text, joints, lower, upper, velocity, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, stand,
         has_camera=any(h.link == "camera" for h in hulls),
     )  # fmt: skip
 
@@ -523,36 +529,40 @@ def _from_srdf(srdf: Path | None) -> set[frozenset[str]]:
 
 def _opening(
     tree: Tree, hulls: tuple[LinkHull, ...], fingers: frozenset[str], gripper: int, lower: Array, upper: Array, rest: Array, name: str
-) -> Opening:
-    """Tabulate the free width between the fingers, along the hand's y, over the gripper joint's range."""
+) -> tuple[Opening, frozenset[str]]:
+    """Tabulate the free width between the fingers, along the hand's y, over the gripper joint's range; and find the pads, the links that
+    stay within 8 mm of being the innermost there."""
     values, z = np.linspace(lower[gripper], upper[gripper], 33), np.linspace(-0.04, 0.04, 81)
     between = np.abs(z) <= 0.015  # the hand frame's origin lies between the pads; further back the knuckles may be closer together
-    rows = []
+    rows, beyond = [], []
     for value in values:
         q = rest.copy()
         q[gripper] = value
         poses = tree.poses(q)
         T_hand = inverse(poses[tree.index["hand"]])
-        gap = np.full((2, len(z)), np.inf)
+        gap, own = np.full((2, len(z)), np.inf), dict[str, float]()
         for hull in hulls:
             if hull.link in fingers:
                 T = T_hand @ poses[tree.index[hull.link]]
                 near, far = _cross(hull.vertices @ T[:3, :3].T + T[:3, 3], hull.faces, z)
                 side = int(np.nanmean(near + far) < 0) if np.isfinite(near).any() else 0
-                gap[side] = np.fmin(gap[side], far * -1 if side else near)
+                inner = far * -1 if side else near
+                own[hull.link] = np.fmin(own.get(hull.link, np.inf), np.nanmin(inner[between], initial=np.inf))
+                gap[side] = np.fmin(gap[side], inner)
         width = gap.sum(0)
         if not np.isfinite(width[between]).any():
             raise ValueError(f"robot {name}: no fingers on both sides of the hand frame along its y axis; "
                              "put the hand frame between the pads, z along the approach, y the way the fingers close")  # fmt: skip
         narrow = float(np.min(width[between]))
-        pads = np.abs(width - narrow) <= 0.0005
-        rows.append((value, max(narrow, 0.0), float(z[pads].mean())))
+        rows.append((value, max(narrow, 0.0), float(z[np.abs(width - narrow) <= 0.0005].mean())))
+        beyond.append({link: own.get(link, np.inf) - narrow / 2 for link in fingers})
     table = np.array(sorted(rows, key=lambda r: r[1]))
     rising = np.concatenate([[True], np.diff(table[:, 1]) > 1e-6])
     if table[-1, 1] - table[0, 1] < 0.005:
         raise ValueError(f"robot {name}: the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis; "
                          "is it the right joint, and does the frame's y point the way the fingers close?")  # fmt: skip
-    return Opening(*table[rising].T)
+    wide = [row for row, (_, width, _) in zip(beyond, rows) if width > 0.4 * table[-1, 1]]  # when closed, the knuckles are innermost too
+    return Opening(*table[rising].T), frozenset(link for link in fingers if max(row[link] for row in wide) < 0.008)
 
 
 def _cross(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, be
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
 LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pads' centre above the floor, so that the fingers clear it
 BELOW_TOP_M = 0.015
+BEHIND_PADS_M = 0.025  # how much of an object fits between the pads' centre and the knuckles, at least
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -121,7 +122,7 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
                     turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
                     reach = float(np.abs(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))) if kind != "downward" else 0.0
                     for rank, z in enumerate(levels):
-                        for back in (0.0, reach - 0.03) if reach > 0.045 else (0.0,):
+                        for back in (0.0, reach - BEHIND_PADS_M) if reach > BEHIND_PADS_M else (0.0,):
                             point = np.array([middle[0], middle[1], z]) - back * ahead
                             grasp = _antipodal(body, opening, point, u, R)
                             if grasp is not None:

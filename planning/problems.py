@@ -20,7 +20,7 @@ from kinematics.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasps import LOWEST_M, UP
+from planning.grasps import BEHIND_PADS_M, LOWEST_M, UP
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 
@@ -151,8 +151,9 @@ def _grasp(spec: Spec, cabinet: Cabinet, target: Body, base: Array, rng: np.rand
         quarter = round((yaw - own) / (np.pi / 2))
         yaw, width = own + quarter * np.pi / 2, 2 * float(half[1 if quarter % 2 == 0 else 0])
     approach = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    reach = float(half[0]) if isinstance(target.shape, Cylinder) else float(half[0 if quarter % 2 == 0 else 1])
     z = max(spec.grasp_height_share * 2 * half[2], LOWEST_M["horizontal"])
-    centre = target.T_world_body[:3, 3] + (z - half[2]) * UP
+    centre = target.T_world_body[:3, 3] + (z - half[2]) * UP - max(0.0, reach - BEHIND_PADS_M) * approach * isinstance(target.shape, Box)
     return Grasp(transform(np.stack([UP, np.cross(approach, UP), approach], -1), centre), width)
 
 

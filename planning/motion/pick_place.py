@@ -238,7 +238,7 @@ class Motions:
 
     def _fingers(self, poses: dict[str, Array], name: str, q: Array, opened: float, closed: float) -> Touch | None:
         """What the fingers touch, besides the object, while they move between two gripper values with the arm at q."""
-        ignore = [(finger, name) for finger in self.robot.fingers]
+        ignore = [(pad, name) for pad in self.robot.pads]
         for value in np.linspace(opened, closed, 4)[1:]:
             if touch := self.cell.touch(self.cell.problem(poses, float(value), ignore=ignore), q):
                 return touch
@@ -324,7 +324,7 @@ class Motions:
         values = np.linspace(gripper, gripper if to_gripper is None else to_gripper, len(arm))
         q = np.array([self.robot.with_arm(a, float(g)) for a, g in zip(arm, values)])
         body = held.body if held else touching
-        may_touch = [(finger, body) for finger in sorted(self.robot.fingers)] if body else []
+        may_touch = [(pad, body) for pad in sorted(self.robot.pads)] if body else []
         if on_floor and body:
             may_touch.append((body, "floor"))
         return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(may_touch))

@@ -1,7 +1,7 @@
 """The last word on a plan: FCL, at a resolution at which no point of the arm moves more than 2 mm between two samples.
 
-It shares nothing with the compiled planner but the robot's hulls: another distance algorithm, on states built again from the motions
-themselves, every object where the motions say it is.
+It works on states built again from the motions themselves, every object where they say it is, and asks another engine than the planner:
+FCL. Samples that the sphere covers prove free (kinematics.spheres) are not asked about.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kinematics.collision import Verdict
+from kinematics.coverage import Sieve
 from kinematics.robot import Robot
 from kinematics.scene import Held, Scene
 from kinematics.shapes import bounds, box_corners
@@ -28,7 +29,7 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
 
     Checked: joint limits, no gap between motions, held objects taken from where they stand, and no contact outside may_touch.
     """
-    verdict = Verdict(robot, scene)
+    verdict, sieve = Verdict(robot, scene), Sieve(robot, scene)
     poses = scene.poses()
     before: Motion | None = None
     for number, motion in enumerate(motions):
@@ -44,6 +45,7 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
         rows = samples(robot, scene, motion)
+        rows = rows[sieve.undecided(rows, poses, motion.held, motion.may_touch)]
         for first in range(0, len(rows), _BATCH):
             found = verdict.first_contacts(rows[first : first + _BATCH], poses, motion.held, motion.may_touch)
             if found is not None:

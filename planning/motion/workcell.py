@@ -77,7 +77,7 @@ class Workcell:
     ) -> Situation:
         """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
 
-        The held object may touch the fingers, which hold it, and is checked against the rest of the robot.
+        The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
         parts, prepared = self.arm.parts(gripper)
         links = self.arm.links
@@ -88,7 +88,7 @@ class Workcell:
             grip, grip_prepared = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
             parts, links = join_parts(parts, grip), links + (held.body,) * len(grip.frame)
             prepared = exact.join_prepared(prepared, grip_prepared)
-            others = [i for i, link in enumerate(links[:first]) if link not in self.robot.fingers]
+            others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
         check[parts.frame == 0] = 0  # the base stands still: `contacts` of the first state judges it

@@ -81,7 +81,8 @@ _AT, _REL, _X = _U(0), _U(16), _U(16 * 13)
 class LaneModel(NamedTuple):
     """A chain and its covered parts, for 16 lanes.
 
-    T (K, 12): the rows of T_prev. limit (K,): largest joint value. frame (P,), bound (P, 4): a ball around each part.
+    T (K, 12): the rows of T_prev. limit (K,): largest joint value. frame (P,), bound (P, 4): a ball around each part,
+    box (P, 6): a box along its frame's axes, middle and half edges.
     coarse (C, 5): centre, outer and inner radius; part p's are coarse_start[p]:coarse_start[p + 1]. fine (F, 5), child_start (C + 1,),
     child (·,): as in `Levels`. reach (P, K): see above. slack (P,): the rounding allowance, metres.
     """
@@ -94,6 +95,7 @@ class LaneModel(NamedTuple):
     limit: Array
     frame: Index
     bound: F32
+    box: F32
     coarse_start: Index
     coarse: F32
     child_start: Index
@@ -148,6 +150,7 @@ def lane_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> LaneMode
     child_n = np.concatenate([np.diff(c.start) for c in covers]) if covers else np.zeros(0, np.int64)
     fine_before = np.concatenate([[0], np.cumsum(fine_n)])
     far, reach, limit = _reaches(chain, parts)
+    box = _boxes(parts)
     return LaneModel(
         np.ascontiguousarray(chain.T_prev[:, :3].reshape(-1, 12), np.float32),
         chain.q_index.astype(np.uint64),
@@ -157,6 +160,7 @@ def lane_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> LaneMode
         limit,
         parts.frame.astype(np.uint64),
         np.ascontiguousarray(np.c_[parts.centre, parts.radius], np.float32),
+        box.astype(np.float32),
         _starts(coarse_n),
         _rows([np.c_[c.coarse.centres, c.coarse.radii, c.coarse.inner_radii()] for c in covers], 5),
         _starts(child_n),
@@ -254,6 +258,17 @@ def _reaches(chain: Chain, parts: Parts) -> tuple[Array, Array, Array]:
             far = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) + slide[k] + far
         size[p] = far
     return size, reach, limit
+
+
+@njit(cache=True, nogil=True)
+def _boxes(parts: Parts) -> Array:
+    box = np.zeros((parts.frame.shape[0], 6))
+    for p in range(parts.frame.shape[0]):
+        for r in range(3):
+            v = parts.vertices[parts.start[p] : parts.start[p + 1], r]
+            box[p, r] = (v.max() + v.min()) / 2
+            box[p, 3 + r] = (v.max() - v.min()) / 2
+    return box
 
 
 # One batch: 16 lanes against everything. Lanes that touch are bits of an integer
@@ -392,6 +407,15 @@ def _apart(x: Lanes, y: Lanes, z: Lanes, balls: F32, i: U64) -> Lanes:
     return u * u + v * v + t * t
 
 
+@_inline
+def _near_box(x: Lanes, y: Lanes, z: Lanes, boxes: F32, i: U64, r: Real) -> Mask:
+    """Lanes in which (x, y, z) is nearer than r to boxes[i]."""
+    u = largest(size(x - boxes[i, 0]) - boxes[i, 3], _ZERO)
+    v = largest(size(y - boxes[i, 1]) - boxes[i, 4], _ZERO)
+    t = largest(size(z - boxes[i, 2]) - boxes[i, 5], _ZERO)
+    return below(u * u + v * v + t * t, r * r)
+
+
 @_fast
 def _part_body(S: F32, M: LaneModel, Wd: LaneWorld, p: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
     """Part p's balls, grown by `grow` (motion) and `slack` (rounding), against body b: lanes that touch, and that do so for certain.
@@ -427,9 +451,12 @@ def _part_part(S: F32, M: LaneModel, a: U64, b: U64, grow: Real, slack: Real, do
     more = grow + slack
     frames = _X + _W * _U(M.T.shape[0])
     _frame_into_frame(S, frames + _W * _U(12) * M.frame[b], frames + _W * _U(12) * M.frame[a])
+    x, y, z = _put(S, _REL, M.bound, b)
+    if _near_box(x, y, z, M.box, a, M.bound[b, 3] + more) & ~done == _U(0):
+        return fail, sure
     for j in range(M.coarse_start[b], M.coarse_start[b + _U(1)]):
         x, y, z = _put(S, _REL, M.coarse, j)
-        if _near(x, y, z, M.bound, a, M.bound[a, 3] + M.coarse[j, 3] + more) & ~(done | sure) == _U(0):
+        if _near_box(x, y, z, M.box, a, M.coarse[j, 3] + more) & ~(done | sure) == _U(0):
             continue
         for i in range(M.coarse_start[a], M.coarse_start[a + _U(1)]):
             d = _apart(x, y, z, M.coarse, i)

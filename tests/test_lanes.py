@@ -174,17 +174,22 @@ def part_misses(Tf, bound, coarse, fine, start, child, kind, T, half, planes, ba
 
 
 @njit(cache=True)
-def parts_miss(Ta, bound_a, coarse_a, fine_a, start_a, child_a, Tb, bound_b, coarse_b, fine_b, start_b, child_b, more):
-    """The same for two parts, a on the frame nearer to the base; a ball of b is held against a whole ball of a before its children."""
+def parts_miss(Ta, box_a, bound_a, coarse_a, fine_a, start_a, child_a, Tb, bound_b, coarse_b, fine_b, start_b, child_b, more):
+    """The same for two parts, a on the frame nearer to the base; first b's ball against a's box."""
     whole = mapped(Ta, bound_a)
     if np.linalg.norm(whole - mapped(Tb, bound_b)) >= bound_a[3] + bound_b[3] + more:
+        return True
+    none = np.zeros((0, 4))
+    box = Ta.copy()
+    box[:3, 3] = mapped(Ta, box_a[:3])
+    if gap(mapped(Tb, bound_b), BOX, box, box_a[3:], none) >= bound_b[3] + more:
         return True
     for i in range(coarse_a.shape[0]):
         x = mapped(Ta, coarse_a[i])
         for j in range(coarse_b.shape[0]):
             if np.linalg.norm(x - mapped(Tb, coarse_b[j])) >= coarse_a[i, 3] + coarse_b[j, 3] + more:
                 continue
-            if np.linalg.norm(whole - mapped(Tb, coarse_b[j])) >= bound_a[3] + coarse_b[j, 3] + more:
+            if gap(mapped(Tb, coarse_b[j]), BOX, box, box_a[3:], none) >= coarse_b[j, 3] + more:
                 continue
             for d in child_b[start_b[j] : start_b[j + 1]]:
                 if np.linalg.norm(x - mapped(Tb, fine_b[d])) >= coarse_a[i, 3] + fine_b[d, 3] + more:
@@ -212,7 +217,9 @@ def twin_free(p, q, more):
         if not part_misses(T[i], *balls[i], s.kind[b], s.T[b], s.half[b], p.planes[b], ball, more):
             return False
     near_first = [(a, b) if p.parts.frame[a] <= p.parts.frame[b] else (b, a) for a, b in p.query.pairs]
-    return all(parts_miss(T[a], *balls[a], T[b], *balls[b], more) for a, b in near_first)
+    corners = [p.parts.vertices[i:j] for i, j in zip(p.parts.start[:-1], p.parts.start[1:], strict=True)]
+    boxes = [np.concatenate([(v.max(0) + v.min(0)) / 2, np.ptp(v, axis=0) / 2]) for v in corners]
+    return all(parts_miss(T[a], boxes[a], *balls[a], T[b], *balls[b], more) for a, b in near_first)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

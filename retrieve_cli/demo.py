@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from retrieve_cli.errors import InputError, blame
-from retrieve_cli.files import plan_writer, read_scenes, scene_writer
-from retrieve_cli.terminal import say
+from retrieve_cli.files import plan_writer, read_scenes, scene_writer, write_text
+from retrieve_cli.terminal import progress, say
 
 if TYPE_CHECKING:
     from kinematics.robot import Robot
@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from retrieve_cli.picture import Film
 
 ROBOT, SPEC, POLICY = "ur5e", "paper", "local"
-LOOKS, MOST_LOOKS = 12, 60
+LOOKS, MOST_LOOKS = 24, 60
 """Scenes that are tried for one in which two different objects must move; and for one with any move at all."""
+CALM_M = 1.5
+"""How far the hand may travel for each object, so that the film is easy to follow."""
 
 
 def run(*, out: Path, seed: int) -> None:
@@ -50,7 +52,7 @@ def _folder(out: Path) -> Path:
 
 
 def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
-    """The first scene of a seed in which two different objects are moved, each once; else the first with any move.
+    """The first scene of a seed in which two different objects are moved, each once and not far; else the first with any move.
 
     It is left in `file`, and planned as it is read from there: so `retrieve plan` makes the same plan of it, to the last bit.
 
@@ -65,23 +67,23 @@ def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
     spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.stand), name=arm.name)
     say("looking for a scene in which two objects are in the way")
     kept = None
-    for index in range(MOST_LOOKS):
-        scene = _through(file, generate(spec, arm, ref, seed, index))
-        plan, motions = _planned(scene, arm, seed)
-        moved = [m.object for m in plan.moves if m.done]
-        if not (plan.success and plan.verified):
-            say(f"  scene {scene.id}: not solved")
-        elif len(set(moved)) == len(moved) >= 2:
-            say(f"  scene {scene.id}: {len(moved)} moves; this one")
-            return scene, plan, motions
-        else:
-            again = ", one object more than once" if len(set(moved)) < len(moved) else ""
-            say(f"  scene {scene.id}: {len(moved)} move{'s' if len(moved) != 1 else ''}{again}")
-            kept = kept or ((scene, plan, motions) if moved else None)
-        if kept and index + 1 >= LOOKS:
-            say(f"  scene {kept[0].id} will do")
-            _through(file, kept[0])
-            return kept
+    with progress("scenes", LOOKS, out=file) as step:
+        for index in range(MOST_LOOKS):
+            scene = _through(file, generate(spec, arm, ref, seed, index))
+            plan, motions = _planned(scene, arm, seed)
+            step()
+            moved = [m.object for m in plan.moves if m.done]
+            if not (plan.success and plan.verified and moved):
+                pass
+            elif len(set(moved)) == len(moved) >= 2 and plan.hand_travel_m < CALM_M * (len(moved) + 1):
+                say(f"scene {scene.id} it is; those before were too easy, too long or unsolved" if index else f"scene {scene.id} it is")
+                return scene, plan, motions
+            elif kept is None or len(moved) < len(kept[1].moves):
+                kept = scene, plan, motions, file.read_text(encoding="utf-8")
+            if kept and index + 1 >= LOOKS:
+                say(f"scene {kept[0].id} will do: none of {LOOKS} was better")
+                write_text(file, kept[3])
+                return kept[:3]
     raise ValueError(f"none of {MOST_LOOKS} scenes was solved by moving something; try another --seed")
 
 
@@ -140,7 +142,6 @@ def _in_words(why: object) -> str:
 
 
 def _draw(film: Film, folder: Path) -> None:
-    from retrieve_cli.files import write_text
     from retrieve_cli.page import page
     from retrieve_cli.picture import best_view
     from retrieve_cli.still import hand_view, save, side_view, time_of_best_carry, time_of_best_sight

@@ -426,7 +426,7 @@ def _track(name: str, kind: str, times: Array, values: list[Array]) -> Command:
     return {
         "name": f".{name}",
         "type": kind,
-        "keys": [{"time": round(float(t), 4), "value": [round(float(x), 6) for x in v]} for t, v in zip(times, values)],
+        "keys": [{"time": float(t), "value": [float(x) for x in v]} for t, v in zip(times, values)],
     }
 
 

@@ -1,7 +1,7 @@
 """Where things are and whether they touch: robots, scenes, forward and inverse kinematics, collision. Knows no goal.
 
 Numba caches compiled code per file and does not notice a change in a function that it calls in another file. So compiled code is kept
-apart by the sources' sizes and dates, under the user's cache folder; set before numba is imported, which happens in the modules below.
+apart by a hash of the sources, under the user's cache folder; set before numba is imported, which happens in the modules below.
 """
 
 import hashlib as _hashlib
@@ -12,10 +12,9 @@ from pathlib import Path as _Path
 def _sources() -> str:
     home = _Path(__file__).resolve().parent.parent
     files = sorted(f for name in ("kinematics", "perception", "planning") for f in (home / name).rglob("*.py"))
-    stamps = "".join(f"{f}:{(s := f.stat()).st_size}:{s.st_mtime_ns};" for f in files)
-    return _hashlib.sha256(stamps.encode()).hexdigest()[:16]
+    compiled = [text for f in files if b"numba" in (text := f.read_bytes())]
+    return _hashlib.sha256(b"".join([str(home).encode(), *compiled])).hexdigest()[:16]
 
 
 _cache = _Path(_os.environ.get("XDG_CACHE_HOME") or _Path.home() / ".cache") / "retrieve"
 _os.environ.setdefault("NUMBA_CACHE_DIR", str(_cache / f"compiled-{_sources()}"))
-_os.environ.setdefault("NUMBA_SLP_VECTORIZE", "1")

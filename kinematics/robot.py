@@ -24,87 +24,13 @@ from numpy.typing import NDArray
 
 from kinematics import cache, urdf
 from kinematics.arm import Chain, Int, Parts, make_parts
+from kinematics.gripper import Opening, measure
 from kinematics.scene import RobotRef
+from kinematics.tree import FIXED, SLIDES, TURNS, LinkHull, Tree
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, rotations_about, transform
 
-FIXED, TURNS, SLIDES = 0, 1, 2
 WINDOW = 1.3 * np.pi
 _CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
-
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """The links in topological order, N of them: name, parent's index (-1 for the root) and the joint that carries each.
-
-    T_joint (N, 4, 4): the joint's frame in the parent at position 0. kind (N,): FIXED, TURNS or SLIDES along axis (N, 3).
-    q_index (N,): which actuated joint drives it, as scale · q + offset; -1 when fixed.
-    """
-
-    names: tuple[str, ...]
-    parent: Int
-    T_joint: Array
-    kind: Int
-    axis: Array
-    q_index: Int
-    scale: Array
-    offset: Array
-
-    @cached_property
-    def index(self) -> dict[str, int]:
-        return {name: i for i, name in enumerate(self.names)}
-
-    def poses(self, q: Array) -> Array:
-        """Forward kinematics of every link: q (..., J) to (..., N, 4, 4) in the base frame."""
-        T = np.empty((*q.shape[:-1], len(self.names), 4, 4))
-        for i, parent in enumerate(self.parent):
-            local = self.local(i, q)
-            T[..., i, :, :] = local if parent < 0 else T[..., parent, :, :] @ local
-        return T
-
-    def local(self, i: int, q: Array) -> Array:
-        """Link i's pose (..., 4, 4) in its parent at q (..., J)."""
-        if self.kind[i] == FIXED:
-            return np.asarray(self.T_joint[i])
-        x = self.scale[i] * q[..., self.q_index[i]] + self.offset[i]
-        moved = transform(rotations_about(self.axis[i], x)) if self.kind[i] == TURNS else transform(p=x[..., None] * self.axis[i])
-        return np.asarray(self.T_joint[i] @ moved)
-
-    def path(self, link: int) -> list[int]:
-        """Link indices from the root to `link`."""
-        way = [link]
-        while self.parent[way[-1]] >= 0:
-            way.append(int(self.parent[way[-1]]))
-        return way[::-1]
-
-
-@dataclass(frozen=True, eq=False)
-class LinkHull:
-    """One convex piece of a link: vertices (V, 3) and faces (F, 3) in the link's frame."""
-
-    link: str
-    vertices: Array
-    faces: Int
-
-
-@dataclass(frozen=True, eq=False)
-class Opening:
-    """The gripper's table: joint value against width between the pads (m) and where the pads are along the hand's z (m)."""
-
-    value: Array
-    width_m: Array
-    pad_z_m: Array
-
-    @property
-    def max_m(self) -> float:
-        return float(self.width_m[-1])
-
-    def value_at(self, width_m: float) -> float:
-        """The gripper joint's value for a width, clipped to what the gripper can do."""
-        return float(np.interp(width_m, self.width_m, self.value))
-
-    def pad_z_at(self, width_m: float) -> float:
-        """The middle of the pads along the hand's z, at a width."""
-        return float(np.interp(width_m, self.width_m, self.pad_z_m))
 
 
 @dataclass(frozen=True, eq=False)
@@ -409,7 +335,7 @@ def _robot(
     rest = np.clip(np.zeros(len(joints)), lower, upper)
     if home is not None:
         rest[arm] = home
-    opening, pads = _opening(tree, tuple(hulls), fingers, g, lower, upper, rest, name)
+    opening, pads = measure(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
     return Robot(
@@ -525,61 +451,6 @@ def _from_srdf(srdf: Path | None) -> set[frozenset[str]]:
         return set()
     root = etree.fromstring(srdf.read_bytes(), etree.XMLParser(recover=True))
     return {frozenset((e.get("link1", ""), e.get("link2", ""))) for e in root.iter("disable_collisions")}
-
-
-def _opening(
-    tree: Tree, hulls: tuple[LinkHull, ...], fingers: frozenset[str], gripper: int, lower: Array, upper: Array, rest: Array, name: str
-) -> tuple[Opening, frozenset[str]]:
-    """Tabulate the free width between the fingers, along the hand's y, over the gripper joint's range; and find the pads, the links that
-    stay within 8 mm of being the innermost there."""
-    values, z = np.linspace(lower[gripper], upper[gripper], 33), np.linspace(-0.04, 0.04, 81)
-    between = np.abs(z) <= 0.015  # the hand frame's origin lies between the pads; further back the knuckles may be closer together
-    rows, beyond = [], []
-    for value in values:
-        q = rest.copy()
-        q[gripper] = value
-        poses = tree.poses(q)
-        T_hand = inverse(poses[tree.index["hand"]])
-        gap, own = np.full((2, len(z)), np.inf), dict[str, float]()
-        for hull in hulls:
-            if hull.link in fingers:
-                T = T_hand @ poses[tree.index[hull.link]]
-                near, far = _cross(hull.vertices @ T[:3, :3].T + T[:3, 3], hull.faces, z)
-                side = int(np.nanmean(near + far) < 0) if np.isfinite(near).any() else 0
-                inner = far * -1 if side else near
-                own[hull.link] = np.fmin(own.get(hull.link, np.inf), np.nanmin(inner[between], initial=np.inf))
-                gap[side] = np.fmin(gap[side], inner)
-        width = gap.sum(0)
-        if not np.isfinite(width[between]).any():
-            raise ValueError(f"robot {name}: no fingers on both sides of the hand frame along its y axis; "
-                             "put the hand frame between the pads, z along the approach, y the way the fingers close")  # fmt: skip
-        narrow = float(np.min(width[between]))
-        rows.append((value, max(narrow, 0.0), float(z[np.abs(width - narrow) <= 0.0005].mean())))
-        beyond.append({link: own.get(link, np.inf) - narrow / 2 for link in fingers})
-    table = np.array(sorted(rows, key=lambda r: r[1]))
-    rising = np.concatenate([[True], np.diff(table[:, 1]) > 1e-6])
-    if table[-1, 1] - table[0, 1] < 0.005:
-        raise ValueError(f"robot {name}: the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis; "
-                         "is it the right joint, and does the frame's y point the way the fingers close?")  # fmt: skip
-    wide = [row for row, (_, width, _) in zip(beyond, rows) if width > 0.4 * table[-1, 1]]  # when closed, the knuckles are innermost too
-    return Opening(*table[rising].T), frozenset(link for link in fingers if max(row[link] for row in wide) < 0.008)
-
-
-def _cross(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:
-    """Where the lines x = 0 at heights z (Z,) cross a convex hull: least and greatest y (Z,), nan where they miss."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    normal *= np.sign(np.einsum("ij,ij->i", normal, a - vertices.mean(0)))[:, None]
-    d = np.einsum("ij,ij->i", normal, a)
-    rhs = d[:, None] - normal[:, 2:3] * z  # n_y · y <= rhs
-    n_y = normal[:, 1:2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bound = rhs / n_y
-    flat = np.abs(n_y) < 1e-12
-    low = np.where((n_y < 0) & ~flat, bound, -np.inf).max(0)
-    high = np.where((n_y > 0) & ~flat, bound, np.inf).min(0)
-    miss = (low > high) | (flat & (rhs < 0)).any(0)
-    return np.where(miss, np.nan, low), np.where(miss, np.nan, high)
 
 
 def _align_z(axis: Array) -> Array:

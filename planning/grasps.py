@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.robot import Opening
+from kinematics.gripper import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, inverse, rotation_about, transform
@@ -22,7 +22,8 @@ CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, be
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
 LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pads' centre above the floor, so that the fingers clear it
 BELOW_TOP_M = 0.015
-BEHIND_PADS_M = 0.025  # how much of an object fits between the pads' centre and the knuckles, at least
+BEHIND_M = 0.002  # room between an object and what lies behind the pads: knuckles, palm
+LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -122,11 +123,9 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
                     turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
                     reach = float(np.abs(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))) if kind != "downward" else 0.0
                     for rank, z in enumerate(levels):
-                        for back in (0.0, reach - BEHIND_PADS_M) if reach > BEHIND_PADS_M else (0.0,):
-                            point = np.array([middle[0], middle[1], z]) - back * ahead
-                            grasp = _antipodal(body, opening, point, u, R)
-                            if grasp is not None:
-                                candidates.append((turn + 0.5 * pitch + 0.3 * rank + (0.2 if back else 0.0), grasp))
+                        grasp = _antipodal(body, opening, np.array([middle[0], middle[1], z]), u, R, reach * np.cos(pitch))
+                        if grasp is not None:
+                            candidates.append((turn + 0.5 * pitch + 0.3 * rank, grasp))
     candidates.sort(key=lambda c: c[0])
     return [g for _, g in candidates]
 
@@ -138,9 +137,23 @@ def _level(kind: str, low: float, high: float, floor_z: float, share: float) -> 
     return round(z, 6) if z <= high - min(BELOW_TOP_M, 0.3 * (high - low)) else None
 
 
-def _antipodal(body: Body, opening: Opening, point: Array, u: Array, R: Array) -> Grasp | None:
-    """The grasp with the pads' centre on the line through `point` along u, or None."""
+def set_back(reach: float, width_m: float, opening: Opening) -> float:
+    """How far before an object's middle the pads must close, so that what lies behind them fits: metres along the approach.
+
+    reach: how far the object extends from its middle towards the hand; its shape is taken for a box.
+    """
+    return min(max(0.0, reach + BEHIND_M - opening.depth_at(width_m)), max(0.0, reach - LEAST_BITE_M))
+
+
+def _antipodal(body: Body, opening: Opening, point: Array, u: Array, R: Array, reach: float) -> Grasp | None:
+    """The grasp with the pads' centre on the line through `point` along u, or where that is too deep, nearer to the hand; or None."""
     hit = line_contacts(body.shape, body.T_world_body, point, u)
+    if hit is None:
+        return None
+    back = 0.0 if isinstance(body.shape, Cylinder) else set_back(reach, hit.leave - hit.enter, opening)
+    if back > 0.0:
+        point = point - back * R[:, 2]
+        hit = line_contacts(body.shape, body.T_world_body, point, u)
     cone = np.cos(FRICTION_ANGLE)
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
         return None

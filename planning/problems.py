@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from kinematics.collision import apart
+from kinematics.gripper import Opening
 from kinematics.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasps import BEHIND_PADS_M, LOWEST_M, UP
+from planning.grasps import LOWEST_M, UP, set_back
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 
@@ -80,7 +81,7 @@ def generate(
     """
     rng = np.random.default_rng([seed, STAGE, index])
     for _ in range(2000):
-        scene = _sample(spec, ref, f"{seed}-{index:06d}", (seed, index), rng)
+        scene = _sample(spec, ref, robot.opening, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:
             continue
         verdict = _judge(scene, robot, iterations, rng)
@@ -103,7 +104,7 @@ def _judge(scene: Scene, robot: Robot, iterations: int, rng: np.random.Generator
     return "unsolvable" if isinstance(empty.retrieve_target(empty.start(), rng), Blocked) else None
 
 
-def _sample(spec: Spec, ref: RobotRef, name: str, seed: tuple[int, int], rng: np.random.Generator) -> Scene | None:
+def _sample(spec: Spec, ref: RobotRef, opening: Opening, name: str, seed: tuple[int, int], rng: np.random.Generator) -> Scene | None:
     """One scene as it comes, valid or not; None when the objects did not fit."""
     T_cabinet = transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m])
     cabinet = Cabinet(spec.cabinet_size_m, T_cabinet, spec.cabinet_wall_m)
@@ -121,7 +122,7 @@ def _sample(spec: Spec, ref: RobotRef, name: str, seed: tuple[int, int], rng: np
     order = rng.permutation(count)  # the target has no fixed place in the list
     names = {bodies[i].name: f"{bodies[i].name.split('_')[0]}_{rank}" for rank, i in enumerate(order)}
     objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
-    grasp = _grasp(spec, cabinet, target, ref.T_world_base[:3, 3], rng)
+    grasp = _grasp(spec, opening, target, ref.T_world_base[:3, 3], rng)
     return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
 
 
@@ -140,7 +141,7 @@ def _object(spec: Spec, cabinet: Cabinet, i: int, rng: np.random.Generator) -> B
     return Body(f"can_{i}", Cylinder(float(half[0]), height), T)
 
 
-def _grasp(spec: Spec, cabinet: Cabinet, target: Body, base: Array, rng: np.random.Generator) -> Grasp:
+def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.random.Generator) -> Grasp:
     """x_g: horizontal, from the front, the camera above the hand; on a box, square to the faces that come nearest to the wanted yaw."""
     to_target = target.T_world_body[:2, 3] - base[:2]
     yaw = spec.grasp_bearing_share * np.arctan2(to_target[1], to_target[0]) + rng.uniform(-spec.grasp_yaw_spread, spec.grasp_yaw_spread)
@@ -153,7 +154,10 @@ def _grasp(spec: Spec, cabinet: Cabinet, target: Body, base: Array, rng: np.rand
     approach = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     reach = float(half[0]) if isinstance(target.shape, Cylinder) else float(half[0 if quarter % 2 == 0 else 1])
     z = max(spec.grasp_height_share * 2 * half[2], LOWEST_M["horizontal"])
-    centre = target.T_world_body[:3, 3] + (z - half[2]) * UP - max(0.0, reach - BEHIND_PADS_M) * approach * isinstance(target.shape, Box)
+    centre = target.T_world_body[:3, 3] + (z - half[2]) * UP
+    if isinstance(target.shape, Box):
+        centre = centre - set_back(reach, width, opening) * approach
+    centre = centre - opening.pad_z_at(width) * approach
     return Grasp(transform(np.stack([UP, np.cross(approach, UP), approach], -1), centre), width)
 
 

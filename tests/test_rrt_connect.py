@@ -14,6 +14,7 @@ from kinematics.robot import Robot
 from kinematics.scene import Body
 from kinematics.shapes import Box, box_corners
 from kinematics.transforms import Array, transform
+from planning.motion.edges import make_memory, make_task
 from planning.motion.rrt_connect import plan
 from planning.motion.shortcut import length, shorten
 
@@ -54,13 +55,13 @@ def clearance(problem: Problem, q: Array) -> float:
 def test_through_the_slit(width_m: float) -> None:
     problem = slit(width_m)
     for seed in range(3):
-        found = plan(problem, LEFT, RIGHT[None], max_iterations=20000, seed=seed)
+        found = plan(make_task(problem), LEFT, RIGHT[None], max_iterations=20000, seed=seed)
         assert found.path is not None
         np.testing.assert_array_equal(found.path[[0, -1]], [LEFT, RIGHT])
-        short = shorten(problem, found.path, seed=seed, iterations=200).path
+        short = shorten(make_task(problem), found.path, seed=seed, iterations=200).path
         assert short is not None
         np.testing.assert_array_equal(short[[0, -1]], [LEFT, RIGHT])
-        assert length(problem, short) <= length(problem, found.path) + 1e-12
+        assert length(make_task(problem), short) <= length(make_task(problem), found.path) + 1e-12
         for path in (found.path, short):
             for a, b in pairwise(path):
                 for t in np.linspace(0, 1, 200):
@@ -70,7 +71,7 @@ def test_through_the_slit(width_m: float) -> None:
 
 @pytest.mark.parametrize("width_m", [0.0, 0.15, 0.2])
 def test_no_way_through(width_m: float) -> None:
-    found = plan(slit(width_m), LEFT, RIGHT[None], max_iterations=3000)
+    found = plan(make_task(slit(width_m)), LEFT, RIGHT[None], max_iterations=3000)
     assert found.path is None
     assert (found.why, found.goal, found.iterations) == ("budget", -1, 3000)
 
@@ -79,48 +80,48 @@ def test_shortest_way_is_nearly_found() -> None:
     """Around the edge of an opening: the bound is two straight lines past the cube's corner positions."""
     problem = slit(0.6, at_y=0.7)
     corners = np.array([LEFT, [-0.15, 0.5], [0.15, 0.5], RIGHT])
-    found = plan(problem, LEFT, RIGHT[None], seed=1)
+    found = plan(make_task(problem), LEFT, RIGHT[None], seed=1)
     assert found.path is not None
-    short = shorten(problem, found.path, iterations=1000).path
+    short = shorten(make_task(problem), found.path, iterations=1000).path
     assert short is not None
-    assert length(problem, corners) - 1e-9 <= length(problem, short) < 1.03 * length(problem, corners)
+    assert length(make_task(problem), corners) - 1e-9 <= length(make_task(problem), short) < 1.03 * length(make_task(problem), corners)
 
 
 def test_repeatable() -> None:
     problem = slit(0.21)
-    runs = [plan(problem, LEFT, RIGHT[None], seed=seed, max_iterations=20000) for seed in (4, 4, 5)]
+    runs = [plan(make_task(problem), LEFT, RIGHT[None], seed=seed, max_iterations=20000) for seed in (4, 4, 5)]
     paths = [run.path for run in runs]
     assert paths[0] is not None
     np.testing.assert_array_equal(paths[0], paths[1])
     assert paths[2] is None or not np.array_equal(paths[0], paths[2])
     assert runs[0].configurations == runs[1].configurations
-    chunked = plan(problem, LEFT, RIGHT[None], seed=4, max_iterations=20000, time_budget_s=60.0).path
+    chunked = plan(make_task(problem), LEFT, RIGHT[None], seed=4, max_iterations=20000, time_budget_s=60.0).path
     np.testing.assert_array_equal(paths[0], chunked)  # looking at the clock changes nothing
-    a, b = (shorten(problem, paths[0], seed=9).path for _ in range(2))
+    a, b = (shorten(make_task(problem), paths[0], seed=9).path for _ in range(2))
     np.testing.assert_array_equal(a, b)
 
 
 def test_ends_in_contact_are_named() -> None:
     problem, inside = slit(0.3), np.array([0.0, -0.5])
-    blocked = plan(problem, inside, RIGHT[None])
+    blocked = plan(make_task(problem), inside, RIGHT[None])
     assert (blocked.path, blocked.why, blocked.contact) == (None, "start", (0, 1))
-    blocked = plan(problem, LEFT, np.array([inside, [0.0, 0.95]]))
+    blocked = plan(make_task(problem), LEFT, np.array([inside, [0.0, 0.95]]))
     assert (blocked.path, blocked.why, blocked.contact, blocked.iterations) == (None, "goals", (0, 2), 0)
 
 
 def test_several_goals() -> None:
     """Goals in contact are left out, a goal behind a closed wall is not reached, the index is that of the caller's array."""
-    found = plan(slit(0.0), LEFT, np.array([RIGHT, [0.0, 0.0], [-0.5, 0.7]]))
+    found = plan(make_task(slit(0.0)), LEFT, np.array([RIGHT, [0.0, 0.0], [-0.5, 0.7]]))
     assert found.path is not None
     assert found.goal == 2
     np.testing.assert_array_equal(found.path[-1], [-0.5, 0.7])
-    here = plan(slit(0.0), LEFT, LEFT[None])
+    here = plan(make_task(slit(0.0)), LEFT, LEFT[None])
     assert here.path is not None
     assert here.goal == 0
 
 
 def test_time_budget_ends_the_search() -> None:
-    found = plan(slit(0.0), LEFT, RIGHT[None], max_iterations=10**9, time_budget_s=0.05)
+    found = plan(make_task(slit(0.0)), LEFT, RIGHT[None], max_iterations=10**9, time_budget_s=0.05)
     assert (found.path, found.why) == (None, "budget")
     assert found.time_s < 2.0
 
@@ -128,11 +129,11 @@ def test_time_budget_ends_the_search() -> None:
 def test_shapes_are_checked() -> None:
     problem = slit(0.3)
     with pytest.raises(ValueError, match="goals"):
-        plan(problem, LEFT, RIGHT)
+        plan(make_task(problem), LEFT, RIGHT)
     with pytest.raises(ValueError, match="start"):
-        plan(problem, np.zeros(3), RIGHT[None])
+        plan(make_task(problem), np.zeros(3), RIGHT[None])
     with pytest.raises(ValueError, match="path"):
-        shorten(problem, LEFT)
+        shorten(make_task(problem), LEFT)
 
 
 def test_robots_among_walls(robot: Robot) -> None:
@@ -146,16 +147,17 @@ def test_robots_among_walls(robot: Robot) -> None:
     check = np.ones((len(parts.frame), 2), np.uint8)
     check[parts.frame == 0] = 0
     problem = make_problem(chain, parts, solids, Query(check, robot.self_pairs()))
-    scratch = make_scratch(problem)
+    scratch, task = make_scratch(problem), make_task(problem)
+    memory = make_memory(task)
     rng = np.random.default_rng(0)
     free = [q for q in rng.uniform(chain.lower, chain.upper, (300, len(chain.lower))) if config_free(problem, q, scratch)][:6]
     solved = 0
     for i, (a, b) in enumerate(zip(free[::2], free[1::2])):
-        found = plan(problem, a, b[None], seed=i, max_iterations=3000, scratch=scratch)
+        found = plan(make_task(problem), a, b[None], seed=i, max_iterations=3000, memory=memory)
         if found.path is None:
             continue
         solved += 1
-        short = shorten(problem, found.path, seed=i, iterations=30, scratch=scratch).path
+        short = shorten(make_task(problem), found.path, seed=i, iterations=30, memory=memory).path
         assert short is not None
         looser = problem._replace(margin_m=0.45 * problem.margin_m)
         for qa, qb in pairwise(short):

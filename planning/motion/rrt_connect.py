@@ -3,7 +3,7 @@
 Two trees grow towards each other in the box of joint limits; all goals are roots of the second one. With dynamic domains (Yershova et al.
 2005): a node that failed to extend is drawn on only by samples near it. Distances are metres moved: each joint weighs what it can move.
 
-The loop knows neither arm nor world: it asks `connects`, the one place where an edge is judged.
+The loop knows neither arm nor world: it asks `connects` (edges.py), the one place where an edge is judged.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.arm import Int
-from kinematics.exact import Problem, Scratch, edge_free, first_contact, make_scratch
+from kinematics.exact import first_contact
 from kinematics.transforms import Array
+from planning.motion.edges import Memory, Task, connects, make_memory
 
 MAX_ITERATIONS = 5000
 STEP = 0.04
@@ -48,7 +49,7 @@ class Route:
     """What came out: the path (K, J) or None, and why not: `start` or `goals` in contact, or the `budget` spent.
 
     goal: index of the goal reached, -1 without a path. contact: the pair (first body, second body) that touches at the start, or at the
-    last goal when all of them touch; bodies as in `Problem`, the P parts first. iterations of the planner; configurations and edges
+    last goal when all of them touch; bodies as in `exact.Problem`, the P parts first. iterations of the planner; configurations and edges
     looked at; seconds.
     """
 
@@ -63,26 +64,27 @@ class Route:
 
 
 def plan(
-    problem: Problem,
+    task: Task,
     start: Array,
     goals: Array,
     *,
     max_iterations: int = MAX_ITERATIONS,
     time_budget_s: float | None = None,
     seed: int = 0,
-    scratch: Scratch | None = None,
+    memory: Memory | None = None,
 ) -> Route:
-    """Find a path from start (J,) to one of goals (G, J), each edge of which is certified free (see kinematics.exact).
+    """Find a path from start (J,) to one of goals (G, J), each edge of which is certified free (see planning.motion.edges).
 
-    The same arguments give the same path, unless time_budget_s cuts the search off. scratch: memory of this thread for this problem.
-    Raises: ValueError when the shapes don't fit the problem.
+    The same arguments give the same path, unless time_budget_s cuts the search off. memory: this thread's, for this task.
+    Raises: ValueError when the shapes don't fit the task.
     """
     began = time.perf_counter()
     start, goals = np.ascontiguousarray(start, float), np.ascontiguousarray(goals, float)
-    n_q = len(problem.chain.lower)
+    problem, n_q = task.exact, len(task.exact.chain.lower)
     if start.shape != (n_q,) or goals.ndim != 2 or goals.shape[1] != n_q or len(goals) == 0:
         raise ValueError(f"start {start.shape} and goals {goals.shape} must be ({n_q},) and (G, {n_q}) with G > 0")
-    scratch = make_scratch(problem) if scratch is None else scratch
+    memory = make_memory(task) if memory is None else memory
+    scratch = memory.exact
     counts = scratch.counts.copy()
 
     def route(path: Array | None, why: str, goal: int = -1, pair: int = -1, iterations: int = 0) -> Route:
@@ -104,7 +106,7 @@ def plan(
         if time_budget_s is not None and time.perf_counter() - began > time_budget_s:
             break
         left = max_iterations - int(trees.met[2])
-        status = grow(problem, trees, left if time_budget_s is None else min(left, _CHUNK), scratch)
+        status = grow(task, trees, left if time_budget_s is None else min(left, _CHUNK), memory)
         if status == FULL:
             trees = _widen(trees)
     iterations = int(trees.met[2])
@@ -148,12 +150,6 @@ def _climb(trees: Trees, side: int) -> list[int]:
 
 
 @njit(cache=True, nogil=True)
-def connects(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
-    """Whether the arm may move straight from qa to qb (J,), for certain. Every planner here asks this and nothing else."""
-    return bool(edge_free(problem, qa, qb, scratch))
-
-
-@njit(cache=True, nogil=True)
 def uniform(rng: NDArray[np.uint64]) -> float:
     """A number in [0, 1) from the state rng (1,), which it advances (SplitMix64; Steele, Lea and Flood 2014)."""
     rng[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -175,16 +171,16 @@ def weighted(weight: Array, a: Array, b: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def grow(problem: Problem, trees: Trees, iterations: int, scratch: Scratch) -> int:
+def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
     """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
-    q, radius, size, weight = trees.q, trees.radius, trees.size, problem.weight
-    lower, upper = problem.chain.lower, problem.chain.upper
+    q, radius, size, weight = trees.q, trees.radius, trees.size, task.exact.weight
+    lower, upper = task.exact.chain.lower, task.exact.chain.upper
     step = STEP * weighted(weight, lower, upper)
     widest, least = DOMAIN * step, 0.1 * DOMAIN * step
     target, new = np.empty(lower.shape[0]), np.empty(lower.shape[0])
     if trees.met[2] == 0:  # the nearest goals straight away
         for g in range(min(size[1], 4)):
-            if connects(problem, q[0, 0], q[1, g], scratch):
+            if connects(task, q[0, 0], q[1, g], memory):
                 trees.met[0], trees.met[1] = 0, g
                 trees.met[2] = 1
                 return FOUND
@@ -204,7 +200,7 @@ def grow(problem: Problem, trees: Trees, iterations: int, scratch: Scratch) -> i
         share = min(1.0, step / max(d, 1e-300))
         for j in range(lower.shape[0]):
             new[j] = q[side, near, j] + share * (target[j] - q[side, near, j])
-        if not connects(problem, q[side, near], new, scratch):
+        if not connects(task, q[side, near], new, memory):
             radius[side, near] = widest if radius[side, near] == np.inf else max(least, 0.7 * radius[side, near])
             continue
         radius[side, near] *= 1.3
@@ -217,7 +213,7 @@ def grow(problem: Problem, trees: Trees, iterations: int, scratch: Scratch) -> i
                 return FULL
             for j in range(lower.shape[0]):
                 target[j] = q[other, near, j] + (new[j] - q[other, near, j]) / (steps - s)
-            if not connects(problem, q[other, near], target, scratch):
+            if not connects(task, q[other, near], target, memory):
                 break
             if s == steps - 1:
                 trees.met[side], trees.met[other] = here, near

@@ -12,53 +12,54 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinematics.exact import Problem, Scratch, make_scratch
 from kinematics.transforms import Array
-from planning.motion.rrt_connect import Route, connects, uniform, weighted
+from planning.motion.edges import Memory, Task, connects, make_memory
+from planning.motion.rrt_connect import Route, uniform, weighted
 
 ITERATIONS = 100
 _ROOM = 64  # waypoints that partial shortcuts may add
 
 
 def shorten(
-    problem: Problem,
+    task: Task,
     path: Array,
     *,
     iterations: int = ITERATIONS,
     seed: int = 0,
     time_budget_s: float | None = None,
-    scratch: Scratch | None = None,
+    memory: Memory | None = None,
 ) -> Route:
     """A path (K', J) with the ends of `path` (K, J), at most as long, from a path whose edges are certified.
 
-    The same arguments give the same path, unless time_budget_s cuts it off. Raises: ValueError when the shape doesn't fit the problem.
+    The same arguments give the same path, unless time_budget_s cuts it off. Raises: ValueError when the shape doesn't fit the task.
     """
     began = time.perf_counter()
     path = np.ascontiguousarray(path, float)
-    if path.ndim != 2 or len(path) < 1 or path.shape[1] != len(problem.chain.lower):
-        raise ValueError(f"path {path.shape} must be (K, {len(problem.chain.lower)}) with K > 0")
-    scratch = make_scratch(problem) if scratch is None else scratch
+    if path.ndim != 2 or len(path) < 1 or path.shape[1] != len(task.exact.chain.lower):
+        raise ValueError(f"path {path.shape} must be (K, {len(task.exact.chain.lower)}) with K > 0")
+    memory = make_memory(task) if memory is None else memory
+    scratch = memory.exact
     counts = scratch.counts.copy()
     room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
     rng = np.array([seed % 2**64], np.uint64)
     n, done, chunk = len(path), 0, iterations if time_budget_s is None else 8
     while done < iterations and n > 2 and (time_budget_s is None or time.perf_counter() - began < time_budget_s):
-        n = int(_shorten(problem, room, n, rng, min(chunk, iterations - done), scratch))
+        n = int(_shorten(task, room, n, rng, min(chunk, iterations - done), memory))
         done += chunk
-    n = int(_prune(problem, room, n, scratch))
+    n = int(_prune(task, room, n, memory))
     spent = scratch.counts - counts
     return Route(room[:n].copy(), "", -1, None, min(done, iterations), int(spent[0]), int(spent[2]), time.perf_counter() - began)
 
 
-def length(problem: Problem, path: Array) -> float:
+def length(task: Task, path: Array) -> float:
     """The length of a path (K, J) in metres moved."""
-    return float(np.linalg.norm(np.diff(path, axis=0) * problem.weight, axis=1).sum())
+    return float(np.linalg.norm(np.diff(path, axis=0) * task.exact.weight, axis=1).sum())
 
 
 @njit(cache=True, nogil=True)
-def _shorten(problem: Problem, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, scratch: Scratch) -> int:
+def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory) -> int:
     """Shorten path[:n] in place; returns how many waypoints it has now."""
-    n_q, weight = path.shape[1], problem.weight
+    n_q, weight = path.shape[1], task.exact.weight
     a, b = np.empty(n_q), np.empty(n_q)
     new = np.empty((path.shape[0], n_q))
     for _ in range(iterations):
@@ -108,7 +109,7 @@ def _shorten(problem: Problem, path: Array, n: int, rng: NDArray[np.uint64], ite
             continue
         free = True
         for k in range(m - 1):
-            if not connects(problem, new[k], new[k + 1], scratch):
+            if not connects(task, new[k], new[k + 1], memory):
                 free = False
                 break
         if free:
@@ -148,11 +149,11 @@ def _splice(path: Array, n: int, i: int, j: int, new: Array, m: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _prune(problem: Problem, path: Array, n: int, scratch: Scratch) -> int:
+def _prune(task: Task, path: Array, n: int, memory: Memory) -> int:
     """Leave out, in place, every waypoint that the arm can do without."""
     k = 1
     while k < n - 1:
-        if connects(problem, path[k - 1], path[k + 1], scratch):
+        if connects(task, path[k - 1], path[k + 1], memory):
             for i in range(k, n - 1):
                 path[i] = path[i + 1]
             n -= 1

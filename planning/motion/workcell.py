@@ -11,10 +11,14 @@ import numpy as np
 from kinematics import exact, inverse
 from kinematics.arm import Chain, Int, Parts, Query, Solids, forward, join_parts, make_parts, make_solids
 from kinematics.collision import gap, shape_solids
+from kinematics.coverage import link_covers, shape_covers
+from kinematics.lanes import lane_model, lane_world
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import Shape, bounds, convex_parts
+from kinematics.spheres import Levels, moved
 from kinematics.transforms import Array, apply, rotation_about, transform
+from planning.motion.edges import Memory, Task, connects, make_memory, make_task
 from planning.motion.rrt_connect import plan
 from planning.motion.shortcut import shorten
 from planning.plan import Blocked
@@ -37,8 +41,8 @@ class Touch:
 class Situation:
     """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices."""
 
-    problem: exact.Problem
-    scratch: exact.Scratch
+    task: Task
+    memory: Memory
     names: tuple[str, ...]
 
 
@@ -79,13 +83,14 @@ class Workcell:
 
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
-        parts, prepared = self.arm.parts(gripper)
+        parts, prepared, covers = self.arm.parts(gripper)
         links = self.arm.links
         solids, bodies = self._standing(poses)
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
-            grip, grip_prepared = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
+            grip, grip_prepared, grip_covers = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
+            covers = covers + grip_covers
             parts, links = join_parts(parts, grip), links + (held.body,) * len(grip.frame)
             prepared = exact.join_prepared(prepared, grip_prepared)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
@@ -94,8 +99,10 @@ class Workcell:
         check[parts.frame == 0] = 0  # the base stands still: `contacts` of the first state judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        packed = exact.make_problem(self.arm.chain, parts, solids, Query(check, pairs), prepared=prepared)
-        return Situation(packed, exact.make_scratch(packed), links + tuple(bodies))
+        query = Query(check, pairs)
+        problem = exact.make_problem(self.arm.chain, parts, solids, query, prepared=prepared)
+        task = make_task(problem, lane_model(self.arm.chain, parts, covers), lane_world(solids, query))
+        return Situation(task, make_memory(task), links + tuple(bodies))
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
@@ -119,11 +126,14 @@ class Workcell:
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:
         """What touches at the arm's configuration q (A,), or None."""
-        return _named(situation, exact.first_contact(situation.problem, q, situation.scratch))
+        return _named(situation, exact.first_contact(situation.task.exact, q, situation.memory.exact))
 
     def edge(self, situation: Situation, qa: Array, qb: Array) -> Touch | None:
         """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
-        return _named(situation, exact.edge_contact(situation.problem, qa, qb, situation.scratch))
+        if connects(situation.task, qa, qb, situation.memory):
+            return None
+        touch = _named(situation, exact.edge_contact(situation.task.exact, qa, qb, situation.memory.exact))
+        return touch or Touch(detail="touches by less than the margin")
 
     def ik(self, T_world_hand: Array, *, tries: int = 24) -> Array:
         """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to home first."""
@@ -152,16 +162,16 @@ class Workcell:
         seed = int(rng.integers(2**31))
         if touch := self.touch(situation, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
-        problem, scratch = situation.problem, situation.scratch
+        task, memory = situation.task, situation.memory
         budget = {"max_iterations": self.iterations} if self.time_budget_s is None else {"time_budget_s": self.time_budget_s}
-        found = plan(problem, start, goals, seed=seed, scratch=scratch, **budget)  # type: ignore[arg-type]
+        found = plan(task, start, goals, seed=seed, memory=memory, **budget)  # type: ignore[arg-type]
         if found.path is None:
             touch = self.touch(situation, goals[0])
             if touch:
                 return Blocked("transit", touch.link, touch.body, detail="at the goal")
             touch = self.edge(situation, start, goals[0]) or Touch()
             return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
-        return np.asarray(shorten(problem, found.path, iterations=SHORTCUTS, seed=seed, scratch=scratch).path)
+        return np.asarray(shorten(task, found.path, iterations=SHORTCUTS, seed=seed, memory=memory).path)
 
     def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
@@ -197,23 +207,25 @@ class Arm:
         self.T_frame_hand: Array = carried["hand"][1]
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self._links: dict[float, tuple[Parts, exact.Prepared]] = {}
+        self._links: dict[float, tuple[Parts, exact.Prepared, tuple[Levels, ...]]] = {}
         self.links = tuple(hull.link for hull in robot.hulls)
 
-    def parts(self, gripper: float) -> tuple[Parts, exact.Prepared]:
-        """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
+    def parts(self, gripper: float) -> tuple[Parts, exact.Prepared, tuple[Levels, ...]]:
+        """The link hulls with the fingers at a gripper value, and their covers; the link behind each is in `links`."""
         key = round(gripper, 9)
         if key not in self._links:
             parts, _ = self.robot.parts(gripper, self.T_world_base)
-            self._links[key] = parts, exact.prepare(self.chain, parts)
+            carried = self.robot.frame_of_links(gripper, self.T_world_base)
+            covers = tuple(moved(cover, carried[link][1]) for link, cover in zip(self.links, link_covers(self.robot)))
+            self._links[key] = parts, exact.prepare(self.chain, parts), covers
         return self._links[key]
 
-    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared]:
-        """A held object as parts of the hand."""
+    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared, tuple[Levels, ...]]:
+        """A held object as parts of the hand, and their covers."""
         T = self.T_frame_hand @ T_hand_body
         pieces = [apply(T, part) for part in convex_parts(shape)]
         parts = make_parts([len(self.chain.q_index)] * len(pieces), pieces)
-        return parts, exact.prepare(self.chain, parts)
+        return parts, exact.prepare(self.chain, parts), tuple(moved(cover, T) for cover in shape_covers(shape))
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -234,7 +246,7 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 
     cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
     solids, names = make_solids(cabinet.walls())
-    parts, prepared = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
+    parts, prepared, _ = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
     check = np.ones((len(parts.frame), len(names)), np.uint8)
     check[parts.frame == 0] = 0
     problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs), prepared=prepared)
@@ -258,5 +270,5 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 def _named(situation: Situation, pair: int) -> Touch | None:
     if pair < 0:
         return None
-    a, b = situation.problem.pairs[pair, :2]
+    a, b = situation.task.exact.pairs[pair, :2]
     return Touch(situation.names[a], situation.names[b])

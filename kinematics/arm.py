@@ -150,15 +150,15 @@ def forward(chain: Chain, q: Array, frames: Array) -> None:
         slide = x if chain.prismatic[k] else 0.0
         co = 1.0 if chain.prismatic[k] else np.cos(x)
         si = 0.0 if chain.prismatic[k] else np.sin(x)
-        O = chain.T_prev[k]
+        T = chain.T_prev[k]
         for r in range(3):
             a, b, c, p = frames[k, r, 0], frames[k, r, 1], frames[k, r, 2], frames[k, r, 3]
-            m0 = a * O[0, 0] + b * O[1, 0] + c * O[2, 0]
-            m1 = a * O[0, 1] + b * O[1, 1] + c * O[2, 1]
-            m2 = a * O[0, 2] + b * O[1, 2] + c * O[2, 2]
+            m0 = a * T[0, 0] + b * T[1, 0] + c * T[2, 0]
+            m1 = a * T[0, 1] + b * T[1, 1] + c * T[2, 1]
+            m2 = a * T[0, 2] + b * T[1, 2] + c * T[2, 2]
             frames[k + 1, r, 0] = m0 * co + m1 * si
             frames[k + 1, r, 1] = m1 * co - m0 * si
             frames[k + 1, r, 2] = m2
-            frames[k + 1, r, 3] = a * O[0, 3] + b * O[1, 3] + c * O[2, 3] + p + m2 * slide
+            frames[k + 1, r, 3] = a * T[0, 3] + b * T[1, 3] + c * T[2, 3] + p + m2 * slide
         frames[k + 1, 3, 0] = frames[k + 1, 3, 1] = frames[k + 1, 3, 2] = 0.0
         frames[k + 1, 3, 3] = 1.0

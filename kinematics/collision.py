@@ -19,7 +19,8 @@ from kinematics.shapes import Box, Cylinder, Shape, convex_parts
 from kinematics.transforms import Array, apply
 
 if TYPE_CHECKING:
-    from kinematics.robot import LinkHull, Robot
+    from kinematics.robot import Robot
+    from kinematics.tree import LinkHull
 
 SHALLOW_M = 0.001
 """FCL's own depth is right to 2 % up to here."""

@@ -79,4 +79,4 @@ class Sieve:
         world = lane_world(solids, Query(check, np.array(moving, np.int64).reshape(-1, 2)))
         free = configs_free(model, world, np.ascontiguousarray(self.robot.arm_q(q)), lane_scratch(model, world)) == FREE
         free[0] = False
-        return ~(free & still)
+        return np.asarray(~(free & still))

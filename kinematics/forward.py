@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kinematics.robot import FIXED, Robot
+from kinematics.robot import Robot
 from kinematics.transforms import Array
+from kinematics.tree import FIXED
 
 if TYPE_CHECKING:
     import torch

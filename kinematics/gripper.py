@@ -1,4 +1,4 @@
-"""What a gripper's fingers leave free, as a table over its joint: how wide they are open, where the pads are, how deep an object may reach in.
+"""What a gripper's fingers leave free, as a table over its joint: their width, where the pads are, how deep an object may reach in.
 
 A constant would not do: the pads of a Robotiq 2F-85 move 14 mm along the approach while they open, and its knuckles reach into the opening.
 """
@@ -92,7 +92,7 @@ def measure(
 
 def _free_depth(inner: dict[str, Array], pads: frozenset[str], width: float, pad_z: float) -> float:
     """How far behind pad_z the space between the pads stays free of all other links."""
-    blocked = [_Z[(gap < width / 2 + 0.0005) & (_Z < pad_z)] for link, gap in inner.items() if link not in pads]
+    blocked = [_Z[(gap < width / 2 + 0.0005) & (pad_z > _Z)] for link, gap in inner.items() if link not in pads]
     nearest = max((float(z.max()) for z in blocked if len(z)), default=float(_Z[0]))
     return pad_z - nearest
 

@@ -26,8 +26,8 @@ from kinematics import cache, urdf
 from kinematics.arm import Chain, Int, Parts, make_parts
 from kinematics.gripper import Opening, measure
 from kinematics.scene import RobotRef
+from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
 from kinematics.tree import FIXED, SLIDES, TURNS, LinkHull, Tree
-from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, rotations_about, transform
 
 WINDOW = 1.3 * np.pi
 _CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
@@ -227,7 +227,7 @@ def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on
     if hand_frame not in links:
         raise ValueError(f"{file} has no link {hand_frame!r} for the hand frame; it has {', '.join(links)}")
     if "camera" not in links:
-        urdf.add_link(root, "camera", hand_frame, transform(rotation_about((0, 0, 1), -np.pi / 2), [0.0, 0.0, 0.0]))
+        urdf.add_link(root, "camera", hand_frame, transform(rotation_about((0, 0, 1), np.pi / 2)))
     if hand_frame != "hand":
         urdf.add_link(root, "hand", hand_frame, np.eye(4))
     srdf = file.with_suffix(".srdf")

@@ -57,7 +57,7 @@ def rpy_from_rotation(R: Array) -> Array:
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     if np.hypot(R[0, 0], R[1, 0]) > 1e-9:
         return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
-    return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1]) if R[2, 0] < 0 else np.arctan2(-R[0, 1], R[1, 1])])
+    return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1])])
 
 
 def rotation_from_wxyz(q_wxyz: Array | list[float]) -> Array:

@@ -15,7 +15,8 @@ from kinematics.transforms import Array
 class Observation:
     """The planner's picture of one moment.
 
-    robot_base: l_r (3,), world frame. cabinet: its size and place are known beforehand. q (J,): the robot's configuration. grasp: x_g. target: its name.
+    robot_base: l_r (3,), world frame. cabinet: its size and place are known beforehand. q (J,): the robot's configuration.
+    grasp: x_g. target: its name.
     boxes: name to the paper's object state (6,): centre and size of the tightest axis-aligned box, world frame; the target's too.
     regions (n², 4): x, y, z of each floor cell's centre in the world, and 1 where the cell was observed, 0 where not.
     """

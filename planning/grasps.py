@@ -113,7 +113,8 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
     for yaw in closing_directions(body.shape, body.T_world_body):
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         for kind in approaches:
-            levels = sorted({_level(kind, low[2], high[2], floor_z, share) for share in (0.6, 0.85)} - {None}, key=lambda z: abs(z - low[2] - 0.6 * height))  # type: ignore[operator]
+            heights = {z for share in (0.6, 0.85) if (z := _level(kind, low[2], high[2], floor_z, share)) is not None}
+            levels = sorted(heights, key=lambda z: abs(z - low[2] - 0.6 * height))
             for pitch in PITCHES[kind]:
                 for side in (1.0, -1.0):
                     ahead = rotation_about(UP, np.pi / 2 * side) @ u

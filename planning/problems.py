@@ -29,6 +29,10 @@ STAGE = 1  # this stage's word in the seeds of random generators
 SPECS = ("paper", "paper-any", "shelf")
 
 
+class NoScene(Exception):
+    """A spec asks for what a robot can't do, or for what is never blocked."""
+
+
 @dataclass(frozen=True, eq=False)
 class Spec:
     """What scenes look like; the fields of a spec file, section by section. Pairs are ranges, sampled evenly."""
@@ -72,35 +76,36 @@ def load_spec(which: str) -> Spec:
 
 
 def generate(
-    spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int, *, iterations: int = 1000, on_step: Callable[[str], None] = lambda _: None
+    spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int, *, on_step: Callable[[str], None] = lambda _: None
 ) -> Scene:
     """Scene number `index` of a seed: the same whatever came before it and on whichever worker.
 
     ref: how the scene file names the robot; its base stands where ref says. on_step: told of each sample that is thrown away.
-    Raises: ValueError when 2 000 samples in a row are no valid scene: the spec asks for what this robot can't do.
+    Raises: NoScene when 2 000 samples in a row are no valid scene: the spec asks for what this robot can't do.
     """
     rng = np.random.default_rng([seed, STAGE, index])
     for _ in range(2000):
         scene = _sample(spec, ref, robot.opening, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:
             continue
-        verdict = _judge(scene, robot, iterations, rng)
+        verdict = _judge(scene, robot, rng)
         if verdict is None:
             return scene
         on_step(verdict)
-    raise ValueError(f"no valid scene in 2000 samples: robot {robot.name} can't reach into this cabinet, or nothing ever blocks the target")
+    raise NoScene(f"no valid scene in 2000 samples: robot {robot.name} can't reach into this cabinet, or nothing ever blocks the target")
 
 
-def _judge(scene: Scene, robot: Robot, iterations: int, rng: np.random.Generator) -> str | None:
+def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
     """None for a valid scene, else what it is: "unsolvable" or "free"."""
     alone = Scene(**{**vars(scene), "objects": (scene.body(scene.target),)})
-    empty = Motions(robot, alone, iterations=iterations)
+    empty = Motions(robot, alone)
     picks, _ = empty.picks(empty.start(), scene.target, [scene.grasp])
     if not picks:
         return "unsolvable"
-    cluttered = Motions(robot, scene, iterations=iterations)
-    if not isinstance(cluttered.retrieve_target(cluttered.start(), rng), Blocked):
-        return "free"
+    cluttered = Motions(robot, scene)
+    for _ in range(2):  # a search that fails once by chance is no proof
+        if not isinstance(cluttered.retrieve_target(cluttered.start(), rng), Blocked):
+            return "free"
     return "unsolvable" if isinstance(empty.retrieve_target(empty.start(), rng), Blocked) else None
 
 

@@ -145,5 +145,6 @@ def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: flo
 def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:
     """The paper's return (eq. 1): the sum over steps of I − d, d = |l_r → object| + |object → region|, over the moves carried out."""
     base = scene.robot.T_world_base[:3, 3]
-    d = [np.linalg.norm(m.T_world_from[:3, 3] - base) + np.linalg.norm(m.T_world_to[:3, 3] - m.T_world_from[:3, 3]) for m in moves if m.done]
+    ends = [(m.T_world_from[:3, 3], m.T_world_to[:3, 3]) for m in moves if m.done]
+    d = [np.linalg.norm(start - base) + np.linalg.norm(end - start) for start, end in ends]
     return float(success) - float(sum(d))

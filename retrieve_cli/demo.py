@@ -100,9 +100,9 @@ def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:
     from planning.motion.pick_place import Motions
     from planning.policies import make_policy
     from planning.retrieval import retrieve
-    from retrieve_cli.plan import ITERATIONS, STAGE
+    from retrieve_cli.plan import STAGE
 
-    motions = Motions(arm, scene, iterations=ITERATIONS)
+    motions = Motions(arm, scene)
     rng = np.random.default_rng([seed, STAGE, 0])
     return retrieve(scene, make_policy(POLICY, motions), motions, name=POLICY, rng=rng), motions
 

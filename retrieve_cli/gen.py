@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from retrieve_cli.errors import blame
+from retrieve_cli.errors import InputError, blame
 from retrieve_cli.files import scene_writer
 from retrieve_cli.terminal import progress, say
 
@@ -14,7 +14,7 @@ def run(*, n: int, seed: int, robot: str | None, hand_frame: str | None, gripper
     from kinematics.robot import load, named_robots
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
-    from planning.problems import generate, load_spec
+    from planning.problems import NoScene, generate, load_spec
 
     with blame("gen"):
         wanted = load_spec(spec)
@@ -26,7 +26,11 @@ def run(*, n: int, seed: int, robot: str | None, hand_frame: str | None, gripper
         if own
         else RobotRef(T_base, name=arm.name)
     )
-    with scene_writer(out) as write, progress("scenes", n, out=out) as advance, blame("gen"):
+    with scene_writer(out) as write, progress("scenes", n, out=out) as advance:
         for index in range(n):
-            write(generate(wanted, arm, ref, seed, index))
+            try:
+                scene = generate(wanted, arm, ref, seed, index)
+            except NoScene as e:
+                raise InputError(f"gen: {e}") from e
+            write(scene)
             advance()

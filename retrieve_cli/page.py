@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.robot import FIXED, SLIDES
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
 from kinematics.transforms import Array, rotation_about, transform, wxyz_from_rotation
+from kinematics.tree import FIXED, SLIDES
 from perception.shading import WALL_COLOUR
 from retrieve_cli.page_html import PAGE
 from retrieve_cli.picture import (

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 from retrieve_cli.errors import DONE, UNSOLVED, InputError, blame, choose
-from retrieve_cli.files import plan_writer, read_scenes
+from retrieve_cli.files import plan_writer, read_scenes, replacing
 from retrieve_cli.terminal import progress, say
 
 STAGE = 4  # this stage's word in the seeds of random generators
-ITERATIONS = 3000
 
 
 def run(
@@ -34,7 +34,7 @@ def run(
 
     from kinematics.robot import from_ref, named_robots
     from kinematics.scene import RobotRef
-    from planning.motion.pick_place import Motions
+    from planning.motion.pick_place import ITERATIONS, Motions
     from planning.policies import POLICIES, make_policy
     from planning.retrieval import Rule, retrieve
 
@@ -45,24 +45,25 @@ def run(
         say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
     unsolved = 0
     first = None
-    with plan_writer(out) as write, progress("plans", out=out) as advance:
+    with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
         for index, (where, scene) in enumerate(read_scenes(scenes)):
+            if robot or hand_frame or gripper_joint:
+                ref = scene.robot
+                name, urdf = (ref.name, ref.urdf) if robot is None else (robot, None) if robot in named_robots() else (None, robot)
+                ref = RobotRef(ref.T_world_base, name, urdf, hand_frame or ref.hand_frame, gripper_joint or ref.gripper_joint)
+                scene = replace(scene, robot=ref)
             with blame(where):
-                if robot or hand_frame or gripper_joint:
-                    ref = scene.robot
-                    name, urdf = (ref.name, ref.urdf) if robot is None else (robot, None) if robot in named_robots() else (None, robot)
-                    ref = RobotRef(ref.T_world_base, name, urdf, hand_frame or ref.hand_frame, gripper_joint or ref.gripper_joint)
-                    scene = replace(scene, robot=ref)
                 arm = from_ref(scene.robot, on_step=say)
                 motions = Motions(arm, scene, iterations=iterations or ITERATIONS, time_budget_s=time_budget_s)
-                rng = np.random.default_rng([seed, STAGE, index])
-                plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule(rule), max_moves=max_moves, rng=rng)
+                motions.start()
+            rng = np.random.default_rng([seed, STAGE, index])
+            plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule(rule), max_moves=max_moves, rng=rng)
             write(plan)
             unsolved += not plan.success
             advance()
             first = first or (scene, plan)
-    if html is not None and first is not None:
-        from retrieve_cli.show import write_html
+        if page is not None and first is not None:
+            from retrieve_cli.show import write_html
 
-        write_html(*first, html)
+            write_html(*first, page)
     return UNSOLVED if strict and unsolved else DONE

@@ -31,7 +31,7 @@ def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
             arm = load(robot)
             row |= {"joints": list(arm.joint_names), "opening_m": round(arm.opening.max_m, 4), "camera": arm.has_camera}
             if name:
-                row |= {"home": [round(float(q), 4) for q in arm.home], "links": [h for h in dict.fromkeys(h.link for h in arm.hulls)]}
+                row |= {"home": [round(float(q), 4) for q in arm.home], "links": list(dict.fromkeys(h.link for h in arm.hulls))}
         else:
             row["install"] = f"pip install 'retrieve[{table[robot]['extra']}]'" if "extra" in table[robot] else None
         rows.append(row)

@@ -6,7 +6,7 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from planning.motion.timing import time_stamps
 from planning.motion.workcell import Situation, Touch, Workcell
 from planning.plan import Blocked, Motion
 
+ITERATIONS = 3000  # of one RRT-Connect
 APPROACH_M = 0.08
 LIFT_M = 0.03
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
@@ -73,7 +74,7 @@ class Motions:
     time_budget_s: the paper's protocol instead, wall-clock seconds for one RRT-Connect.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, iterations: int = 3000, time_budget_s: float | None = None) -> None:
+    def __init__(self, robot: Robot, scene: Scene, *, iterations: int = ITERATIONS, time_budget_s: float | None = None) -> None:
         self.robot, self.scene = robot, scene
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s)
         self.floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
@@ -236,7 +237,7 @@ class Motions:
                 return Place(above[::-1], back, T_object)
         return why
 
-    def _fingers(self, poses: dict[str, Array], name: str, q: Array, opened: float, closed: float) -> Touch | None:
+    def _fingers(self, poses: Mapping[str, Array], name: str, q: Array, opened: float, closed: float) -> Touch | None:
         """What the fingers touch, besides the object, while they move between two gripper values with the arm at q."""
         ignore = [(pad, name) for pad in self.robot.pads]
         for value in np.linspace(opened, closed, 4)[1:]:

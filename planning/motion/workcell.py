@@ -141,7 +141,7 @@ class Workcell:
         return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
 
     def straight(self, situation: Situation, q: Array, T_world_hand: Array, by: Array) -> Array | Touch:
-        """Arm waypoints (K, A) that take the hand from T_world_hand, where q puts it, straight by (3,) m, without turning; or what blocks."""
+        """Arm waypoints (K, A) that take the hand from T_world_hand, where q puts it, straight by (3,) m; or what blocks."""
         steps = int(np.ceil(np.linalg.norm(by) / STRAIGHT_STEP_M))
         way, T = [q], T_world_hand.copy()
         frames = np.empty((len(self.arm.chain.q_index) + 1, 4, 4))
@@ -164,7 +164,7 @@ class Workcell:
             return Blocked("transit", touch.link, touch.body, detail="at the start")
         task, memory = situation.task, situation.memory
         budget = {"max_iterations": self.iterations} if self.time_budget_s is None else {"time_budget_s": self.time_budget_s}
-        found = plan(task, start, goals, seed=seed, memory=memory, **budget)  # type: ignore[arg-type]
+        found = plan(task, start, goals, seed=seed, memory=memory, **budget)
         if found.path is None:
             touch = self.touch(situation, goals[0])
             if touch:

@@ -25,7 +25,7 @@ class Line:
     def __init__(self, motions: Motions, seen: Observation) -> None:
         self.motions = motions
         arm, robot = motions.cell.arm, motions.robot
-        start = robot.arm_q(seen.q)
+        start = motions.cell.home_arm
         solutions = motions.cell.ik(seen.grasp.T_world_hand)
         opened = robot.opening.value_at(open_width(seen.grasp.width_m, robot.opening))
         goal = min(solutions, key=lambda q: float(np.abs(q - start).max()), default=None)
@@ -39,8 +39,8 @@ class Line:
 
     def _against(self, box: Array) -> tuple[Problem, Scratch]:
         solids, _ = make_solids([Body("box", Box(box[3:]), transform(p=box[:3]))])
-        check = np.ones((len(self.parts.frame), 1), np.uint8)
-        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, Query(check, np.zeros((0, 2), np.int64)), prepared=self.prepared)
+        query = Query(np.ones((len(self.parts.frame), 1), np.uint8), np.zeros((0, 2), np.int64))
+        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, query, prepared=self.prepared)
         return problem, make_scratch(problem)
 
 

@@ -106,9 +106,9 @@ def random_arm_q(robot: Robot, n: int) -> Array:
     return np.random.default_rng(5).uniform(low, high, (n, len(low)))
 
 
-def test_limits_keep_continuous_joints_within_one_turn(robot: Robot) -> None:
+def test_limits_keep_continuous_joints_within_a_window_of_1_3_turns(robot: Robot) -> None:
     low, high = robot.planning_limits
     turns = np.array([robot.tree.kind[robot._mover(j)] == 1 for j in robot.arm_joints])
-    assert ((high - low)[turns] <= 2 * np.pi + 1e-9).all()
+    assert ((high - low)[turns] <= 2.6 * np.pi + 1e-9).all()
     assert (low >= robot.lower[list(robot.arm_joints)]).all()
     assert (high <= robot.upper[list(robot.arm_joints)]).all()

@@ -20,7 +20,10 @@ SAMPLES = 64
 
 
 class Line:
-    """The arm's straight joint-space line from where it is to x_g, and which boxes would be in its way."""
+    """The arm's straight joint-space line from where it waits to x_g, and which boxes would be in its way.
+
+    From where it waits: the paper's arm sets out anew for the target at every step. The goal is the solution nearest to that, walls or not.
+    """
 
     def __init__(self, motions: Motions, seen: Observation) -> None:
         self.motions = motions

@@ -1,0 +1,279 @@
+"""Other planners on the questions that benchmarks/motion.py asks, each run in an environment of its own: nothing of ours is imported.
+
+Usage: PYTHON peers.py PEER QUESTIONS.json ANSWERS.json BUDGET_S. A question is all geometry: the frames of a serial arm (every joint turns
+about z), convex parts fixed to them, boxes and cylinders at rest, which pairs count, start and goal. Answers: for each question seconds to
+plan, seconds with shortcutting, and the path or null; and how many configurations a second the peer checks.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+STEP = 0.02
+"""Length in joint space, rad, between the configurations that planners check; ours checks none, it certifies edges."""
+RANGE = 1.0  # longest edge that one extension adds, rad
+SHORTCUTS = 100
+Json = dict[str, Any]
+Touches = Callable[[np.ndarray], bool]
+
+
+def arrays(question: Json) -> Json:
+    """The question with its lists as arrays."""
+    part = lambda p: {**p, "vertices": np.array(p["vertices"]), "faces": np.array(p["faces"])}  # noqa: E731
+    solid = lambda s: {**s, "T": np.array(s["T"])}  # noqa: E731
+    lists = {k: np.array(question[k]) for k in ("T_prev", "lower", "upper", "start", "goal")}
+    return {**question, **lists, "parts": [part(p) for p in question["parts"]], "solids": [solid(s) for s in question["solids"]]}
+
+
+def along(path: np.ndarray, step: float) -> np.ndarray:
+    """Configurations on a path (K, J), not more than a step apart."""
+    rows = [path[:1]]
+    for a, b in pairwise(path):
+        n = max(1, int(np.ceil(np.linalg.norm(b - a) / step)))
+        rows.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
+    return np.concatenate(rows)
+
+
+# Pinocchio and coal: the peer's checker, and the judge of all paths
+
+
+class CoalWorld:
+    """A question in pinocchio and coal; broad: through its broad-phase manager, else all pairs, each behind its boxes."""
+
+    def __init__(self, question: Json, broad: bool = True) -> None:
+        import coal
+        import pinocchio as pin
+
+        self.pin, self.model, self.geometry = pin, pin.Model(), pin.GeometryModel()
+        at, frames = 0, [0]
+        for k, T in enumerate(question["T_prev"]):
+            at = self.model.addJoint(at, pin.JointModelRZ(), pin.SE3(T), f"j{k}")
+            frames.append(at)
+        self.keep = []
+        for i, part in enumerate(question["parts"]):
+            mesh = coal.BVHModelOBBRSS()
+            mesh.beginModel(len(part["faces"]), len(part["vertices"]))
+            mesh.addSubModel(_points(coal, part["vertices"]), _triangles(coal, part["faces"]))
+            mesh.endModel()
+            mesh.buildConvexHull(True, "Qt")
+            self.keep.append(mesh)
+            self._add(f"p{i}", frames[part["frame"]], np.eye(4), mesh.convex)
+        for i, solid in enumerate(question["solids"]):
+            size = 2 * np.array(solid["half"])
+            shape = coal.Box(*size) if solid["kind"] == "box" else coal.Cylinder(solid["half"][0], size[2])
+            self._add(f"s{i}", 0, solid["T"], shape)
+        n = len(question["parts"])
+        for a, b in [*question["pairs"], *((p, n + s) for p, s in question["check"])]:
+            self.geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
+        self.data, self.state = self.model.createData(), self.geometry.createData()
+        self.manager = None
+        if broad:
+            self.manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(self.model, self.geometry, self.state)
+
+    def _add(self, name: str, joint: int, T: np.ndarray, shape: Any) -> None:
+        self.geometry.addGeometryObject(self.pin.GeometryObject(name, joint, self.pin.SE3(T), shape))
+
+    def touches(self, q: np.ndarray) -> bool:
+        if self.manager is not None:
+            return bool(self.pin.computeCollisions(self.model, self.data, self.manager, q, True))
+        return bool(self.pin.computeCollisions(self.model, self.data, self.geometry, self.state, q, True))
+
+
+def _points(coal: Any, vertices: np.ndarray) -> Any:
+    points = coal.StdVec_Vec3s()
+    for v in vertices:
+        points.append(v)
+    return points
+
+
+def _triangles(coal: Any, faces: np.ndarray) -> Any:
+    triangles = coal.StdVec_Triangle()
+    for a, b, c in faces:
+        triangles.append(coal.Triangle(int(a), int(b), int(c)))
+    return triangles
+
+
+# RRT-Connect in Python, for checkers that come without a planner
+
+
+def rrt_connect(touches: Touches, question: Json, budget_s: float, seed: int) -> np.ndarray | None:
+    """A path (K, J) whose configurations, a STEP apart, all are free; None when the time is over."""
+    end, rng = time.perf_counter() + budget_s, np.random.default_rng(seed)
+    lower, upper = question["lower"], question["upper"]
+    if touches(question["start"]) or touches(question["goal"]):
+        return None
+    trees = [([question["start"]], [-1]), ([question["goal"]], [-1])]
+
+    def clear(a: np.ndarray, b: np.ndarray) -> bool:
+        return edge_clear(touches, a, b, end)
+
+    def extend(side: int, target: np.ndarray) -> bool:
+        """One edge towards the target; whether it was added."""
+        nodes, parents = trees[side]
+        d = np.linalg.norm(np.array(nodes) - target, axis=1)
+        near = int(np.argmin(d))
+        new = nodes[near] + min(1.0, RANGE / max(d[near], 1e-12)) * (target - nodes[near])
+        if d[near] > 0 and not clear(nodes[near], new):
+            return False
+        nodes.append(new)
+        parents.append(near)
+        return True
+
+    side = 0
+    if clear(question["start"], question["goal"]):
+        return np.array([question["start"], question["goal"]])
+    while time.perf_counter() < end:
+        if extend(side, rng.uniform(lower, upper)):
+            meeting = trees[side][0][-1]
+            while time.perf_counter() < end and extend(1 - side, meeting):
+                if np.allclose(trees[1 - side][0][-1], meeting):
+                    ways = []
+                    for nodes, parents in trees:
+                        way, at = [], len(nodes) - 1
+                        while at >= 0:
+                            way.append(nodes[at])
+                            at = parents[at]
+                        ways.append(way)
+                    return np.array(ways[0][::-1] + ways[1][1:])
+        side = 1 - side
+    return None
+
+
+def edge_clear(touches: Touches, a: np.ndarray, b: np.ndarray, end: float = np.inf) -> bool:
+    n = max(1, int(np.ceil(np.linalg.norm(b - a) / STEP)))
+    for i in range(1, n + 1):  # noqa: SIM110
+        if touches(a + i / n * (b - a)) or (i % 16 == 0 and time.perf_counter() > end):
+            return False
+    return True
+
+
+def shortcut(touches: Touches, path: np.ndarray, seed: int) -> np.ndarray:
+    """Random shortcuts."""
+    rng, points = np.random.default_rng(seed), list(path)
+    for _ in range(SHORTCUTS):
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        at = np.concatenate([[0.0], np.cumsum(lengths)])
+        u, v = np.sort(rng.uniform(0, at[-1], 2))
+        i, j = (min(int(np.searchsorted(at, x, side="right")) - 1, len(points) - 2) for x in (u, v))
+        if i == j:
+            continue
+        a, b = (points[k] + (x - at[k]) / max(lengths[k], 1e-12) * (points[k + 1] - points[k]) for k, x in ((i, u), (j, v)))
+        if edge_clear(touches, a, b):
+            points = [*points[: i + 1], a, b, *points[j + 1 :]]
+    return np.array(points)
+
+
+def in_python(touches: Touches, question: Json, budget_s: float, seed: int) -> Json:
+    """Plan and shortcut with the two above."""
+    began = time.perf_counter()
+    path = rrt_connect(touches, question, budget_s, seed)
+    planned = time.perf_counter()
+    short = None if path is None else shortcut(touches, path, seed)
+    return answer(planned - began, time.perf_counter() - began, short)
+
+
+def answer(plan_s: float, both_s: float, path: Any) -> Json:
+    return {"plan_s": plan_s, "both_s": both_s, "path": None if path is None else np.asarray(path).tolist()}
+
+
+def rate(check: Callable[[np.ndarray], object], configurations: np.ndarray, at_least_s: float = 1.0) -> float:
+    """Checks a second, one after the other."""
+    n, began = 0, time.perf_counter()
+    while time.perf_counter() - began < at_least_s:
+        for q in configurations[n % len(configurations) :][:200]:
+            check(q)
+            n += 1
+    return n / (time.perf_counter() - began)
+
+
+# The peers: each yields a checker (or None) and a planner for a question
+
+
+def ompl(question: Json, seed: int) -> tuple[Touches, Callable[[float], Json]]:
+    """OMPL 2's RRTConnect and path simplifier, pinocchio and coal as its checker."""
+    from ompl import base, geometric, util
+
+    util.setLogLevel(util.LOG_NONE)
+    if seed == 0:
+        util.RNG.setSeed(1)
+    n, world = len(question["lower"]), CoalWorld(question)
+    space, bounds = base.RealVectorStateSpace(n), base.RealVectorBounds(n)
+    for i in range(n):
+        bounds.setLow(i, float(question["lower"][i]))
+        bounds.setHigh(i, float(question["upper"][i]))
+    space.setBounds(bounds)
+    setup, q = geometric.SimpleSetup(space), np.zeros(n)
+
+    def valid(state: Any) -> bool:
+        for i in range(n):
+            q[i] = state[i]
+        return not world.touches(q)
+
+    setup.setStateValidityChecker(valid)
+    information = setup.getSpaceInformation()
+    information.setStateValidityCheckingResolution(STEP / float(np.linalg.norm(question["upper"] - question["lower"])))
+    ends = []
+    for values in (question["start"], question["goal"]):
+        state = space.allocState()
+        for i in range(n):
+            state[i] = float(values[i])
+        ends.append(state)
+    setup.setStartAndGoalStates(*ends)
+    setup.setPlanner(geometric.RRTConnect(information))
+
+    def solve(budget_s: float) -> Json:
+        began = time.perf_counter()
+        setup.solve(budget_s)
+        planned = time.perf_counter()
+        if not setup.haveExactSolutionPath():
+            return answer(planned - began, planned - began, None)
+        setup.simplifySolution()
+        both = time.perf_counter()
+        return answer(planned - began, both - began, [[s[i] for i in range(n)] for s in setup.getSolutionPath().getStates()])
+
+    return world.touches, solve
+
+
+PEERS = {"ompl": ompl}
+
+
+def main() -> None:
+    name, questions, out, budget_s = sys.argv[1:5]
+    data = json.loads(Path(questions).read_text())
+    answers, checks = [], 0.0
+    with quiet():
+        for seed, raw in enumerate(data["questions"]):
+            question = arrays(raw)
+            touches, solve = PEERS[name](question, seed)
+            answers.append(solve(float(budget_s)))
+        if data["rate"] is not None:
+            touches, _ = PEERS[name](arrays(data["rate"]["question"]), 0)
+            checks = rate(touches, np.array(data["rate"]["q"]))
+    Path(out).write_text(json.dumps({"answers": answers, "checks_per_s": checks}))
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """What libraries print goes nowhere."""
+    with open(os.devnull, "w") as nowhere:
+        kept = os.dup(1)
+        os.dup2(nowhere.fileno(), 1)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 1)
+            os.close(kept)
+
+
+if __name__ == "__main__":
+    main()

@@ -8,13 +8,9 @@ out=${1:-out}
 mkdir -p "$out"
 
 # Scenes for this arm, in a cabinet of one's own. The first call covers the arm with spheres and keeps them for the next time.
-retrieve gen -n 3 --seed 2 --robot "$here/arm.urdf" --hand-frame tcp --gripper-joint grip --spec "$here/cupboard.toml" -o "$out/own_scenes.jsonl"
+retrieve gen -n 3 --seed 1 --robot "$here/arm.urdf" --hand-frame tcp --gripper-joint grip --spec "$here/cupboard.toml" -o "$out/own_scenes.jsonl"
 
 # The scenes name their robot, so nobody has to say it again.
 retrieve plan "$out/own_scenes.jsonl" --policy local -o "$out/own_plans.jsonl"
 retrieve report "$out/own_plans.jsonl"
 retrieve show "$out/own_plans.jsonl" --scenes "$out/own_scenes.jsonl" --png "$out/own_arm.png"
-
-# A scene made for another robot can be given to this one, when its base stands well there.
-retrieve plan "$(dirname "$0")/02_plum_behind_cylinders.jsonl" --policy local \
-    --robot "$here/arm.urdf" --hand-frame tcp --gripper-joint grip -o "$out/own_plum.jsonl"

@@ -80,10 +80,10 @@ def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distin
         q[:] = table_q[s]
         if not descend(chain, T_frame_hand, T, q, scratch, 40):
             continue
-        for j in range(J):  # of two turns that are both inside the limits, the one nearer to the middle
-            middle = 0.5 * (chain.lower[j] + chain.upper[j])
-            if chain.upper[j] - chain.lower[j] > 2 * np.pi and abs(q[j] - middle) > np.pi:
-                q[j] -= np.copysign(2 * np.pi, q[j] - middle)
+        for j in range(J):  # of two turns that are both inside the limits, the one nearer to `near`
+            other = q[j] - np.copysign(2 * np.pi, q[j] - near[j])
+            if abs(other - near[j]) < abs(q[j] - near[j]) and chain.lower[j] <= other <= chain.upper[j]:
+                q[j] = other
         fresh = True
         for f in range(found):
             far = False

@@ -139,7 +139,7 @@ class Motions:
         return why
 
     def picks(self, state: State, name: str, grasps: Sequence[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
-        """The ways to take hold of an object that hold up to all checks but RRT-Connect's, nearest to home first; and why others don't.
+        """The ways to take hold of an object that hold up to all checks but RRT-Connect's, the least to turn first; and why others don't.
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
         """
@@ -156,24 +156,24 @@ class Motions:
             approaches = [a for a in APPROACHES if a in self.scene.approaches]
             grasps = sample_grasps(body, self.robot.opening, approaches, self.floor_z, toward)
         picks: list[Pick] = []
-        why = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening")
+        why, got_to = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening"), 0
         for grasp in grasps:
             opened = self.robot.opening.value_at(open_width(grasp.width_m, self.robot.opening))
             closed = self.robot.opening.value_at(grasp.width_m)
             reaching = self.cell.problem(state.poses, opened)
             solutions = self.cell.ik(grasp.T_world_hand)
-            if len(solutions) == 0:
-                why = Blocked("ik", "hand", name, detail="the grasp is out of reach") if why.stage == "grasp" else why
+            if len(solutions) == 0 and got_to == 0:
+                why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), _GOT_TO["ik"]
             for q in solutions:
                 pick = self._pick(state, name, grasp, q, opened, closed, reaching)
                 if isinstance(pick, Pick):
                     picks.append(pick)
-                elif _STAGE_ORDER.index(pick.stage) >= _STAGE_ORDER.index(why.stage):
-                    why = pick
+                elif _GOT_TO[pick.stage] >= got_to:
+                    why, got_to = pick, _GOT_TO[pick.stage]
             if len(picks) >= MAX_PICKS:
                 break
-        home = self.cell.home_arm
-        picks.sort(key=lambda p: float(np.abs(p.approach[0] - home).max()))
+        now = self.robot.arm_q(state.q)
+        picks.sort(key=lambda p: float(np.abs(p.approach[0] - now).max()))
         return picks, why
 
     def _pick(self, state: State, name: str, grasp: Grasp, q: Array, opened: float, closed: float, reaching: Situation) -> Pick | Blocked:
@@ -209,32 +209,35 @@ class Motions:
         if np.hypot(ahead[0], ahead[1]) > 0.3:  # for a level grasp, the hand may come in along the bearing of the place
             bearing = centre[:2] - self.scene.robot.T_world_base[:2, 3]
             natural = float(np.arctan2(bearing[1], bearing[0]) - np.arctan2(ahead[1], ahead[0]))
+        ways: list[tuple[float, Array, Array]] = []
         for turn in PLACE_TURNS:
             T_object = _standing(body.shape, rotation_about(UP, natural + turn) @ R, centre)
-            if self.cell.placed(body, T_object, rest):
-                continue
+            if not self.cell.placed(body, T_object, rest):
+                for q in self.cell.ik(T_object @ inverse(T_hand_object), near=pick.lift[-1], tries=12):
+                    ways.append((float(np.abs(q - pick.lift[-1]).max()), q, T_object))
+        ways.sort(key=lambda way: way[0])  # the arm should turn no more than it must
+        for _, q, T_object in ways:
             T_hand = T_object @ inverse(T_hand_object)
-            standing, retreating = {**rest, name: T_object}, None
-            for q in self.cell.ik(T_hand, tries=12):
-                if touch := self.cell.touch(lowering, q):
-                    why = _blocked("lower", touch)
-                    continue
-                retreating = retreating or self.cell.problem(standing, pick.gripper_open)
-                if touch := self.cell.touch(retreating, q):
-                    why = _blocked("lower", touch)
-                    continue
-                above = self.cell.straight(lowering, q, T_hand, LIFT_M * UP)
-                if isinstance(above, Touch):
-                    why = _blocked("lower", above)
-                    continue
-                if touch := self._fingers(standing, name, q, pick.gripper_open, pick.gripper_closed):
-                    why = _blocked("release", touch)
-                    continue
-                back = self.cell.straight(retreating, q, T_hand, -APPROACH_M * T_hand[:3, 2])
-                if isinstance(back, Touch):
-                    why = _blocked("retreat", back)
-                    continue
-                return Place(above[::-1], back, T_object)
+            if touch := self.cell.touch(lowering, q):
+                why = _blocked("lower", touch)
+                continue
+            standing = {**rest, name: T_object}
+            retreating = self.cell.problem(standing, pick.gripper_open)
+            if touch := self.cell.touch(retreating, q):
+                why = _blocked("lower", touch)
+                continue
+            above = self.cell.straight(lowering, q, T_hand, LIFT_M * UP)
+            if isinstance(above, Touch):
+                why = _blocked("lower", above)
+                continue
+            if touch := self._fingers(standing, name, q, pick.gripper_open, pick.gripper_closed):
+                why = _blocked("release", touch)
+                continue
+            back = self.cell.straight(retreating, q, T_hand, -APPROACH_M * T_hand[:3, 2])
+            if isinstance(back, Touch):
+                why = _blocked("retreat", back)
+                continue
+            return Place(above[::-1], back, T_object)
         return why
 
     def _fingers(self, poses: Mapping[str, Array], name: str, q: Array, opened: float, closed: float) -> Touch | None:
@@ -331,7 +334,7 @@ class Motions:
         return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(may_touch))
 
 
-_STAGE_ORDER = ("grasp", "ik", "approach", "lift")
+_GOT_TO = {"ik": 1, "approach": 2, "grasp": 3, "lift": 4}  # the attempt that got furthest tells best why there is none
 
 
 def _blocked(stage: str, touch: Touch) -> Blocked:

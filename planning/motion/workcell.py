@@ -135,10 +135,10 @@ class Workcell:
         touch = _named(situation, exact.edge_contact(situation.task.exact, qa, qb, situation.memory.exact))
         return touch or Touch(detail="touches by less than the margin")
 
-    def ik(self, T_world_hand: Array, *, tries: int = 24) -> Array:
-        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to home first."""
+    def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
+        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home."""
         arm = self.arm
-        return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
+        return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm if near is None else near, tries=tries)
 
     def straight(self, situation: Situation, q: Array, T_world_hand: Array, by: Array) -> Array | Touch:
         """Arm waypoints (K, A) that take the hand from T_world_hand, where q puts it, straight by (3,) m; or what blocks."""

@@ -17,6 +17,11 @@ def folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "retrieve"
 
 
+def compiled_before() -> bool:
+    """Whether an earlier run has left compiled code of this very version behind."""
+    return any(Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbc"))
+
+
 def key(*parts: bytes | str) -> str:
     """A file-name-safe hash of the inputs."""
     digest = hashlib.sha256()

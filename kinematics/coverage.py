@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
@@ -19,9 +19,9 @@ from kinematics.transforms import Array, apply
 
 
 @lru_cache(maxsize=16)
-def link_covers(robot: Robot, on_step: Callable[[str], None] | None = None) -> tuple[Levels, ...]:
+def link_covers(robot: Robot) -> tuple[Levels, ...]:
     """The covers of a robot's link hulls, in the links' frames; computed once and cached on disk."""
-    return tuple(levels(hull.vertices, on_step=None) for hull in robot.hulls)
+    return tuple(levels(hull.vertices) for hull in robot.hulls)
 
 
 def shape_covers(shape: Shape) -> tuple[Levels, ...]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from retrieve_cli.errors import InputError, blame
 from retrieve_cli.files import plan_writer, read_scenes, scene_writer, write_text
-from retrieve_cli.terminal import progress, say
+from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
     from kinematics.robot import Robot
@@ -26,7 +26,7 @@ CALM_M = 1.5
 def run(*, out: Path, seed: int) -> None:
     """Write scene.jsonl, plan.jsonl, plan.html, before.png, during.png, after.png and hand.png into `out`, and tell the story."""
     folder = _folder(out)
-    say("getting ready; a first run compiles for up to a minute, later ones start at once")
+    announce_first_run()
     with blame("demo"):
         scene, plan, motions = _hard_scene(seed, folder / "scene.jsonl")
     from retrieve_cli.picture import Film

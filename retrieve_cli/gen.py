@@ -6,7 +6,7 @@ from pathlib import Path
 
 from retrieve_cli.errors import InputError, blame
 from retrieve_cli.files import scene_writer
-from retrieve_cli.terminal import progress, say
+from retrieve_cli.terminal import announce_first_run, progress, say
 
 
 def run(*, n: int, seed: int, robot: str | None, hand_frame: str | None, gripper_joint: str | None, spec: str, out: Path | None) -> None:
@@ -16,6 +16,7 @@ def run(*, n: int, seed: int, robot: str | None, hand_frame: str | None, gripper
     from kinematics.transforms import transform
     from planning.problems import NoScene, generate, load_spec
 
+    announce_first_run()
     with blame("gen"):
         wanted = load_spec(spec)
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from retrieve_cli.errors import DONE, UNSOLVED, InputError, blame, choose
 from retrieve_cli.files import plan_writer, read_scenes, replacing
-from retrieve_cli.terminal import progress, say
+from retrieve_cli.terminal import announce_first_run, progress, say
 
 STAGE = 4  # this stage's word in the seeds of random generators
 
@@ -43,6 +43,7 @@ def run(
         raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
     if time_budget_s is not None:
         say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
+    announce_first_run()
     unsolved = 0
     first = None
     with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:

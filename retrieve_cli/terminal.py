@@ -17,6 +17,14 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
+def announce_first_run() -> None:
+    """Say why the first run takes long, lest anybody stare at a silent terminal."""
+    from kinematics.cache import compiled_before
+
+    if not compiled_before():
+        say("getting ready: the first run compiles, which takes about a minute; later ones start at once")
+
+
 def show(*things: RenderableType) -> None:
     """Print Rich tables and texts on stdout: coloured and fitted on a terminal, plain and as wide as they need otherwise."""
     from rich.console import Console

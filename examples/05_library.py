@@ -56,12 +56,13 @@ def main(file: Path = TRIAL) -> None:
             rng=np.random.default_rng(0),
             on_step=lambda step: print(f"  {step}"),
         )
-        print(f"{where} ({scene.id}): " + ("solved" if plan.success else f"not solved, {plan.reason}"))
+        print(f"{Path(where).name} ({scene.id}): " + ("solved" if plan.success else f"not solved, {plan.reason}"))
         for move in plan.moves:
             x, y, _ = move.T_world_to[:3, 3]
             print(f"  {move.object} to ({x:.2f}, {y:.2f})" + ("" if move.done else f": {move.reason}"))
         seconds = sum(m.t_s[-1] for m in plan.motions)
-        print(f"  {len(plan.motions)} motions, {seconds:.0f} s for the arm, the hand travels {plan.hand_travel_m:.1f} m, verified: {plan.verified}")
+        print(f"  {len(plan.motions)} motions that take the arm {seconds:.0f} s; the hand travels {plan.hand_travel_m:.1f} m")
+        print(f"  verified: {plan.verified}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,135 @@
+"""The examples run as they stand, and do what they say."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from documents import SCHEMAS
+
+from kinematics.robot import Robot, load
+from kinematics.scene import Scene, object_box
+from planning.motion.pick_place import Motions
+from planning.motion.verify import verify
+from planning.plan import Blocked
+from planning.policies import make_policy
+from planning.retrieval import Rule, retrieve
+from retrieve_cli.files import read_plans, read_scenes
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+TRIALS = ("02_plum_behind_cylinders", "03_banana_at_the_left_wall")
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> dict[str, str]:
+    """An environment in which `retrieve` is the program of this checkout, and its warnings are errors."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "retrieve").write_text(f'#!/bin/sh\nexec {sys.executable} -W error -m retrieve_cli "$@"\n')
+    (folder / "retrieve").chmod(0o755)
+    return {**os.environ, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+
+
+def run(environment: dict[str, str], cwd: Path, *args: str | Path) -> str:
+    done = subprocess.run(args, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_each_number_is_there_once() -> None:
+    """01 to 05, and each has a test below."""
+    numbers = sorted({p.name[:2] for p in EXAMPLES.iterdir() if p.name[0].isdigit()})
+    assert numbers == [f"{i:02}" for i in range(1, len(numbers) + 1)] == ["01", "02", "03", "04", "05"]
+
+
+def test_01_first_plan(program: dict[str, str], tmp_path: Path) -> None:
+    out = run(program, tmp_path, EXAMPLES / "01_first_plan.sh")
+    assert "local deep" in out
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["plans.jsonl", "report.html", "scenes.jsonl"]
+    assert len(list(read_plans(tmp_path / "out" / "plans.jsonl"))) == 5
+
+
+@pytest.fixture(params=TRIALS)
+def trial(request: pytest.FixtureRequest) -> Scene:
+    """A scene of the paper's real trials."""
+    file = EXAMPLES / f"{request.param}.jsonl"
+    ((_, scene),) = read_scenes(file)
+    jsonschema.validate(json.loads(file.read_text()), json.loads((SCHEMAS / "scene.schema.json").read_text()))
+    return scene
+
+
+def test_02_and_03_are_the_papers_real_trials(trial: Scene, ur5e: Robot) -> None:
+    """The lab's cabinet and arm; the target stands behind cylinders, is blocked at first, and free when they are gone."""
+    assert trial.robot.name == "ur5e"
+    np.testing.assert_allclose(trial.cabinet.size_m, [0.56, 0.86, 0.50])
+    np.testing.assert_allclose(trial.cabinet.T_world_cabinet[:3, 3], [0.30, 0.0, 0.10])
+    target = object_box(trial.body(trial.target))
+    others = [object_box(b) for b in trial.objects if b.name != trial.target]
+    assert len(others) >= 2
+    assert sum(b[0] < target[0] for b in others) >= 2
+    if trial.target == "banana":
+        assert target[5] < 0.05 < 0.15 < max(target[3:5])  # low and long
+        assert target[1] + target[4] / 2 > trial.cabinet.size_m[1] / 2 - 0.02  # at the left wall
+    motions = Motions(ur5e, trial)
+    for seed in range(3):
+        assert isinstance(motions.retrieve_target(motions.start(), np.random.default_rng(seed)), Blocked)
+    alone = Motions(ur5e, Scene(**{**vars(trial), "objects": (trial.body(trial.target),)}))
+    assert not isinstance(alone.retrieve_target(alone.start(), np.random.default_rng(0)), Blocked)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_02_and_03_are_solved_by_local(seed: int, trial: Scene, ur5e: Robot) -> None:
+    motions = Motions(ur5e, trial)
+    plan = retrieve(trial, make_policy("local", motions), motions, name="local", rule=Rule.DEEP, rng=np.random.default_rng(seed))
+    assert plan.success, str(plan.reason)
+    assert plan.verified
+    assert any(move.done for move in plan.moves)
+    assert verify(ur5e, trial, plan.motions) is None
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_02_and_03_from_the_command_line(name: str, program: dict[str, str], tmp_path: Path) -> None:
+    run(program, tmp_path, "retrieve", "plan", EXAMPLES / f"{name}.jsonl", "--policy", "local", "--strict", "-o", "plan.jsonl")
+    run(program, tmp_path, "retrieve", "report", "plan.jsonl", "-o", "report.csv")
+    with (tmp_path / "report.csv").open(newline="", encoding="utf-8") as file:
+        assert "local" in str(next(csv.DictReader(file)))
+
+
+def test_04_own_arm(program: dict[str, str], tmp_path: Path) -> None:
+    """A robot that nobody knew: scenes, plans and a picture; the scenes say which robot they are for."""
+    run(program, tmp_path, EXAMPLES / "04_own_arm.sh", "here")
+    here = tmp_path / "here"
+    assert (here / "own_arm.png").read_bytes().startswith(b"\x89PNG")
+    scenes = {scene.id: scene for _, scene in read_scenes(here / "own_scenes.jsonl")}
+    plans = [plan for _, plan in read_plans(here / "own_plans.jsonl")]
+    assert len(scenes) == len(plans) == 3
+    for plan in plans:
+        scene = scenes[plan.scene]
+        assert Path(scene.robot.urdf or "").samefile(EXAMPLES / "04_own_arm" / "arm.urdf")
+        assert (scene.robot.hand_frame, scene.robot.gripper_joint) == ("tcp", "grip")
+        assert plan.verified
+    assert any(plan.success and plan.moves for plan in plans)
+
+
+def test_04_the_arm_is_what_its_comments_say() -> None:
+    arm = load(str(EXAMPLES / "04_own_arm" / "arm.urdf"), "tcp")
+    assert arm.joint_names == ("pan", "lift", "elbow", "roll", "bend", "twist", "grip")
+    assert arm.pads == {"left_finger", "right_finger"}
+    assert arm.opening.max_m == pytest.approx(0.09, abs=1e-6)
+    hand = arm.link_poses(arm.home)["hand"]
+    np.testing.assert_allclose(hand[:3, 2], [1, 0, 0], atol=1e-6)  # it waits looking into the cabinet
+    np.testing.assert_allclose(hand[:3, 0], [0, 0, 1], atol=1e-6)
+
+
+def test_05_library(program: dict[str, str], tmp_path: Path) -> None:
+    out = run(program, tmp_path, sys.executable, "-W", "error", EXAMPLES / "05_library.py")
+    assert "(plum-behind-cylinders): solved\n" in out
+    assert "verified: True\n" in out

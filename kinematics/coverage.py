@@ -39,17 +39,24 @@ def lane_arm(
     robot: Robot, chain: Chain, T_world_base: Array, gripper: float, held: Held | None = None, shape: Shape | None = None
 ) -> tuple[LaneModel, Parts, tuple[str, ...]]:
     """The arm at a gripper value, with an object of some shape in the hand, for the lane kernel; its parts, and the name behind each."""
-    parts, names = robot.parts(gripper, T_world_base)
-    carried = robot.frame_of_links(gripper, T_world_base)
-    covers = [moved(cover, carried[hull.link][1]) for hull, cover in zip(robot.hulls, link_covers(robot))]
+    parts, names, covers, frame, T_frame_hand = _links_at(robot, T_world_base.tobytes(), round(gripper, 9))
     if held is not None and shape is not None:
-        frame, T_frame_hand = carried["hand"]
         T = T_frame_hand @ held.T_hand_body
         pieces = convex_parts(shape)
         parts = join_parts(parts, make_parts([frame] * len(pieces), [apply(T, piece) for piece in pieces]))
-        covers += [moved(cover, T) for cover in shape_covers(shape)]
+        covers += tuple(moved(cover, T) for cover in shape_covers(shape))
         names += (held.body,) * len(pieces)
     return lane_model(chain, parts, covers), parts, names
+
+
+@lru_cache(maxsize=512)
+def _links_at(robot: Robot, base: bytes, gripper: float) -> tuple[Parts, tuple[str, ...], tuple[Levels, ...], int, Array]:
+    """Links with the fingers at a gripper value: parts, names, covers in the parts' frames; the hand's frame and its pose in it."""
+    T_world_base = np.frombuffer(base).reshape(4, 4)
+    parts, names = robot.parts(gripper, T_world_base)
+    carried = robot.frame_of_links(gripper, T_world_base)
+    covers = tuple(moved(cover, carried[link][1]) for link, cover in zip(names, link_covers(robot)))
+    return parts, names, covers, *carried["hand"]
 
 
 class Sieve:

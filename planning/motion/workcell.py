@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from kinematics import exact, inverse
 from kinematics.arm import Chain, Int, Parts, Query, Solids, forward, join_parts, make_parts, make_solids
 from kinematics.collision import gap, shape_solids
-from kinematics.coverage import link_covers, shape_covers
-from kinematics.lanes import lane_model, lane_world
+from kinematics.coverage import lane_arm
+from kinematics.lanes import LaneModel, LaneWorld, lane_world
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import Shape, bounds, convex_parts
-from kinematics.spheres import Levels, moved
 from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.motion.edges import Memory, Task, connects, make_memory, make_task
 from planning.motion.rrt_connect import plan
@@ -37,13 +36,26 @@ class Touch:
     detail: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
 class Situation:
-    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices."""
+    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices.
 
-    task: Task
-    memory: Memory
-    names: tuple[str, ...]
+    The exact problem serves static questions; the lanes are packed when the first edge asks for them.
+    """
+
+    def __init__(
+        self, problem: exact.Problem, names: tuple[str, ...], world: Callable[[], LaneWorld], model: Callable[[], LaneModel]
+    ) -> None:
+        self.problem, self.names = problem, names
+        self.scratch = exact.make_scratch(problem)
+        self._world, self._model = world, model
+
+    @cached_property
+    def task(self) -> Task:
+        return make_task(self.problem, self._model(), self._world())
+
+    @cached_property
+    def memory(self) -> Memory:
+        return make_memory(self.task)
 
 
 class Workcell:
@@ -83,16 +95,18 @@ class Workcell:
 
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
-        parts, prepared, covers = self.arm.parts(gripper)
+        parts, prepared = self.arm.parts(gripper)
         links = self.arm.links
+        model = partial(self.arm.lanes, gripper)
         solids, bodies = self._standing(poses)
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
-            grip, grip_prepared, grip_covers = self.arm.in_hand(self.scene.body(held.body).shape, held.T_hand_body)
-            covers = covers + grip_covers
+            shape = self.scene.body(held.body).shape
+            grip, grip_prepared = self.arm.in_hand(shape, held.T_hand_body)
             parts, links = join_parts(parts, grip), links + (held.body,) * len(grip.frame)
             prepared = exact.join_prepared(prepared, grip_prepared)
+            model = partial(self.arm.lanes_with, gripper, held, shape)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
@@ -101,8 +115,7 @@ class Workcell:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
         query = Query(check, pairs)
         problem = exact.make_problem(self.arm.chain, parts, solids, query, prepared=prepared)
-        task = make_task(problem, lane_model(self.arm.chain, parts, covers), lane_world(solids, query))
-        return Situation(task, make_memory(task), links + tuple(bodies))
+        return Situation(problem, links + tuple(bodies), partial(lane_world, solids, query), model)
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
@@ -126,13 +139,13 @@ class Workcell:
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:
         """What touches at the arm's configuration q (A,), or None."""
-        return _named(situation, exact.first_contact(situation.task.exact, q, situation.memory.exact))
+        return _named(situation, exact.first_contact(situation.problem, q, situation.scratch))
 
     def edge(self, situation: Situation, qa: Array, qb: Array) -> Touch | None:
         """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
         if connects(situation.task, qa, qb, situation.memory):
             return None
-        touch = _named(situation, exact.edge_contact(situation.task.exact, qa, qb, situation.memory.exact))
+        touch = _named(situation, exact.edge_contact(situation.problem, qa, qb, situation.scratch))
         return touch or Touch(detail="touches by less than the margin")
 
     def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
@@ -207,25 +220,35 @@ class Arm:
         self.T_frame_hand: Array = carried["hand"][1]
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self._links: dict[float, tuple[Parts, exact.Prepared, tuple[Levels, ...]]] = {}
+        self._parts: dict[float, tuple[Parts, exact.Prepared]] = {}
+        self._lanes: dict[float, LaneModel] = {}
         self.links = tuple(hull.link for hull in robot.hulls)
 
-    def parts(self, gripper: float) -> tuple[Parts, exact.Prepared, tuple[Levels, ...]]:
-        """The link hulls with the fingers at a gripper value, and their covers; the link behind each is in `links`."""
+    def parts(self, gripper: float) -> tuple[Parts, exact.Prepared]:
+        """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
         key = round(gripper, 9)
-        if key not in self._links:
+        if key not in self._parts:
             parts, _ = self.robot.parts(gripper, self.T_world_base)
-            carried = self.robot.frame_of_links(gripper, self.T_world_base)
-            covers = tuple(moved(cover, carried[link][1]) for link, cover in zip(self.links, link_covers(self.robot)))
-            self._links[key] = parts, exact.prepare(self.chain, parts), covers
-        return self._links[key]
+            self._parts[key] = parts, exact.prepare(self.chain, parts)
+        return self._parts[key]
 
-    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared, tuple[Levels, ...]]:
-        """A held object as parts of the hand, and their covers."""
+    def lanes(self, gripper: float) -> LaneModel:
+        """The same with their sphere covers, for the lanes."""
+        key = round(gripper, 9)
+        if key not in self._lanes:
+            self._lanes[key] = lane_arm(self.robot, self.chain, self.T_world_base, gripper)[0]
+        return self._lanes[key]
+
+    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared]:
+        """A held object as parts of the hand."""
         T = self.T_frame_hand @ T_hand_body
         pieces = [apply(T, part) for part in convex_parts(shape)]
         parts = make_parts([len(self.chain.q_index)] * len(pieces), pieces)
-        return parts, exact.prepare(self.chain, parts), tuple(moved(cover, T) for cover in shape_covers(shape))
+        return parts, exact.prepare(self.chain, parts)
+
+    def lanes_with(self, gripper: float, held: Held, shape: Shape) -> LaneModel:
+        """The links and a held object with their sphere covers."""
+        return lane_arm(self.robot, self.chain, self.T_world_base, gripper, held, shape)[0]
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -246,7 +269,7 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 
     cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
     solids, names = make_solids(cabinet.walls())
-    parts, prepared, _ = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
+    parts, prepared = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
     check = np.ones((len(parts.frame), len(names)), np.uint8)
     check[parts.frame == 0] = 0
     problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs), prepared=prepared)
@@ -270,5 +293,5 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 def _named(situation: Situation, pair: int) -> Touch | None:
     if pair < 0:
         return None
-    a, b = situation.task.exact.pairs[pair, :2]
+    a, b = situation.problem.pairs[pair, :2]
     return Touch(situation.names[a], situation.names[b])

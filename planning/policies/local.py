@@ -33,7 +33,7 @@ class Line:
         opened = robot.opening.value_at(open_width(seen.grasp.width_m, robot.opening))
         goal = min(solutions, key=lambda q: float(np.abs(q - start).max()), default=None)
         self.samples = np.zeros((0, len(start))) if goal is None else start + np.linspace(0, 1, SAMPLES)[:, None] * (goal - start)
-        self.parts, self.prepared, _ = arm.parts(opened)
+        self.parts, self.prepared = arm.parts(opened)
 
     def first_touch(self, box: Array) -> int | None:
         """Index of the first sample at which the arm touches a box (6,), centre and size; None when none does."""

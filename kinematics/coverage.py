@@ -49,7 +49,7 @@ def lane_arm(
     return lane_model(chain, parts, covers), parts, names
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=64)
 def _links_at(robot: Robot, base: bytes, gripper: float) -> tuple[Parts, tuple[str, ...], tuple[Levels, ...], int, Array]:
     """Links with the fingers at a gripper value: parts, names, covers in the parts' frames; the hand's frame and its pose in it."""
     T_world_base = np.frombuffer(base).reshape(4, 4)

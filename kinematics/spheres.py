@@ -140,14 +140,14 @@ def moved(balls: Levels, T: Array) -> Levels:
     return balls._replace(coarse=a._replace(centres=apply(T, a.centres)), fine=b._replace(centres=apply(T, b.centres)))
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=256)
 def box_levels(size_m: tuple[float, float, float], coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
     """Levels of a cuboid about the origin with edges size_m along x, y, z. A millisecond or two; kept in memory."""
     fan = _hull(box_corners(np.array(size_m, float) / 2)).fan
     return _grid_levels(fan, box_cover(size_m, coarse_m), box_cover(size_m, fine_m))
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=256)
 def cylinder_levels(radius_m: float, height_m: float, coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
     """Levels of a cylinder about z through the origin. A millisecond or two; kept in memory."""
     fan = _hull(prism(radius_m, height_m)).fan

@@ -39,7 +39,18 @@ class Memory(NamedTuple):
 
 
 def make_task(problem: exact.Problem, model: LaneModel | None = None, world: LaneWorld | None = None) -> Task:
-    """A task with covers, or without."""
+    """A task with covers, or without.
+
+    Parts that stand still to each other, such as a held object and the palm, are looked at here, once and exactly, and left out when they are
+    apart: their covers overlap at every configuration, so every edge would be asked about exactly, all along.
+    """
+    still = problem.pairs[:, 2] == problem.pairs[:, 3]
+    if still.any():
+        only = problem._replace(pairs=problem.pairs[still], reach=problem.reach[still])
+        if exact.config_free(only, problem.chain.lower, exact.make_scratch(only)):
+            problem = problem._replace(pairs=problem.pairs[~still], reach=problem.reach[~still])
+            if model is not None and world is not None:
+                world = world._replace(pairs=world.pairs[model.frame[world.pairs[:, 0]] != model.frame[world.pairs[:, 1]]])
     if model is None or world is None:
         solids, _ = make_solids([])
         empty = Query(np.zeros((0, 0), np.uint8), np.zeros((0, 2), np.int64))

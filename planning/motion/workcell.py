@@ -25,6 +25,7 @@ from planning.plan import Blocked
 STRAIGHT_STEP_M = 0.01  # waypoints of a straight piece; between two of them the hand strays from the line by less than 0.1 mm
 LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
 SHORTCUTS = 150
+OPENINGS = 64  # gripper values for which the packed arm is kept
 
 
 @dataclass(frozen=True)
@@ -220,24 +221,18 @@ class Arm:
         self.T_frame_hand: Array = carried["hand"][1]
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self._parts: dict[float, tuple[Parts, exact.Prepared]] = {}
-        self._lanes: dict[float, LaneModel] = {}
+        self.parts = lru_cache(maxsize=OPENINGS)(self._parts)
+        self.lanes = lru_cache(maxsize=OPENINGS)(self._lanes)
         self.links = tuple(hull.link for hull in robot.hulls)
 
-    def parts(self, gripper: float) -> tuple[Parts, exact.Prepared]:
+    def _parts(self, gripper: float) -> tuple[Parts, exact.Prepared]:
         """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
-        key = round(gripper, 9)
-        if key not in self._parts:
-            parts, _ = self.robot.parts(gripper, self.T_world_base)
-            self._parts[key] = parts, exact.prepare(self.chain, parts)
-        return self._parts[key]
+        parts, _ = self.robot.parts(gripper, self.T_world_base)
+        return parts, exact.prepare(self.chain, parts)
 
-    def lanes(self, gripper: float) -> LaneModel:
+    def _lanes(self, gripper: float) -> LaneModel:
         """The same with their sphere covers, for the lanes."""
-        key = round(gripper, 9)
-        if key not in self._lanes:
-            self._lanes[key] = lane_arm(self.robot, self.chain, self.T_world_base, gripper)[0]
-        return self._lanes[key]
+        return lane_arm(self.robot, self.chain, self.T_world_base, gripper)[0]
 
     def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared]:
         """A held object as parts of the hand."""

@@ -69,7 +69,7 @@ def load_spec(which: str) -> Spec:
         raise ValueError(f"{where}: {e}") from e
     given = {f"{section}_{key}": value for section, entries in table.items() if isinstance(entries, dict) for key, value in entries.items()}
     known = {f.name for f in fields(Spec)}
-    for name in [*(known - given.keys()), *(given.keys() - known)]:
+    for name in [*(n for n in given if n not in known), *(n for n in (f.name for f in fields(Spec)) if n not in given)]:
         what = "is missing" if name in known else "is no field of a spec"
         raise ValueError(f"{where}: {name.replace('_', '.', 1)} {what} (planning/specs/paper.toml shows them all)")
     return Spec(**{name: _checked(where, name, value) for name, value in given.items()})
@@ -181,9 +181,17 @@ def _checked(where: str, name: str, value: Any) -> Any:
     if kind.startswith("tuple"):
         if not isinstance(value, list) or len(value) != 2 or not all(_number(v) for v in value) or value[0] > value[1]:
             raise ValueError(f"{label}: {value!r} is no range [least, most]")
+        if "int" in kind and any(v != int(v) or v < 1 for v in value):
+            raise ValueError(f"{label}: {value!r} is no range of positive whole numbers")
+        if value[0] <= 0:
+            raise ValueError(f"{label}: {value!r} is no range of positive lengths")
         return tuple(value)
     if not _number(value) or (kind == "int" and (value != int(value) or value < 1)):
         raise ValueError(f"{label}: {value!r} is no {'positive whole ' if kind == 'int' else ''}number")
+    if name == "cabinet_wall_m" and value <= 0:
+        raise ValueError(f"{label}: {value!r} is not positive")
+    if name in ("objects_gap_m", "grasp_yaw_spread") and value < 0:
+        raise ValueError(f"{label}: {value!r} is below 0")
     return value
 
 

@@ -41,8 +41,8 @@ class Memory(NamedTuple):
 def make_task(problem: exact.Problem, model: LaneModel | None = None, world: LaneWorld | None = None) -> Task:
     """A task with covers, or without.
 
-    Parts that stand still to each other, such as a held object and the palm, are looked at here, once and exactly, and left out when they are
-    apart: their covers overlap at every configuration, so every edge would be asked about exactly, all along.
+    Parts that stand still to each other, such as a held object and the palm, are looked at here, once and exactly, and left out when they
+    are apart: their covers overlap at every configuration, so every edge would be asked about exactly, all along.
     """
     still = problem.pairs[:, 2] == problem.pairs[:, 3]
     if still.any():

@@ -11,6 +11,7 @@ import contextlib
 import json
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -23,6 +24,7 @@ STEP = 0.02
 """Length in joint space, rad, between the configurations that planners check; ours checks none, it certifies edges."""
 RANGE = 1.0  # longest edge that one extension adds, rad
 SHORTCUTS = 100
+clock = time.process_time  # processor time: other work on the machine does not count, and the planners all use one core
 Json = dict[str, Any]
 Touches = Callable[[np.ndarray], bool]
 
@@ -108,7 +110,7 @@ def _triangles(coal: Any, faces: np.ndarray) -> Any:
 
 def rrt_connect(touches: Touches, question: Json, budget_s: float, seed: int) -> np.ndarray | None:
     """A path (K, J) whose configurations, a STEP apart, all are free; None when the time is over."""
-    end, rng = time.perf_counter() + budget_s, np.random.default_rng(seed)
+    end, rng = clock() + budget_s, np.random.default_rng(seed)
     lower, upper = question["lower"], question["upper"]
     if touches(question["start"]) or touches(question["goal"]):
         return None
@@ -132,10 +134,10 @@ def rrt_connect(touches: Touches, question: Json, budget_s: float, seed: int) ->
     side = 0
     if clear(question["start"], question["goal"]):
         return np.array([question["start"], question["goal"]])
-    while time.perf_counter() < end:
+    while clock() < end:
         if extend(side, rng.uniform(lower, upper)):
             meeting = trees[side][0][-1]
-            while time.perf_counter() < end and extend(1 - side, meeting):
+            while clock() < end and extend(1 - side, meeting):
                 if np.allclose(trees[1 - side][0][-1], meeting):
                     ways = []
                     for nodes, parents in trees:
@@ -152,7 +154,7 @@ def rrt_connect(touches: Touches, question: Json, budget_s: float, seed: int) ->
 def edge_clear(touches: Touches, a: np.ndarray, b: np.ndarray, end: float = np.inf) -> bool:
     n = max(1, int(np.ceil(np.linalg.norm(b - a) / STEP)))
     for i in range(1, n + 1):  # noqa: SIM110
-        if touches(a + i / n * (b - a)) or (i % 16 == 0 and time.perf_counter() > end):
+        if touches(a + i / n * (b - a)) or (i % 16 == 0 and clock() > end):
             return False
     return True
 
@@ -175,11 +177,11 @@ def shortcut(touches: Touches, path: np.ndarray, seed: int) -> np.ndarray:
 
 def in_python(touches: Touches, question: Json, budget_s: float, seed: int) -> Json:
     """Plan and shortcut with the two above."""
-    began = time.perf_counter()
+    began = clock()
     path = rrt_connect(touches, question, budget_s, seed)
-    planned = time.perf_counter()
+    planned = clock()
     short = None if path is None else shortcut(touches, path, seed)
-    return answer(planned - began, time.perf_counter() - began, short)
+    return answer(planned - began, clock() - began, short)
 
 
 def answer(plan_s: float, both_s: float, path: Any) -> Json:
@@ -188,12 +190,12 @@ def answer(plan_s: float, both_s: float, path: Any) -> Json:
 
 def rate(check: Callable[[np.ndarray], object], configurations: np.ndarray, at_least_s: float = 1.0) -> float:
     """Checks a second, one after the other."""
-    n, began = 0, time.perf_counter()
-    while time.perf_counter() - began < at_least_s:
+    n, began = 0, clock()
+    while clock() - began < at_least_s:
         for q in configurations[n % len(configurations) :][:200]:
             check(q)
             n += 1
-    return n / (time.perf_counter() - began)
+    return n / (clock() - began)
 
 
 # The peers: each yields a checker (or None) and a planner for a question
@@ -232,19 +234,182 @@ def ompl(question: Json, seed: int) -> tuple[Touches, Callable[[float], Json]]:
     setup.setPlanner(geometric.RRTConnect(information))
 
     def solve(budget_s: float) -> Json:
-        began = time.perf_counter()
-        setup.solve(budget_s)
-        planned = time.perf_counter()
+        began = clock()
+        setup.solve(base.PlannerTerminationCondition(lambda: clock() - began > budget_s))
+        planned = clock()
         if not setup.haveExactSolutionPath():
             return answer(planned - began, planned - began, None)
         setup.simplifySolution()
-        both = time.perf_counter()
+        both = clock()
         return answer(planned - began, both - began, [[s[i] for i in range(n)] for s in setup.getSolutionPath().getStates()])
 
     return world.touches, solve
 
 
-PEERS = {"ompl": ompl}
+def roboplan(question: Json, seed: int) -> tuple[Touches, Callable[[float], Json]]:
+    """roboplan's RRT-Connect and its shortcutter; pinocchio and coal inside, all compiled."""
+    from roboplan import core, rrt
+
+    with written(question) as (urdf, srdf):
+        scene = core.Scene("cabinet", core.loadUrdfSceneDescription(str(urdf)))
+        scene.importSrdf(srdf.read_text())
+    scene.setRngSeed(seed)
+    n = len(question["lower"])
+    scene.addGroupFromChain("arm", "l0", f"l{n}")
+    for i, solid in enumerate(question["solids"]):
+        half, T, colour = solid["half"], np.asfortranarray(solid["T"]), np.ones(4)
+        if solid["kind"] == "box":
+            scene.addBoxGeometry(f"s{i}", "universe", core.Box(*(2 * h for h in half)), T, colour)
+        else:
+            scene.addCylinderGeometry(f"s{i}", "universe", core.Cylinder(half[0], 2 * half[2]), T, colour)
+        for p, part in enumerate(question["parts"]):
+            if part["frame"] == 0:
+                scene.setCollisions(f"s{i}", f"p{p}", False)
+        for j in range(i):
+            scene.setCollisions(f"s{i}", f"s{j}", False)
+    names = [f"j{k}" for k in range(n)]
+
+    def solve(budget_s: float) -> Json:
+        start, goal = (core.JointConfiguration(names, question[k]) for k in ("start", "goal"))
+        options = rrt.RRTOptions("arm", 10**6, RANGE, STEP, max_planning_time=2 * budget_s, rrt_connect=True)
+        began = clock()
+        planner = rrt.RRT(scene, options)
+        try:
+            path = planner.plan(start, goal)
+        except RuntimeError:
+            return answer(clock() - began, clock() - began, None)
+        planned = clock()
+        short = core.PathShortcutter(scene, core.PathShortcuttingOptions("arm", STEP, SHORTCUTS, seed)).shortcut(path)
+        both = clock()
+        return answer(planned - began, both - began, short.positions if planned - began < budget_s else None)
+
+    return scene.hasCollisions, solve
+
+
+def mplib(question: Json, seed: int) -> tuple[Touches, Callable[[float], Json]]:
+    """mplib's OMPL planner over its FCL world. It plans twice: without simplification for the first time, with it for the second."""
+    from mplib import Planner, Pose
+    from mplib.collision_detection import fcl
+
+    n = len(question["lower"])
+    with written(question, "") as (urdf, srdf):
+        planner = Planner(str(urdf), f"l{n}", srdf=str(srdf), use_convex=True)
+    world = planner.planning_world
+    for i, solid in enumerate(question["solids"]):
+        half = np.array(solid["half"])
+        shape = fcl.Box(2 * half) if solid["kind"] == "box" else fcl.Cylinder(half[0], 2 * half[2])
+        world.add_object(fcl.FCLObject(f"s{i}", Pose(solid["T"]), [fcl.CollisionObject(shape)], [Pose()]))
+
+    def touches(q: np.ndarray) -> bool:
+        world.set_qpos_all(q)
+        return bool(world.is_state_colliding())
+
+    def solve(budget_s: float) -> Json:
+        times, found = [], None
+        for simplify in (False, True):
+            began = clock()
+            status, found = planner.planner.plan(
+                question["start"], [question["goal"]], time=2 * budget_s, range=RANGE, simplify=simplify, verbose=False
+            )
+            times.append(clock() - began)
+            if status != "Exact solution" or times[-1] > 2 * budget_s:
+                return answer(times[0], times[0], None)
+        return answer(*times, found)
+
+    return touches, solve
+
+
+def pybullet(question: Json, seed: int) -> tuple[Touches, Callable[[float], Json]]:
+    """Bullet's collision detection under the RRT-Connect above."""
+    import pybullet as p
+
+    if p.isConnected():
+        p.resetSimulation()
+    else:
+        p.connect(p.DIRECT)
+    n = len(question["lower"])
+    with written(question) as (urdf, _):
+        arm = p.loadURDF(str(urdf), useFixedBase=True, flags=p.URDF_USE_SELF_COLLISION)
+    of_link = {p.getJointInfo(arm, j)[12].decode(): j for j in range(p.getNumJoints(arm))}
+    joints = [of_link[f"l{k + 1}"] for k in range(n)]
+    parts = [of_link[f"p{i}"] for i in range(len(question["parts"]))]
+    wanted = {frozenset(map(int, pair)) for pair in question["pairs"]}
+    for i, a in enumerate(parts):
+        for j, b in enumerate(parts[:i]):
+            p.setCollisionFilterPair(arm, arm, a, b, int(frozenset((i, j)) in wanted))
+    for solid in question["solids"]:
+        half = solid["half"]
+        if solid["kind"] == "box":
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half)
+        else:
+            shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=half[0], height=2 * half[2])
+        body = p.createMultiBody(0, shape, basePosition=solid["T"][:3, 3], baseOrientation=_xyzw(solid["T"]))
+        for part, link in zip(question["parts"], parts):
+            p.setCollisionFilterPair(arm, body, link, -1, int(part["frame"] > 0))
+
+    def touches(q: np.ndarray) -> bool:
+        for j, x in zip(joints, q):
+            p.resetJointState(arm, j, x)
+        p.performCollisionDetection()
+        return any(c[8] < 0 for c in p.getContactPoints(arm))
+
+    return touches, lambda budget_s: in_python(touches, question, budget_s, seed)
+
+
+PEERS = {"ompl": ompl, "roboplan": roboplan, "mplib": mplib, "pybullet": pybullet}
+
+
+# A question as a URDF
+
+
+@contextlib.contextmanager
+def written(question: Json, prefix: str | None = None) -> Iterator[tuple[Path, Path]]:
+    """The arm as files: links l0 … lK that move, and a link for each part, fixed to one of them; an SRDF for the pairs that don't count.
+
+    prefix: of the mesh files' names, by default their folder.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder, n = Path(name), len(question["lower"])
+        prefix = f"{folder}/" if prefix is None else prefix
+        lines = ['<robot name="arm">', *(f'<link name="l{k}">{_INERTIA}</link>' for k in range(n + 1))]
+        for k, T in enumerate(question["T_prev"]):
+            limit = f'<limit lower="{question["lower"][k]}" upper="{question["upper"][k]}" effort="100" velocity="1"/>'
+            lines.append(_joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", T, f'<axis xyz="0 0 1"/>{limit}'))
+        for i, part in enumerate(question["parts"]):
+            for file in (f"p{i}.stl", f"p{i}.stl.convex.stl"):  # the second name is where mplib looks for hulls
+                _write_stl(folder / file, part["vertices"], part["faces"])
+            convex = f'<collision_checking><convex name="c{i}"/></collision_checking>'
+            mesh = f'<collision name="c{i}"><geometry><mesh filename="{prefix}p{i}.stl"/></geometry></collision>'
+            lines.append(f'<link name="p{i}">{_INERTIA}{convex}{mesh}</link>')
+            lines.append(_joint(f"f{i}", "fixed", f"l{part['frame']}", f"p{i}", np.eye(4)))
+        urdf, srdf = folder / "arm.urdf", folder / "arm.srdf"
+        urdf.write_text("\n".join([*lines, "</robot>"]))
+        wanted = {frozenset(map(int, pair)) for pair in question["pairs"]}
+        skip = [(i, j) for i in range(len(question["parts"])) for j in range(i) if frozenset((i, j)) not in wanted]
+        disabled = [f'<disable_collisions link1="p{i}" link2="p{j}" reason="Never"/>' for i, j in skip]
+        srdf.write_text("\n".join(['<robot name="arm">', *disabled, "</robot>"]))
+        yield urdf, srdf
+
+
+_INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def _joint(name: str, kind: str, parent: str, child: str, T: np.ndarray, rest: str = "") -> str:
+    roll, pitch, yaw = np.arctan2(T[2, 1], T[2, 2]), np.arctan2(-T[2, 0], np.hypot(T[0, 0], T[1, 0])), np.arctan2(T[1, 0], T[0, 0])
+    origin = f'<origin xyz="{T[0, 3]} {T[1, 3]} {T[2, 3]}" rpy="{roll} {pitch} {yaw}"/>'
+    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{origin}{rest}</joint>'
+
+
+def _write_stl(file: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+    rows["corners"] = vertices[faces]
+    file.write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + rows.tobytes())
+
+
+def _xyzw(T: np.ndarray) -> list[float]:
+    """The quaternion of a body that stands upright: a turn about z."""
+    half = np.arctan2(T[1, 0], T[0, 0]) / 2
+    return [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
 
 
 def main() -> None:

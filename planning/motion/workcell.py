@@ -177,8 +177,8 @@ class Workcell:
         if touch := self.touch(situation, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
         task, memory = situation.task, situation.memory
-        budget = {"max_iterations": self.iterations} if self.time_budget_s is None else {"time_budget_s": self.time_budget_s}
-        found = plan(task, start, goals, seed=seed, memory=memory, **budget)
+        most = self.iterations if self.time_budget_s is None else 2**62
+        found = plan(task, start, goals, max_iterations=most, time_budget_s=self.time_budget_s, seed=seed, memory=memory)
         if found.path is None:
             touch = self.touch(situation, goals[0])
             if touch:

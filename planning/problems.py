@@ -60,7 +60,10 @@ def load_spec(which: str) -> Spec:
     if which in SPECS:
         text, where = resources.files("planning").joinpath("specs", f"{which}.toml").read_text(), which
     elif Path(which).is_file():
-        text, where = Path(which).read_text(), which
+        try:
+            text, where = Path(which).read_text(encoding="utf-8"), which
+        except UnicodeDecodeError as e:
+            raise ValueError(f"{which}: no text in UTF-8") from e
     else:
         raise ValueError(f"unknown spec {which!r}: the specs are {', '.join(SPECS)}; or give a TOML file")
     try:

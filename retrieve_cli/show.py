@@ -21,6 +21,8 @@ FIRST_PORT, PORTS = 7000, 100
 
 def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None, png: Path | None, camera: str) -> None:
     """Show line `index` of a file: write `html` and `png` where asked, else serve the page until Ctrl-C."""
+    if png is not None and png.suffix.lower() != ".png":
+        raise InputError(f"show: {png}: a still is a PNG file; give it a name that ends in .png")
     where, scene, plan = _find(file, index, scenes)
     with blame(where):
         film = _film(scene, plan)

@@ -215,7 +215,10 @@ def test_head_ends_quietly(plans: Path) -> None:
 
 
 def test_an_interruption_ends_quietly(plans: Path) -> None:
-    with subprocess.Popen([*RETRIEVE, "report"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as p:
+    with subprocess.Popen(
+        [*RETRIEVE, "report"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell ignores it for what runs in the background
+    ) as p:  # fmt: skip
         assert p.stdin is not None
         assert p.stderr is not None
         line = plans.read_bytes().splitlines(keepends=True)[0]

@@ -8,7 +8,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -327,12 +328,22 @@ def test_the_folder_is_not_there(option: str, retrieve: Call, scene_file: Path, 
 # Live -------------------------------------------------------------------------------------------------------------------------------------
 
 
+@contextmanager
+def ending(process: subprocess.Popen[str]) -> Iterator[None]:
+    """Nothing is left running when a test fails."""
+    try:
+        yield
+    finally:
+        process.kill()
+
+
 def test_live_viewer_serves_the_page_until_it_is_interrupted() -> None:
     live = subprocess.Popen(
         [sys.executable, "-W", "error", "-m", "retrieve_cli", "show", "-"],
         cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell ignores it for what runs in the background
     )  # fmt: skip
-    with live:
+    with live, ending(live):
         assert live.stdin is not None
         assert live.stderr is not None
         live.stdin.write(documents.lines(documents.scene()))

@@ -24,7 +24,7 @@ from planning.plan import Blocked
 
 STRAIGHT_STEP_M = 0.01  # waypoints of a straight piece; between two of them the hand strays from the line by less than 0.1 mm
 LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
-SHORTCUTS = 150
+SHORTCUTS = 60
 OPENINGS = 64  # gripper values for which the packed arm is kept
 
 

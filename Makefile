@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test bench clean
 
 demo: $(VENV)/ready
 	$(BIN)/retrieve demo --out out

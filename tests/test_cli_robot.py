@@ -239,3 +239,10 @@ def test_robots_tells_what_it_knows(retrieve: Callable[..., Spoken]) -> None:
     assert (robot["name"], robot["installed"], robot["camera"], len(robot["joints"])) == ("ur5e", True, True, 7)
     assert robot["opening_m"] == pytest.approx(0.085, abs=0.002)
     assert {"hand", "camera"}.isdisjoint(robot["joints"])
+
+
+def test_a_named_robots_frames_are_its_own(tmp_path: Path) -> None:
+    """--hand-frame on a scene of a named robot would otherwise be ignored."""
+    scenes = tmp_path / "scenes.jsonl"
+    scenes.write_text(documents.lines(documents.scene()))
+    assert main(["plan", str(scenes), "--hand-frame", "tip", "-o", str(tmp_path / "plans.jsonl")]) == 2

@@ -320,9 +320,15 @@ def test_the_plan_moves_what_is_not_there(film: Film, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("option", ["--html", "--png"])
 def test_the_folder_is_not_there(option: str, retrieve: Call, scene_file: Path, tmp_path: Path) -> None:
-    code, _, said = retrieve("show", scene_file, option, tmp_path / "no" / "x")
+    code, _, said = retrieve("show", scene_file, option, tmp_path / "no" / f"x.{option[2:]}")
     assert code == 2
     assert "does not exist; make it first" in said
+
+
+def test_a_still_is_a_png(retrieve: Call, scene_file: Path, tmp_path: Path) -> None:
+    code, _, said = retrieve("show", scene_file, "--png", tmp_path / "x.jpg")
+    assert code == 2
+    assert "ends in .png" in said
 
 
 # Live -------------------------------------------------------------------------------------------------------------------------------------

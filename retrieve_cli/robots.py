@@ -21,7 +21,11 @@ def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
         raise InputError("robots: say which robot's URDF to write, e.g. retrieve robots ur5e --urdf ur5e.urdf")
     if urdf is not None and name is not None:
         with blame("robots"):
-            write_text(urdf, load(name).urdf)
+            text = load(name).urdf
+        if str(urdf) == "-":
+            sys.stdout.write(text)
+        else:
+            write_text(urdf, text)
         return
     rows = []
     for robot in [name] if name else table:

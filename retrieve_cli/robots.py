@@ -8,6 +8,7 @@ from pathlib import Path
 
 from retrieve_cli.errors import InputError, blame, choose
 from retrieve_cli.files import write_text
+from retrieve_cli.terminal import show
 
 
 def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
@@ -43,7 +44,6 @@ def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
         json.dump(rows[0] if name else rows, sys.stdout, indent=2)
         print()
         return
-    from rich.console import Console
     from rich.table import Table
 
     view = Table("robot", "what it is", "joints", "opening", "package", header_style="bold", box=None, pad_edge=False)
@@ -56,9 +56,8 @@ def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
             f"{1000 * float(str(row['opening_m'])):.0f} mm" if "opening_m" in row else "–",
             str(row["package"]) if row["installed"] else f"missing: {row['install']}",
         )
-    console = Console()
-    console.print(view)
+    lines = []
     if name and rows[0]["installed"]:
-        console.print("joints: " + ", ".join(str(j) for j in rows[0]["joints"]))  # type: ignore[attr-defined]
-        console.print("links:  " + ", ".join(str(j) for j in rows[0]["links"]))  # type: ignore[attr-defined]
-        console.print(f"write its URDF: retrieve robots {name} --urdf {name}.urdf", highlight=False)
+        lines = [f"{what}: {', '.join(str(x) for x in rows[0][what])}" for what in ("joints", "links")]  # type: ignore[attr-defined]
+        lines.append(f"write its URDF: retrieve robots {name} --urdf {name}.urdf")
+    show(view, *lines)

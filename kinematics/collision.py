@@ -182,18 +182,11 @@ class Verdict:
 
 def _boxes(solids: Sequence[Solid], T: Array) -> tuple[Array, Array]:
     """Lower and upper corners (N, S, 3) of boxes along the world's axes around S solids at poses T (N, S, 4, 4)."""
-    low, high = (np.array([f(s.vertices) for s in solids]).reshape(-1, 3) for f in (_lowest, _highest))
+    low = np.array([s.vertices.min(0) for s in solids]).reshape(-1, 3)
+    high = np.array([s.vertices.max(0) for s in solids]).reshape(-1, 3)
     centre = np.einsum("nsij,sj->nsi", T[..., :3, :3], (low + high) / 2) + T[..., :3, 3]
     half = np.einsum("nsij,sj->nsi", np.abs(T[..., :3, :3]), (high - low) / 2) + 1e-9
     return centre - half, centre + half
-
-
-def _lowest(vertices: Array) -> Array:
-    return np.asarray(vertices.min(0))
-
-
-def _highest(vertices: Array) -> Array:
-    return np.asarray(vertices.max(0))
 
 
 def always_touching(

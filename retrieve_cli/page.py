@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
-from kinematics.transforms import Array, rotation_about, transform, wxyz_from_rotation
+from kinematics.transforms import Array, wxyz_from_rotation
 from kinematics.tree import FIXED, SLIDES
 from perception.shading import WALL_COLOUR
 from retrieve_cli.page_html import PAGE
@@ -133,7 +133,7 @@ def _arm(film: Film) -> list[Command]:
     commands = [_place("/robot", scene.robot.T_world_base)]
     nodes = _nodes(film)
     for i in sorted({i for name in (*(p.link for p in visuals(robot)), "hand") for i in robot.tree.path(robot.tree.index[name])}):
-        commands.append(_place(nodes[i], _local(film, i, q)))
+        commands.append(_place(nodes[i], film.robot.tree.local(i, q)))
     for k, piece in enumerate(visuals(robot)):
         path = f"{nodes[robot.tree.index[piece.link]]}/look {k}"
         commands.append(_mesh(path, *_creased(piece.vertices, piece.faces), piece.colour, shine=40))
@@ -161,16 +161,6 @@ def _nodes(film: Film) -> dict[int, str]:
     """Every link's path in the viewer's tree."""
     tree = film.robot.tree
     return {i: "/robot/" + "/".join(tree.names[k] for k in tree.path(i)) for i in range(len(tree.names))}
-
-
-def _local(film: Film, i: int, q: Array) -> Array:
-    """A link's pose in its parent at q (J,)."""
-    tree = film.robot.tree
-    if tree.kind[i] == FIXED:
-        return np.asarray(tree.T_joint[i])
-    x = tree.scale[i] * q[tree.q_index[i]] + tree.offset[i]
-    moved = transform(p=x * tree.axis[i]) if tree.kind[i] == SLIDES else transform(rotation_about(tree.axis[i], x))
-    return np.asarray(tree.T_joint[i] @ moved)
 
 
 def _solid(path: str, shape: Shape, colour: Colour, opacity: float = 1.0, *, through: bool = False) -> list[Command]:
@@ -350,7 +340,7 @@ def _animation(film: Film) -> list[Command]:
         if tree.kind[i] == FIXED or np.ptp(values) < 1e-9:
             continue
         keep = _needed(times, values)
-        poses = [_local(film, i, row) for row in q[keep]]
+        poses = [tree.local(i, row) for row in q[keep]]
         if tree.kind[i] == SLIDES:
             track = _track("position", "vector3", times[keep], [T[:3, 3] for T in poses])
         else:

@@ -78,9 +78,7 @@ def load_spec(which: str) -> Spec:
     return Spec(**{name: _checked(where, name, value) for name, value in given.items()})
 
 
-def generate(
-    spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int, *, on_step: Callable[[str], None] = lambda _: None
-) -> Scene:
+def generate(spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int, *, on_step: Callable[[str], None] = lambda _: None) -> Scene:
     """Scene number `index` of a seed: the same whatever came before it and on whichever worker.
 
     ref: how the scene file names the robot; its base stands where ref says. on_step: told of each sample that is thrown away.

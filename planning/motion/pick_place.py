@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kinematics.robot import Robot
-from kinematics.scene import APPROACHES, Grasp, Held, Scene, State
+from kinematics.scene import APPROACHES, Body, Grasp, Held, Scene, State
 from kinematics.shapes import Shape, bounds
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.grasps import UP, open_width, sample_grasps
@@ -72,11 +72,20 @@ class Motions:
     """All motion planning for one scene: what the loop and the policies ask. Budgets count RRT-Connect's iterations.
 
     time_budget_s: the paper's protocol instead, wall-clock seconds for one RRT-Connect.
+    obstacles: more that stands still, besides the cabinet's walls: what was not seen yet, furniture.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, iterations: int = ITERATIONS, time_budget_s: float | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        *,
+        iterations: int = ITERATIONS,
+        time_budget_s: float | None = None,
+        obstacles: Sequence[Body] = (),
+    ) -> None:
         self.robot, self.scene = robot, scene
-        self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s)
+        self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles)
         self.floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
         self._memory = _Memory(None)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 
@@ -60,12 +60,17 @@ class Situation:
 
 
 class Workcell:
-    """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query."""
+    """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query.
 
-    def __init__(self, robot: Robot, scene: Scene, *, iterations: int, time_budget_s: float | None) -> None:
+    obstacles: more that stands still, besides the cabinet's walls: what was not seen yet, furniture.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, *, iterations: int, time_budget_s: float | None, obstacles: Sequence[Body] = ()) -> None:
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
-        self.walls = scene.cabinet.walls()
+        self.obstacles = tuple(obstacles)
+        self.walls = [*scene.cabinet.walls(), *self.obstacles]
+        self._fixed = [(b, shape_solids(b.name, b.shape)) for b in self.obstacles]
         self._moulds = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._solids: tuple[object, Solids, list[str]] | None = None
 
@@ -136,6 +141,9 @@ class Workcell:
         for name, pose in poses.items():
             if any(gap(a, b.move(pose), least) < least for b in self._moulds[name] for a in mine):
                 return Touch(body.name, name)
+        for obstacle, solids in self._fixed:
+            if any(gap(a, b.move(obstacle.T_world_body), least) < least for b in solids for a in mine):
+                return Touch(body.name, obstacle.name)
         return None
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:

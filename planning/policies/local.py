@@ -86,4 +86,3 @@ def make_local_region(lines: Lines) -> Callable[[Observation, str, np.random.Gen
         ]
 
     return local_region
-

@@ -16,7 +16,7 @@ class Observation:
     """The planner's picture of one moment.
 
     robot_base: l_r (3,), world frame. cabinet: its size and place are known beforehand. q (J,): the robot's configuration.
-    grasp: x_g. target: its name.
+    grasp: x_g. target: its name. approaches: how objects may be grasped to be moved (kinematics.scene.APPROACHES).
     boxes: name to the paper's object state (6,): centre and size of the tightest axis-aligned box, world frame; the target's too.
     regions (n², 4): x, y, z of each floor cell's centre in the world, and 1 where the cell was observed, 0 where not.
     """
@@ -26,6 +26,7 @@ class Observation:
     q: Array
     grasp: Grasp
     target: str
+    approaches: tuple[str, ...]
     boxes: Mapping[str, Array]
     regions: Array
 
@@ -44,6 +45,7 @@ def observe(scene: Scene, state: State) -> Observation:
         state.q,
         scene.grasp,
         scene.target,
+        scene.approaches,
         {b.name: object_box(b) for b in state.bodies(scene)},
         np.column_stack([regions, np.ones(len(regions))]),
     )

@@ -78,13 +78,23 @@ def load_spec(which: str) -> Spec:
     return Spec(**{name: _checked(where, name, value) for name, value in given.items()})
 
 
-def generate(spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int, *, on_step: Callable[[str], None] = lambda _: None) -> Scene:
+def generate(
+    spec: Spec,
+    robot: Robot,
+    ref: RobotRef,
+    seed: int,
+    index: int,
+    *,
+    stage: int = STAGE,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Scene:
     """Scene number `index` of a seed: the same whatever came before it and on whichever worker.
 
-    ref: how the scene file names the robot; its base stands where ref says. on_step: told of each sample that is thrown away.
+    ref: how the scene file names the robot; its base stands where ref says. stage: whose word goes into the random generator, so that the
+    scenes of another stage are others. on_step: told of each sample that is thrown away.
     Raises: NoScene when 2 000 samples in a row are no valid scene: the spec asks for what this robot can't do.
     """
-    rng = np.random.default_rng([seed, STAGE, index])
+    rng = np.random.default_rng([seed, stage, index])
     for _ in range(2000):
         scene = _sample(spec, ref, robot.opening, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:

@@ -28,6 +28,13 @@ class Rule(StrEnum):
     strict = "strict"
 
 
+class Engine(StrEnum):
+    """Where the work is done."""
+
+    local = "local"
+    ray = "ray"
+
+
 class Camera(StrEnum):
     """Where a still picture is taken from."""
 
@@ -52,6 +59,13 @@ GripperJoint = Annotated[
     str | None, typer.Option("--gripper-joint", help="Joint that opens the gripper, for a URDF of one's own.", metavar="JOINT")
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.", min=0)]
+Workers = Annotated[
+    int | None, typer.Option("--workers", help="Processes at a time; by default 1 here, and all cores of a Ray cluster.", min=1)
+]
+At = Annotated[Engine, typer.Option("--engine", help="Where the processes run: here, or as tasks of a Ray cluster.")]
+Address = Annotated[
+    str | None, typer.Option("--address", help="The cluster's address; without it, one of its own on this machine.", metavar="HOST:PORT")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -114,12 +128,75 @@ def gen(
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
     spec: Annotated[str, typer.Option("--spec", help="What the scenes are like.", metavar="paper|paper-any|shelf|FILE.toml")] = "paper",
+    workers: Workers = None,
+    engine: At = Engine.local,
+    address: Address = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Scenes, JSON Lines; stdout if left out.", metavar="FILE")] = None,
 ) -> Job:
     """Generate scenes: the target is blocked at first, and can be reached in the empty cabinet."""
     from retrieve_cli import gen as command
 
-    return partial(command.run, n=n, seed=seed, robot=robot, hand_frame=hand_frame, gripper_joint=gripper_joint, spec=spec, out=out)
+    return partial(
+        command.run,
+        n=n,
+        seed=seed,
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
+        spec=spec,
+        out=out,
+        workers=workers,
+        engine=engine.value,
+        address=address,
+    )
+
+
+@app.command()
+def label(
+    scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; - is stdin. Generated if left out.", metavar="SCENES")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the shards and the manifest.", metavar="DIR")] = Path("labels"),
+    n: Annotated[int | None, typer.Option("-n", help="How many scenes to generate, if no file is given.", min=1)] = None,
+    spec: Annotated[
+        list[str] | None,
+        typer.Option("--spec", help="What they are like; several take turns.", metavar="paper|paper-any|shelf|FILE.toml"),
+    ] = None,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
+    vary: Annotated[
+        bool, typer.Option("--vary/--no-vary", help="Generate with the robot's place, the cabinet's size and the grid a little different.")
+    ] = True,
+    seed: Seed = 0,
+    paths: Annotated[int, typer.Option("--paths", help="Paths to the target that a state's labels are counted on.", min=1, max=254)] = 32,
+    moves: Annotated[int, typer.Option("--moves", help="Label the states after up to so many moves, too.", min=0)] = 3,
+    objects: Annotated[
+        int | None, typer.Option("--objects", help="Ask of so many objects a state where they can be put; of all if left out.", min=0)
+    ] = None,
+    workers: Workers = None,
+    engine: At = Engine.local,
+    address: Address = None,
+) -> Job:
+    """Label states for training: which objects block the target, and where each could be put. Goes on where it was stopped."""
+    from retrieve_cli import label as command
+
+    return partial(
+        command.run,
+        scenes=scenes,
+        out=out,
+        n=n,
+        spec=spec or ["paper"],
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
+        vary=vary,
+        seed=seed,
+        paths=paths,
+        moves=moves,
+        objects=objects,
+        workers=workers,
+        engine=engine.value,
+        address=address,
+    )
 
 
 @app.command()

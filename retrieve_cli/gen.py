@@ -2,36 +2,66 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from retrieve_cli.errors import InputError, blame
+from retrieve_cli.engine import map_ordered
+from retrieve_cli.errors import blame
 from retrieve_cli.files import scene_writer
 from retrieve_cli.terminal import announce_first_run, progress, say
 
+if TYPE_CHECKING:
+    from kinematics.robot import Robot
+    from kinematics.scene import RobotRef, Scene
+    from planning.problems import Spec
 
-def run(*, n: int, seed: int, robot: str | None, hand_frame: str | None, gripper_joint: str | None, spec: str, out: Path | None) -> None:
-    """Write n scenes; scene number i of a seed is the same in every run."""
-    from kinematics.robot import load, named_robots
-    from kinematics.scene import RobotRef
-    from kinematics.transforms import transform
-    from planning.problems import NoScene, generate, load_spec
+
+def run(
+    *,
+    n: int,
+    seed: int,
+    robot: str | None,
+    hand_frame: str | None,
+    gripper_joint: str | None,
+    spec: str,
+    out: Path | None,
+    workers: int | None = None,
+    engine: str = "local",
+    address: str | None = None,
+) -> None:
+    """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
+    from kinematics.robot import load
+    from planning.problems import load_spec
 
     announce_first_run()
     with blame("gen"):
         wanted = load_spec(spec)
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
-    T_base = transform(p=arm.stand)
-    own = arm.name not in named_robots()
-    ref = (
-        RobotRef(T_base, urdf=str(Path(arm.name).resolve()), hand_frame=hand_frame, gripper_joint=arm.joint_names[arm.gripper_joint])
-        if own
-        else RobotRef(T_base, name=arm.name)
-    )
+    make = partial(make_scene, wanted, robot_ref(arm, hand_frame), seed)
+    scenes = map_ordered(make, range(n), workers=workers, engine=engine, address=address)
     with scene_writer(out) as write, progress("scenes", n, out=out) as advance:
-        for index in range(n):
-            try:
-                scene = generate(wanted, arm, ref, seed, index)
-            except NoScene as e:
-                raise InputError(f"gen: {e}") from e
+        for scene in scenes:
             write(scene)
             advance()
+
+
+def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
+    """Scene number `index` of a seed. Raises: InputError when the spec asks for what the robot can't do."""
+    from kinematics.robot import from_ref
+    from planning.problems import NoScene, generate
+
+    with blame("gen", NoScene):
+        return generate(spec, from_ref(ref), ref, seed, index)
+
+
+def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:
+    """How scenes name a robot that was loaded, with its base where it stands."""
+    from kinematics.robot import named_robots
+    from kinematics.scene import RobotRef
+    from kinematics.transforms import transform
+
+    T_base = transform(p=arm.stand)
+    if arm.name in named_robots():
+        return RobotRef(T_base, name=arm.name)
+    return RobotRef(T_base, urdf=str(Path(arm.name).resolve()), hand_frame=hand_frame, gripper_joint=arm.joint_names[arm.gripper_joint])

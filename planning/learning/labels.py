@@ -1,0 +1,198 @@
+"""Labels of one state, for both networks: which object blocks the paths to the target, and where it could really be put.
+
+The paper (section III-D) finds several paths to x_g with RRT-Connect that ignore all non-target objects, and counts for each object how
+many it blocks; a region costs the most when the object can't be carried there, or would stand in the way of those paths. `Row` keeps the
+counts and the verdicts apart, so that training decides how they are weighed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.exact import MARGIN_M
+from kinematics.scene import APPROACHES, Body, Scene, State, object_box
+from kinematics.shapes import bounds
+from kinematics.transforms import Array, inverse
+from planning.learning.swept import arm_balls, footprint, lowest, make_floor, meets
+from planning.motion.pick_place import MAX_TRIES, Motions
+from planning.plan import Blocked
+
+PATHS = 32
+NOT_ASKED = 255
+
+Bytes = NDArray[np.uint8]
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One state and its labels: m non-target objects in the scene's order, B regions. Metres, cabinet frame.
+
+    base (3,): l_r. cabinet (3,): inner size. approaches (3,): 1 where horizontal, diagonal, downward grasps may be used. grasp (9,): x_g's
+    position and the first two columns of its rotation; width_m between the pads. target (6,), objects (m, 6): centre and size of the
+    tightest box along the cabinet's axes. regions (B, 4): x, y, z, flag.
+    paths: K', how many paths were found. blocks (m,): how many of them each object blocks. pickable (m,): whether it can be picked now.
+    opens (m,): whether the target can be taken out once this object is gone. feasible (m, B): whether the object can be carried there now.
+    hits (m, B): how many of the paths it would block there. `NOT_ASKED` where nobody looked.
+    """
+
+    scene: str
+    state: int
+    robot: str
+    base: Array
+    cabinet: Array
+    approaches: Bytes
+    grasp: Array
+    width_m: float
+    target: Array
+    objects: Array
+    regions: Array
+    paths: int
+    blocks: Counts
+    pickable: Bytes
+    opens: Bytes
+    feasible: Bytes
+    hits: Bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """Distinct paths (·, A) to x_g, approach included, how often each was found (D,), and the gripper's value on them."""
+
+    paths: tuple[Array, ...]
+    times: Counts
+    gripper: float
+
+
+def label(
+    motions: Motions, state: State, rng: np.random.Generator, *, paths: int = PATHS, objects: int | None = None, number: int = 0
+) -> Row:
+    """Label a state in which the target is still blocked.
+
+    paths: K. objects: how many objects at most are asked where they could be carried to, the blocking ones first; None for all of them.
+    number: of the state within its scene. Raises: ValueError when paths is not within 1 to 254.
+    """
+    if not 0 < paths < NOT_ASKED:
+        raise ValueError(f"paths: {paths} is not within 1 to {NOT_ASKED - 1}")
+    scene, names = motions.scene, movable(motions.scene)
+    T = inverse(scene.cabinet.T_world_cabinet)
+    cells = scene.cabinet.regions(scene.regions_n) @ T[:3, :3].T + T[:3, 3]
+    fits = np.array([_fits(scene, state, name, cells) for name in names], np.bool_).reshape(len(names), len(cells))
+    ways = find_ways(motions, state, rng, paths)
+    blocks, hits = _met(motions, state, names, cells, ways)
+    can = np.array([pickable(motions, state, name, rng) for name in names], np.uint8)
+    feasible = np.where(can[:, None] == 1, NOT_ASKED, np.uint8(0)) * np.ones((1, len(cells)), np.uint8)
+    for i in _asked(blocks, can, objects, rng):
+        at = np.flatnonzero(fits[i])
+        feasible[i] = 0
+        feasible[i, at] = placeable(motions, state, names[i], at, rng)
+    hand = T @ scene.grasp.T_world_hand
+    boxes = {name: object_box(Body(name, scene.body(name).shape, T @ pose)) for name, pose in state.poses.items()}
+    return Row(
+        scene.id, number, motions.robot.name, (T @ scene.robot.T_world_base)[:3, 3], np.asarray(scene.cabinet.size_m),
+        np.array([a in scene.approaches for a in APPROACHES], np.uint8), np.concatenate([hand[:3, 3], hand[:3, 0], hand[:3, 1]]),
+        scene.grasp.width_m, boxes[scene.target], np.array([boxes[n] for n in names]).reshape(-1, 6),
+        np.column_stack([cells, np.ones(len(cells))]), int(ways.times.sum()), blocks, can, _opens(motions, state, names, blocks, rng),
+        feasible, np.where(fits, hits, NOT_ASKED).astype(np.uint8),
+    )  # fmt: skip
+
+
+def movable(scene: Scene) -> tuple[str, ...]:
+    """The non-target objects' names in the scene's order: a row's m objects."""
+    return tuple(b.name for b in scene.objects if b.name != scene.target)
+
+
+def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> Ways:
+    """Ways from where the arm waits to x_g through the cabinet without the other objects: RRT-Connect's, shortened, `paths` in all.
+
+    They are spread evenly over the solutions of x_g that the emptied cabinet allows. No way at all when there is none.
+    """
+    scene = motions.scene
+    alone = State(motions.cell.home(), {scene.target: state.poses[scene.target]})
+    picks, _ = motions.picks(alone, scene.target, [scene.grasp])
+    start, found, times = motions.robot.arm_q(alone.q), list[Array](), list[int]()
+    if not picks:
+        return Ways((), np.zeros(0, np.int64), 0.0)
+    empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
+    left, straight, n = list(range(len(picks))), dict[int, int](), 0
+    while left and n < paths:
+        for i in list(left)[: paths - n]:
+            if i in straight:  # the straight way is what every search tries first: it would be found again
+                times[straight[i]] += 1
+                n += 1
+                continue
+            way = motions.cell.connect(empty, start, picks[i].approach[:1], rng)
+            if isinstance(way, Blocked):
+                left.remove(i)
+                continue
+            if len(way) == 2:
+                straight[i] = len(found)
+            found.append(np.concatenate([way, picks[i].approach[1:]]))
+            times.append(1)
+            n += 1
+    return Ways(tuple(found), np.array(times, np.int64), picks[0].gripper_open)
+
+
+def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator) -> bool:
+    """Whether an object can be picked now: some grasp holds up to the static checks, and the arm gets there from where it is."""
+    q = motions.robot.arm_q(state.q)
+    for pick in motions.picks(state, name)[0][:MAX_TRIES]:
+        reaching = motions.cell.problem(state.poses, pick.gripper_open)
+        if not isinstance(motions.cell.connect(reaching, q, pick.approach[:1], rng), Blocked):
+            return True
+    return False
+
+
+def placeable(motions: Motions, state: State, name: str, regions: Sequence[int] | Counts, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """To which of some regions (N,) an object can be carried now, truly: pick, transfer, place and retreat are found."""
+    return np.array([not isinstance(motions.relocate(state, name, int(r), rng), Blocked) for r in regions], np.bool_)
+
+
+def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: Ways) -> tuple[Counts, Counts]:
+    """How many of the ways meet each object: where it stands (m,), and over each cell (m, B)."""
+    scene, cell = motions.scene, motions.cell
+    blocks, hits = np.zeros(len(names), np.int64), np.zeros((len(names), len(cells)), np.int64)
+    if not ways.paths:
+        return blocks, hits
+    T = inverse(scene.cabinet.T_world_cabinet)
+    balls = arm_balls(motions.robot, scene.robot.T_world_base, ways.gripper)
+    floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet)
+    weight = cell.problem({}, ways.gripper).problem.weight
+    lows = lowest(cell.arm.chain, weight, balls, floor, ways.paths)
+    for i, name in enumerate(names):
+        shape, here = scene.body(name).shape, T @ state.poses[name]
+        low, high = bounds(shape, here)
+        at = np.concatenate([(low + high)[None, :2] / 2, cells[:, :2]])
+        met = meets(lows, floor, footprint(shape, here[:3, :3]), at) @ ways.times
+        blocks[i], hits[i] = met[0], met[1:]
+    return blocks, hits
+
+
+def _fits(scene: Scene, state: State, name: str, cells: Array) -> NDArray[np.bool_]:
+    """Over which cells (B, 3) an object stands within the cabinet, clear of its walls, whatever else is there (workcell's `placed`)."""
+    T = inverse(scene.cabinet.T_world_cabinet) @ state.poses[name]
+    low, high = bounds(scene.body(name).shape, T)
+    half, (depth, width, height) = (high - low) / 2, scene.cabinet.size_m
+    room = np.stack([width / 2 - np.abs(cells[:, 1]) - half[1], depth - cells[:, 0] - half[0], height - 2 * half[2] - 0 * cells[:, 0]])
+    return np.asarray((room >= 2 * MARGIN_M).all(0) & (cells[:, 0] >= half[0]))
+
+
+def _asked(blocks: Counts, can: Bytes, most: int | None, rng: np.random.Generator) -> list[int]:
+    """The objects whose regions are looked at: of those that can be picked, the blocking ones first, then any."""
+    order = sorted(rng.permutation(len(blocks)), key=lambda i: blocks[i] == 0)
+    return [int(i) for i in order if can[i]][:most]
+
+
+def _opens(motions: Motions, state: State, names: Sequence[str], blocks: Counts, rng: np.random.Generator) -> Bytes:
+    """Whether the target can be taken out without each object (m,); one that blocks no path is not asked about."""
+    out = np.full(len(names), NOT_ASKED, np.uint8)
+    for i in range(len(names)):
+        if not blocks[i]:
+            continue
+        gone = State(state.q, {n: T for n, T in state.poses.items() if n != names[i]})
+        out[i] = not isinstance(motions.retrieve_target(gone, rng), Blocked)
+    return out

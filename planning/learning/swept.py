@@ -1,0 +1,209 @@
+"""The space that the arm sweeps along a path, kept as heights: how far down it comes above each small cell of the cabinet's floor.
+
+Objects stand on the floor, so one touches the swept space where the arm comes lower than the object is tall: two dimensions say all.
+Heights are those of the links' fine covers (kinematics.spheres), which reach up to 5 mm beyond a link, taken at samples between which a
+link moves by `SAMPLE_M`, on cells of `CELL_M`. So a verdict is that of the exact test with the object or the arm moved by a cell: good
+for counting how many of many paths an object blocks, not for letting an arm loose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from kinematics.arm import Chain, Int, forward
+from kinematics.coverage import link_covers
+from kinematics.robot import Robot
+from kinematics.shapes import Shape, convex_parts
+from kinematics.transforms import Array, inverse
+
+CELL_M = 0.01
+SAMPLE_M = 0.015
+_STEP_M = 0.01  # between looks at the arm; a link is drawn when it has moved by SAMPLE_M since it was drawn last
+
+F32 = NDArray[np.float32]
+
+
+class Balls(NamedTuple):
+    """Balls that cover the moving links with the fingers at one opening: link p's are start[p]:start[p + 1].
+
+    frame (P,): the chain's frame that carries the link; bound (P, 4): centre and radius of a ball around it; ball (S, 4); in that frame.
+    """
+
+    frame: Int
+    bound: Array
+    start: Int
+    ball: Array
+
+
+class Floor(NamedTuple):
+    """The cells: T_cabinet_world (4, 4), size (3,) of the inner space, number of cells (2,) along x and y and their edges (2,)."""
+
+    T: Array
+    size: Array
+    n: Int
+    cell: Array
+
+
+class Footprint(NamedTuple):
+    """A standing object, about its box's middle: inside are lines (E, 3) with lines[:, :2] · (x, y) <= lines[:, 2]; half its box (2,); height."""
+
+    lines: Array
+    half: Array
+    height: float
+
+
+def arm_balls(robot: Robot, T_world_base: Array, gripper: float) -> Balls:
+    """The fine covers of all links that move, with the fingers at a gripper value."""
+    carried = robot.frame_of_links(gripper, T_world_base)
+    frames, bounds, balls = [], [], []
+    for hull, cover in zip(robot.hulls, link_covers(robot)):
+        frame, T = carried[hull.link]
+        if frame == 0:
+            continue  # the base stands still, before the cabinet
+        centres = cover.fine.centres @ T[:3, :3].T + T[:3, 3]
+        middle = (centres.min(0) + centres.max(0)) / 2
+        reach = float((np.linalg.norm(centres - middle, axis=1) + cover.fine.radii).max())
+        frames.append(frame)
+        bounds.append(np.append(middle, reach))
+        balls.append(np.column_stack([centres, cover.fine.radii]))
+    start = np.concatenate([[0], np.cumsum([len(b) for b in balls])]).astype(np.int64)
+    return Balls(np.array(frames, np.int64), np.array(bounds), start, np.concatenate(balls))
+
+
+def make_floor(size_m: Array, T_world_cabinet: Array) -> Floor:
+    """The cells of a cabinet of inner size (3,)."""
+    n = np.maximum(1, np.round(size_m[:2] / CELL_M)).astype(np.int64)
+    return Floor(inverse(T_world_cabinet), np.asarray(size_m, float), n, np.asarray(size_m[:2] / n, float))
+
+
+def footprint(shape: Shape, R: Array) -> Footprint:
+    """Where a shape with the rotation R (3, 3), cabinet frame, meets the floor's cells: the outline of its shadow, and its height."""
+    points = np.concatenate(convex_parts(shape)) @ R.T
+    low, high = points.min(0), points.max(0)
+    flat = points[:, :2] - (low[:2] + high[:2]) / 2
+    lines = ConvexHull(flat).equations
+    return Footprint(np.unique(np.round(lines * [1, 1, -1], 9), axis=0), (high - low)[:2] / 2, float(high[2] - low[2]))
+
+
+def lowest(chain: Chain, weight: Array, balls: Balls, floor: Floor, paths: Sequence[Array]) -> F32:
+    """How low the arm comes over each cell along each path (·, J): (nx, ny, K) metres above the floor, infinite where it never is.
+
+    weight (J,): metres that the arm moves at most per unit of each joint (exact.Problem.weight).
+    """
+    out = np.full((int(floor.n[0]), int(floor.n[1]), len(paths)), np.inf, np.float32)
+    for k, path in enumerate(paths):
+        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), k, out)
+    return out
+
+
+def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[np.bool_]:
+    """Which of K paths (N, K) an object meets that stands with its box's middle over each of centres (N, 2), cabinet frame."""
+    out = np.zeros((len(centres), lows.shape[2]), np.bool_)
+    _meet(lows, floor, foot.lines, foot.half, foot.height, np.ascontiguousarray(centres, float), out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _sweep(chain, weight, balls, floor, path, k, out):  # type: ignore[no-untyped-def]
+    n_parts = balls.frame.shape[0]
+    frames = np.empty((chain.q_index.shape[0] + 1, 4, 4))
+    drawn = np.full((n_parts, 3, 4), np.inf)
+    M = np.empty((3, 4))
+    q = np.empty(path.shape[1])
+    T = floor.T
+    for edge in range(path.shape[0] - 1):
+        length = 0.0
+        for j in range(q.shape[0]):
+            length += abs(path[edge + 1, j] - path[edge, j]) * weight[j]
+        steps = max(1, int(np.ceil(length / _STEP_M)))
+        last = edge == path.shape[0] - 2
+        for s in range(steps + (1 if last else 0)):
+            for j in range(q.shape[0]):
+                q[j] = path[edge, j] + s / steps * (path[edge + 1, j] - path[edge, j])
+            forward(chain, q, frames)
+            for p in range(n_parts):
+                F = frames[balls.frame[p]]
+                bx, by, bz, br = balls.bound[p, 0], balls.bound[p, 1], balls.bound[p, 2], balls.bound[p, 3]
+                wx = F[0, 0] * bx + F[0, 1] * by + F[0, 2] * bz + F[0, 3]
+                wy = F[1, 0] * bx + F[1, 1] * by + F[1, 2] * bz + F[1, 3]
+                wz = F[2, 0] * bx + F[2, 1] * by + F[2, 2] * bz + F[2, 3]
+                x = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
+                y = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
+                z = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
+                if x + br < 0 or x - br > floor.size[0] or abs(y) - br > floor.size[1] / 2 or z - br > floor.size[2]:
+                    continue
+                moved, turned = 0.0, 0.0
+                for r in range(3):
+                    for c in range(3):
+                        turned += (F[r, c] - drawn[p, r, c]) ** 2
+                moved = (x - drawn[p, 0, 3]) ** 2 + (y - drawn[p, 1, 3]) ** 2 + (z - drawn[p, 2, 3]) ** 2
+                at_end = last and s == steps
+                if not at_end and np.sqrt(moved) + br * np.sqrt(turned / 2) < SAMPLE_M:
+                    continue
+                for r in range(3):
+                    for c in range(3):
+                        drawn[p, r, c] = F[r, c]
+                drawn[p, 0, 3], drawn[p, 1, 3], drawn[p, 2, 3] = x, y, z
+                for r in range(3):
+                    for c in range(4):
+                        M[r, c] = T[r, 0] * F[0, c] + T[r, 1] * F[1, c] + T[r, 2] * F[2, c] + (T[r, 3] if c == 3 else 0.0)
+                _draw(M, balls.ball, balls.start[p], balls.start[p + 1], floor, k, out)
+
+
+@njit(cache=True, nogil=True)
+def _draw(M, ball, first, stop, floor, k, out):  # type: ignore[no-untyped-def]
+    """Lower the heights under some balls, whose frame stands at M (3, 4) in the cabinet."""
+    cx, cy = floor.cell[0], floor.cell[1]
+    half = floor.size[1] / 2
+    for i in range(first, stop):
+        bx, by, bz, r = ball[i, 0], ball[i, 1], ball[i, 2], ball[i, 3]
+        z = M[2, 0] * bx + M[2, 1] * by + M[2, 2] * bz + M[2, 3]
+        if z - r > floor.size[2]:
+            continue
+        x = M[0, 0] * bx + M[0, 1] * by + M[0, 2] * bz + M[0, 3]
+        y = M[1, 0] * bx + M[1, 1] * by + M[1, 2] * bz + M[1, 3] + half
+        i0, i1 = max(0, int(np.ceil((x - r) / cx - 0.5))), min(floor.n[0] - 1, int(np.floor((x + r) / cx - 0.5)))
+        j0, j1 = max(0, int(np.ceil((y - r) / cy - 0.5))), min(floor.n[1] - 1, int(np.floor((y + r) / cy - 0.5)))
+        for a in range(i0, i1 + 1):
+            dx = (a + 0.5) * cx - x
+            left = r * r - dx * dx
+            for b in range(j0, j1 + 1):
+                dy = (b + 0.5) * cy - y
+                rest = left - dy * dy
+                if rest >= 0.0:
+                    low = z - np.sqrt(rest)
+                    if low < out[a, b, k]:
+                        out[a, b, k] = low
+
+
+@njit(cache=True, nogil=True)
+def _meet(lows, floor, lines, half, height, centres, out):  # type: ignore[no-untyped-def]
+    cx, cy = floor.cell[0], floor.cell[1]
+    grow = max(cx, cy) / 2
+    n_paths = lows.shape[2]
+    for n in range(centres.shape[0]):
+        x0, y0 = centres[n, 0], centres[n, 1]
+        i0 = max(0, int(np.ceil((x0 - half[0] - grow) / cx - 0.5)))
+        i1 = min(floor.n[0] - 1, int(np.floor((x0 + half[0] + grow) / cx - 0.5)))
+        y_low = y0 + floor.size[1] / 2
+        j0 = max(0, int(np.ceil((y_low - half[1] - grow) / cy - 0.5)))
+        j1 = min(floor.n[1] - 1, int(np.floor((y_low + half[1] + grow) / cy - 0.5)))
+        for a in range(i0, i1 + 1):
+            x = (a + 0.5) * cx - x0
+            for b in range(j0, j1 + 1):
+                y = (b + 0.5) * cy - y_low
+                inside = True
+                for e in range(lines.shape[0]):
+                    if lines[e, 0] * x + lines[e, 1] * y > lines[e, 2] + grow:
+                        inside = False
+                        break
+                if inside:
+                    for k in range(n_paths):
+                        if lows[a, b, k] < height:
+                            out[n, k] = True

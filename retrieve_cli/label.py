@@ -1,0 +1,207 @@
+"""`retrieve label`: what the networks learn from, a folder of Parquet shards, one row a state."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from retrieve_cli.documents import scene_to_json
+from retrieve_cli.engine import map_ordered
+from retrieve_cli.errors import InputError, blame
+from retrieve_cli.files import read_scenes
+from retrieve_cli.gen import robot_ref
+from retrieve_cli.terminal import announce_first_run, say
+
+if TYPE_CHECKING:
+    from kinematics.scene import RobotRef, Scene
+    from planning.learning.labels import Row
+    from planning.learning.shards import Manifest
+    from planning.learning.states import Variety
+    from planning.problems import Spec
+
+SHARD = 25  # scenes
+SCENES = 100  # generated when nothing says how many
+TELL_S = 20.0  # between words about the pace
+
+
+@dataclass(frozen=True)
+class Item:
+    """One scene to label: given, or the number of one to be made."""
+
+    index: int
+    where: str
+    scene: Scene | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker needs besides the item."""
+
+    seed: int
+    paths: int
+    moves: int
+    objects: int | None
+    specs: tuple[Spec, ...] = ()
+    robot: RobotRef | None = None
+    variety: Variety | None = None
+
+
+def run(
+    *,
+    scenes: Path | None,
+    out: Path,
+    n: int | None,
+    spec: Sequence[str],
+    robot: str | None,
+    hand_frame: str | None,
+    gripper_joint: str | None,
+    seed: int,
+    paths: int,
+    moves: int,
+    objects: int | None,
+    vary: bool,
+    workers: int | None,
+    engine: str,
+    address: str | None,
+) -> None:
+    """Label scenes of a file, or generated ones, shard by shard; go on where an earlier call of the same kind stopped."""
+    from planning.learning import shards
+
+    if scenes is not None and n is not None:
+        raise InputError(f"label: {scenes} and -n exclude each other: label the scenes of a file, or generated ones")
+    announce_first_run()
+    job = Job(seed, paths, moves, objects)
+    if n is None and (scenes is not None or not sys.stdin.isatty()):
+        items, about = _given(scenes)
+    else:
+        items, about, specs, ref, variety = _made(n or SCENES, spec, robot, hand_frame, gripper_joint, vary)
+        job = replace(job, specs=specs, robot=ref, variety=variety)
+    total = len(items)
+    settings = {"seed": seed, "paths": paths, "moves": moves, "objects": objects, **about, "scenes": total, "scenes_a_shard": SHARD}
+    manifest = _begin(out, settings)
+    kept = shards.whole(out, manifest.shards)
+    if kept:
+        say(f"{out}: {kept} shards are there; going on")
+    manifest = replace(manifest, shards=manifest.shards[:kept], complete=False)
+    shards.write_manifest(out, manifest)
+    pace = Pace(total - min(total, kept * SHARD))
+    done = map_ordered(partial(label_item, job), items[kept * SHARD :], workers=workers, engine=engine, address=address)
+    rows: list[Row] = []
+    for position, found in enumerate(done, kept * SHARD + 1):
+        rows += found
+        pace.step(len(found))
+        if position % SHARD == 0 or position == total:
+            shard = shards.write_shard(out, len(manifest.shards), rows)
+            manifest, rows = replace(manifest, shards=(*manifest.shards, shard)), []
+            shards.write_manifest(out, manifest)
+            say(f"{shard.file}: {shard.rows} states; {pace}")
+    shards.write_manifest(out, replace(manifest, complete=True))
+    say(f"{out}: {manifest.rows} states of {total} scenes")
+
+
+def label_item(job: Job, item: Item) -> list[Row]:
+    """The rows of one scene. Raises: InputError when it can't be made, or the robot can't stand before it."""
+    from kinematics.robot import from_ref
+    from planning.learning.states import rows, varied_scene
+    from planning.problems import NoScene
+
+    with blame(item.where, NoScene):
+        scene = item.scene
+        if scene is None:
+            assert job.robot is not None
+            assert job.variety is not None
+            spec = job.specs[item.index % len(job.specs)]
+            scene = varied_scene(spec, from_ref(job.robot), job.robot, job.seed, item.index, job.variety)
+        return list(rows(from_ref(scene.robot), scene, job.seed, item.index, paths=job.paths, moves=job.moves, objects=job.objects))
+
+
+def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
+    """The scenes of a file or of stdin, and what the manifest says of them."""
+    items, digest, robots = list[Item](), hashlib.sha256(), set[str]()
+    for index, (where, scene) in enumerate(read_scenes(scenes, "label")):
+        items.append(Item(index, where, scene))
+        digest.update(json.dumps(scene_to_json(scene), sort_keys=True).encode())
+        robots.add(scene.robot.name or str(scene.robot.urdf))
+    return items, {"robot": " ".join(sorted(robots)), "source": {"scenes_sha256": digest.hexdigest()}}
+
+
+def _made(
+    n: int, spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool
+) -> tuple[list[Item], dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
+    """The numbers of n scenes to be made, and what is needed to make them: spec after spec in turn."""
+    from kinematics.robot import load
+    from planning.learning.states import Variety
+    from planning.problems import load_spec
+
+    with blame("label"):
+        specs = tuple(load_spec(which) for which in spec)
+        arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
+    variety = Variety() if vary else Variety(0.0, 0.0, None)
+    source = {
+        "specs": [{"name": Path(which).name, "sha256": _hash(vars(s))} for which, s in zip(spec, specs)],
+        "variety": vars(variety),
+    }
+    items = [Item(i, f"label: scene {i}") for i in range(n)]
+    return items, {"robot": arm.name, "source": source}, specs, robot_ref(arm, hand_frame), variety
+
+
+def _hash(values: Mapping[str, Any]) -> str:
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
+    """The manifest to go on with: what an earlier call left, or a fresh one. Raises: InputError when the folder holds something else."""
+    from importlib.metadata import version as installed
+
+    from planning.learning import shards
+    from retrieve_cli.app import version
+
+    versions = {"retrieve": version(), **{name: installed(name) for name in ("numpy", "numba", "pyarrow")}}
+    if not (out / shards.MANIFEST).exists():
+        if out.exists() and not out.is_dir():
+            raise InputError(f"{out}: is a file, not a folder")
+        if out.is_dir() and any(out.iterdir()):
+            raise InputError(f"{out}: is not empty, and holds no labels; name a new folder")
+        try:
+            out.mkdir(exist_ok=True)
+        except FileNotFoundError as e:
+            raise InputError(f"{out}: the folder {out.resolve().parent} does not exist; make it first") from e
+        return shards.Manifest(settings, versions)
+    with blame("label"):
+        old = shards.read_manifest(out)
+    wanted = json.loads(json.dumps(settings))
+    if other := [name for name in {**old.settings, **wanted} if old.settings.get(name) != wanted.get(name)]:
+        name = other[0]
+        raise InputError(
+            f"{out}: holds labels with another {name} ({old.settings.get(name)!r}, not {wanted.get(name)!r}); "
+            "name a new folder, or remove this one"
+        )
+    return replace(old, settings=settings)
+
+
+class Pace:
+    """How fast it goes: words on stderr now and then."""
+
+    def __init__(self, scenes: int) -> None:
+        self.left, self.scenes, self.states = scenes, 0, 0
+        self.began = self.told = time.monotonic()
+
+    def step(self, states: int) -> None:
+        """One scene more, with so many states."""
+        self.left, self.scenes, self.states = self.left - 1, self.scenes + 1, self.states + states
+        if time.monotonic() - self.told > TELL_S and self.left:
+            say(str(self))
+
+    def __str__(self) -> str:
+        self.told = time.monotonic()
+        spent = max(self.told - self.began, 1e-9)
+        left = self.left * spent / max(self.scenes, 1)
+        return f"{self.states} states, {60 * self.states / spent:.0f} a minute; {self.left} scenes and about {left / 60:.0f} min left"

@@ -1,0 +1,137 @@
+"""Objects from views: fused points, told apart by masks or by geometry alone, and one axis-aligned box an object (paper, section III-B).
+
+Points live in the cabinet's frame until the boxes are taken, which are aligned with the world's axes. Everything stands on the floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from scipy import ndimage
+
+from kinematics.scene import Cabinet
+from kinematics.transforms import Array, apply
+from perception.frames import Frame
+from perception.fusion import Views, prepare
+from perception.grouping import CELL_M, told_apart
+
+if TYPE_CHECKING:
+    from perception.voxels import Voxels
+
+FEWEST_PIXELS = 20
+"""What fewer pixels show is no object but noise."""
+
+
+def segment(
+    frames: Sequence[Frame], cabinet: Cabinet, voxels: Voxels | None = None, *, by: Literal["mask", "geometry"] = "mask"
+) -> dict[str, Array]:
+    """The objects that the frames show: name to centre and size (6,) of a box in the world.
+
+    The box is the tightest around the object's points, down to the floor; with a map it is `grown` into what nobody has seen.
+    by: "mask" trusts the frames' instances and takes their names; "geometry" finds objects itself and calls them object_0, object_1, …
+    from the front to the back. Raises: ValueError when masks are asked for and a frame has none, and for another word.
+    """
+    if by not in ("mask", "geometry"):
+        raise ValueError(f"objects can be told apart by mask or by geometry, not by {by!r}")
+    views = prepare(frames if by == "mask" else [replace(f, instance=None, names=()) for f in frames], cabinet)
+    clouds = object_points(views if by == "mask" else told_apart(views))
+    boxes = {name: standing_box(points, cabinet) for name, points in clouds.items()}
+    return boxes if voxels is None else {name: grown(box, voxels) for name, box in boxes.items()}
+
+
+def object_points(views: Views) -> dict[str, Array]:
+    """The points (N, 3) of each instance in the cabinet's frame, from all frames; stray ones are dropped, and what shows too little.
+
+    Raises: ValueError when a frame has no instances.
+    """
+    found: dict[str, list[Array]] = {}
+    for i, (frame, inside, points) in enumerate(zip(views.frames, views.inside, views.points)):
+        if frame.instance is None:
+            raise ValueError(f"frame {i} has no mask: objects can't be told apart by masks, only by geometry")
+        shown = np.where(inside, frame.instance, -1)
+        order = np.argsort(shown, axis=None, kind="stable")
+        ids, starts = np.unique(shown.reshape(-1)[order], return_index=True)
+        for k, rows in zip(ids, np.split(order, starts[1:])):
+            if 0 <= k < len(frame.names):
+                found.setdefault(frame.names[k], []).append(points.reshape(-1, 3)[rows].astype(float))
+    clouds = {name: without_strays(np.concatenate(parts)) for name, parts in found.items()}
+    return {name: points for name, points in clouds.items() if len(points) >= FEWEST_PIXELS}
+
+
+def without_strays(points: Array, share: float = 0.03) -> Array:
+    """The points (N, 3) that lie densely: in whose 3 × 3 × 3 cells around are at least `share` of what is usual for the cloud, and three.
+
+    Pixels at a silhouette may measure a depth between the object and what is behind it; those lie thinly in the air.
+    """
+    if len(points) < FEWEST_PIXELS:
+        return points[:0]
+    cell = np.floor((points - points.min(0)) / CELL_M).astype(np.int64)
+    count = np.zeros(cell.max(0) + 1, np.int32)
+    np.add.at(count, tuple(cell.T), 1)
+    around = ndimage.uniform_filter(count.astype(np.float32), 3, mode="constant")[tuple(cell.T)] * 27
+    return np.asarray(points[around >= max(3.0, share * float(np.median(around))) - 0.5])
+
+
+def standing_box(points: Array, cabinet: Cabinet) -> Array:
+    """Centre and size (6,) of the tightest box in the world around points (N, 3) of the cabinet's frame and their feet on the floor."""
+    feet = points * [1.0, 1.0, 0.0]
+    world = apply(cabinet.T_world_cabinet, np.concatenate([points, feet]))
+    low, high = world.min(0), world.max(0)
+    return np.concatenate([(low + high) / 2, high - low])
+
+
+def grown(box: Array, voxels: Voxels, usual_m: float = 0.06) -> Array:
+    """A box (6,) of the world, extended into the unknown space beside and above it.
+
+    A side gives way layer by layer, a voxel each, until a fifth of the layer is free, half of it is somebody else's surface, or a wall
+    comes. Things are taken for upright and about as deep as wide: along x and y the box grows no further than its longer seen side, or
+    usual_m if that is more, to both sides alike where both are hidden; upwards by usual_m at most. One or two layers are only the map's
+    own coarseness and no reason to grow.
+    """
+    low, high = box[:3] - box[3:] / 2, box[:3] + box[3:] / 2
+    step = float(voxels.step.max())
+    widest = max(float(box[3:5].max()), usual_m)
+    for axis in range(3):
+        room = widest - box[3 + axis] if axis < 2 else usual_m
+        layers = int(np.ceil(max(room, 0.0) / step))
+        runs = [0.0 if axis == 2 and side < 0 else step * _hidden_layers(low, high, axis, side, layers, voxels) for side in (-1, 1)]
+        first = min(runs[0], max(room / 2, room - runs[1]))
+        low[axis] -= max(first, 0.0)
+        high[axis] += max(min(runs[1], room - first), 0.0)
+    return np.concatenate([(low + high) / 2, high - low])
+
+
+def _hidden_layers(low: Array, high: Array, axis: int, side: int, most: int, voxels: Voxels) -> int:
+    """How many layers of voxels beside one face of a box hide what is in them; 0 for two or fewer."""
+    from perception.voxels import FREE, OCCUPIED
+
+    step = float(voxels.step.max())
+    sides = [np.linspace(low[k], high[k], max(int(np.ceil(2 * (high[k] - low[k]) / step)), 3) + 1)[1:-1] for k in range(3) if k != axis]
+    a, b = (g.ravel() for g in np.meshgrid(*sides, indexing="ij"))
+    points = np.insert(np.stack([a, b], -1), axis, 0.0, axis=1)
+    for layer in range(max(most, 3)):
+        points[:, axis] = (high if side > 0 else low)[axis] + side * (layer + 0.5) * step
+        index = voxels.index(points)
+        if not ((index >= 0) & (index < voxels.state.shape)).all():
+            return layer if layer > 2 else 0
+        state = voxels.state[tuple(index.T)]
+        if np.mean(state == FREE) >= 0.2 or (layer > 0 and np.mean(state == OCCUPIED) >= 0.5):
+            return layer if layer > 2 else 0
+    return most
+
+
+def iou(a: Array, b: Array) -> float:
+    """The volume that two boxes (6,) share, of the volume of both."""
+    low = np.maximum(a[:3] - a[3:] / 2, b[:3] - b[3:] / 2)
+    high = np.minimum(a[:3] + a[3:] / 2, b[:3] + b[3:] / 2)
+    common = float(np.prod(np.clip(high - low, 0, None)))
+    return common / max(float(np.prod(a[3:]) + np.prod(b[3:])) - common, 1e-12)
+
+
+def match(boxes: Mapping[str, Array], box: Array) -> str | None:
+    """The name of the box that has most in common with `box` (6,), by volume; None when none touches it."""
+    best = max(boxes, key=lambda name: iou(boxes[name], box), default=None)
+    return best if best is not None and iou(boxes[best], box) > 0 else None

@@ -199,11 +199,11 @@ class FclWorld:
 
 
 def ours(question: Question, seed: int, budget_s: float = BUDGET_S) -> Json:
-    """Plan and shorten, as the pipeline does: on a task packed just before (not timed; memory that lay idle may have been paged out)."""
+    """Plan and shorten, as the pipeline does: on a task packed just before (not timed)."""
     held = question.held.body if question.held else None
     poses = {name: T for name, T in question.scene.poses().items() if name != held}
     situation = question.cell.problem(poses, question.gripper, held=question.held)
-    task, memory = situation.task, situation.memory
+    task, memory = situation.task, question.cell.enter(situation)
     began = peers.clock()
     found = plan(task, question.start, question.goal[None], seed=seed, time_budget_s=3 * budget_s, max_iterations=10**7, memory=memory)
     planned = peers.clock()
@@ -233,7 +233,7 @@ def verdict_ms(question: Question, path: Array) -> float:
 def checks_per_s(question: Question) -> tuple[Json, Array]:
     """Configurations a second: ours by covers (`checks_per_s`: neighbours on edges, as planners ask; `random`: anywhere), with the exact
     test of what they leave open (`exact`), and python-fcl's managers on the first of the same configurations."""
-    rng, task, memory = np.random.default_rng(0), question.situation.task, question.situation.memory
+    rng, task, memory = np.random.default_rng(0), question.situation.task, question.cell.enter(question.situation)
     chain = question.chain
     a = rng.uniform(chain.lower, chain.upper, (20000, len(chain.lower)))
     way = rng.normal(size=a.shape)

@@ -1,17 +1,21 @@
 """The arm and its surroundings as flat arrays: what every compiled function takes.
 
 `Chain` moves frames, `Parts` are convex polyhedra fixed to those frames (links, fingers at one opening, a held object), `Solids` are the
-bodies that stand in the world, `Query` says which pairs matter. Robot builds the first two (see robot.py), Scene the third.
+bodies that stand in the world, `Query` says which pairs matter. Robot builds the first two (see robot.py), Scene the third. What a motion
+query needs of the parts is put together in rig.py.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
+from kinematics.grouping import GROUP, grouped
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array
@@ -57,7 +61,9 @@ class Solids(NamedTuple):
     """B convex bodies at rest: kind (B,) BOX, CYLINDER or HULL; T (B, 4, 4) in the world; half (B, 3) sizes in its own frame
     (a cylinder's: radius, radius, half height); a hull's vertices, vertices[start[b]:start[b + 1]] (·, 3), in its own frame.
 
-    centre (B, 3), radius (B,): a ball around it, in the world.
+    centre (B, 3), radius (B,): a ball around it, in the world. boxes (B, 7): half sizes and middle of the box around it along its own axes,
+    radius of the ball about that middle. Of hulls alone: points (3, ·), groups (4, ·) and point_start (B + 1,), the vertices as
+    `grouping.grouped` gives them; planes[plane_start[b]:plane_start[b + 1]] (·, 4), outward unit normal and offset.
     """
 
     kind: Int
@@ -67,6 +73,12 @@ class Solids(NamedTuple):
     vertices: Array
     centre: Array
     radius: Array
+    boxes: Array
+    points: Array
+    groups: Array
+    point_start: Int
+    planes: Array
+    plane_start: Int
 
 
 class Query(NamedTuple):
@@ -113,25 +125,72 @@ def make_solids(bodies: tuple[Body, ...] | list[Body]) -> tuple[Solids, list[str
             case ConvexMesh():
                 rows += [(HULL, b.T_world_body, np.zeros(3), part, b.name) for part in b.shape.parts]
     n = len(rows)
-    T = np.array([r[1] for r in rows]).reshape(n, 4, 4)
-    centre, radius = T[:, :3, 3].copy(), np.zeros(n)
-    for i, (kind, T_i, half, vertices, _) in enumerate(rows):
+    boxes, planes = np.zeros((n, 7)), []
+    for i, (kind, _, half, vertices, _) in enumerate(rows):
         if kind == HULL:
-            c, radius[i] = _ball(vertices)
-            centre[i] = T_i[:3, :3] @ c + T_i[:3, 3]
+            centre, radius = _ball(vertices)
+            boxes[i] = [*np.ptp(vertices, axis=0) / 2, *centre, radius]
         else:
-            radius[i] = np.linalg.norm(half) if kind == BOX else np.hypot(half[0], half[2])
-    start = np.concatenate([[0], np.cumsum([len(r[3]) for r in rows])]).astype(np.int64)
-    solids = Solids(
+            boxes[i] = [*half, 0, 0, 0, np.linalg.norm(half) if kind == BOX else np.hypot(half[0], half[2])]
+        planes.append(_planes(vertices.tobytes()) if kind == HULL else np.zeros((0, 4)))
+    start = _starts([len(r[3]) for r in rows])
+    vertices = np.ascontiguousarray(np.concatenate([r[3] for r in rows]) if rows else none)
+    stock = Solids(
         np.array([r[0] for r in rows], np.int64),
-        T,
+        np.zeros((n, 4, 4)),
         np.array([r[2] for r in rows]).reshape(n, 3),
         start,
-        np.ascontiguousarray(np.concatenate([r[3] for r in rows]) if rows else none),
-        centre,
-        radius,
+        vertices,
+        np.zeros((n, 3)),
+        boxes[:, 6].copy(),
+        boxes,
+        *grouped(vertices, start),
+        np.concatenate([*planes, np.zeros((0, 4))]),
+        _starts([len(p) for p in planes]),
     )
-    return solids, [r[4] for r in rows]
+    return stand(stock, np.arange(n), np.array([r[1] for r in rows]).reshape(n, 4, 4)), [r[4] for r in rows]
+
+
+@njit(cache=True, nogil=True)
+def stand(stock: Solids, which: Int, T: Array) -> Solids:
+    """Some of the solids, which (n,) of them, at new poses T (n, 4, 4)."""
+    n = which.shape[0]
+    start, point_start, plane_start = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
+    for i in range(n):
+        b = which[i]
+        start[i + 1] = start[i] + stock.start[b + 1] - stock.start[b]
+        point_start[i + 1] = point_start[i] + stock.point_start[b + 1] - stock.point_start[b]
+        plane_start[i + 1] = plane_start[i] + stock.plane_start[b + 1] - stock.plane_start[b]
+    kind, half, centre, radius, boxes = np.empty(n, np.int64), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty((n, 7))
+    vertices, planes = np.empty((start[n], 3)), np.empty((plane_start[n], 4))
+    points, groups = np.empty((3, point_start[n])), np.empty((4, point_start[n] // GROUP))
+    poses = np.empty((n, 4, 4))
+    for i in range(n):
+        b = which[i]
+        kind[i], half[i], radius[i], boxes[i], poses[i] = stock.kind[b], stock.half[b], stock.radius[b], stock.boxes[b], T[i]
+        for r in range(3):
+            middle = boxes[i, 3:6]
+            centre[i, r] = T[i, r, 0] * middle[0] + T[i, r, 1] * middle[1] + T[i, r, 2] * middle[2] + T[i, r, 3]
+        if kind[i] != HULL:
+            continue
+        vertices[start[i] : start[i + 1]] = stock.vertices[stock.start[b] : stock.start[b + 1]]
+        planes[plane_start[i] : plane_start[i + 1]] = stock.planes[stock.plane_start[b] : stock.plane_start[b + 1]]
+        points[:, point_start[i] : point_start[i + 1]] = stock.points[:, stock.point_start[b] : stock.point_start[b + 1]]
+        here, there = point_start[i] // GROUP, stock.point_start[b] // GROUP
+        count = (point_start[i + 1] - point_start[i]) // GROUP
+        groups[:, here : here + count] = stock.groups[:, there : there + count]
+    return Solids(kind, poses, half, start, vertices, centre, radius, boxes, points, groups, point_start, planes, plane_start)
+
+
+@lru_cache(maxsize=1024)
+def _planes(vertices: bytes) -> Array:
+    """Planes (H, 4) of a hull: outward unit normal and offset."""
+    planes = ConvexHull(np.frombuffer(vertices).reshape(-1, 3)).equations
+    return np.unique(np.round(planes * (1, 1, 1, -1), 9), axis=0)
+
+
+def _starts(counts: list[int]) -> Int:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def _ball(vertices: Array) -> tuple[Array, float]:

@@ -6,7 +6,7 @@ tightness at worst, never truth.
 
 The first solid is a polyhedron, vertices[:, a0:a1] of one shared array (3, N) in its own frame; the second a BOX or CYLINDER with
 half sizes (3,), or a HULL, vertices[:, b0:b1]. Vertices lie by coordinate because the support scan then runs over contiguous memory.
-`grouped` sorts large hulls for a quicker search.
+grouping.py sorts large hulls for a quicker search.
 
 `work` (8, 4) is scratch: rows 0–2 the first solid's frame in the second's, rows 3–6 the simplex, row 7 the direction from the second solid
 to the first (in the second's frame), where the search starts and which it leaves behind. A kept row 7 warm-starts the next query of the
@@ -18,13 +18,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from kinematics.arm import BOX, CYLINDER, Int
+from kinematics.arm import BOX, CYLINDER
+from kinematics.grouping import GROUP
 from kinematics.transforms import Array
 
 MOST_STEPS = 48
 """Steps of GJK after which the bound reached so far is the answer; polyhedra need about 6, cylinders to full precision about 15."""
-GROUP = 16
-"""Vertices in a group that the search for the furthest one opens or skips as a whole."""
 TIGHT = 0.05
 """The tolerance that holds at least where it must be told whether a distance exceeds `low`."""
 TOUCHING_M = 1e-10
@@ -39,35 +38,6 @@ def make_work() -> Array:
 def by_coordinate(points: Array) -> Array:
     """Points (V, 3) in the layout (3, V) that the functions below take."""
     return np.ascontiguousarray(np.asarray(points, float).T)
-
-
-def grouped(points: Array, start: Int) -> tuple[Array, Array, Int]:
-    """Sort the points (V, 3) of bodies, body i's being points[start[i]:start[i + 1]], so that neighbours in space are neighbours in memory.
-
-    Returns vertices (3, N), every body filled up to whole groups by repeating its last point; balls around the groups (4, N / GROUP):
-    centre and radius; and where each body starts now.
-    """
-    sizes = np.diff(start)
-    body = np.repeat(np.arange(len(sizes)), sizes)
-    some = np.flatnonzero(sizes)
-    low, high = np.zeros((len(sizes), 3)), np.ones((len(sizes), 3))
-    if len(some):
-        low[some], high[some] = (f.reduceat(points, start[some]) for f in (np.minimum, np.maximum))
-    cell = ((points - low[body]) / np.maximum(high - low, 1e-9)[body] * 31.99).astype(np.int64)
-    code = np.zeros(len(points), np.int64)  # the bits of the three coordinates interleaved: Morton's order
-    for bit in range(5):
-        for c in range(3):
-            code |= (cell[:, c] >> bit & 1) << (3 * bit + c)
-    order = np.argsort(code + (body << 15), kind="stable")
-    filled = -(-sizes // GROUP) * GROUP
-    starts = np.concatenate([[0], np.cumsum(filled)]).astype(np.int64)
-    owner = np.repeat(np.arange(len(sizes)), filled)
-    within = np.minimum(np.arange(starts[-1]) - starts[owner], sizes[owner] - 1)
-    placed = points[order[start[owner] + within]]
-    corners = placed.reshape(-1, GROUP, 3)
-    centre = (corners.min(1) + corners.max(1)) / 2 if len(corners) else np.zeros((0, 3))
-    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(-1, initial=0.0)) + 1e-12
-    return np.ascontiguousarray(placed.T), np.ascontiguousarray(np.c_[centre, radius].T), starts
 
 
 @njit(cache=True, nogil=True)

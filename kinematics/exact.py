@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 
 from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
-from kinematics.convex import box_gap, gjk, grouped, relative
+from kinematics.convex import box_gap, gjk, relative
+from kinematics.rig import Rig, make_rig
 from kinematics.transforms import Array
 
 MARGIN_M = 5e-4
@@ -34,7 +35,7 @@ class Problem(NamedTuple):
     """What moves, what it may not touch, and how fast. Bodies are the P parts, then the B solids.
 
     boxes (P + B, 7): half sizes and centre of the box around each body along its own axes (a box's and a cylinder's sizes), radius of the
-    ball about the same centre. vertices (3, N), groups (4, ·): of all bodies, see `convex.grouped`. pairs (M, 9): the two bodies, the
+    ball about the same centre. vertices (3, N), groups (4, ·): of all bodies, see `grouping.grouped`. pairs (M, 9): the two bodies, the
     first one a part; their two rows of `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices.
     reach (M, J): metres that one body of the pair moves at most, relative to the other, per unit of each planning coordinate.
     weight (J,): the same for the arm as a whole, never 0. solid_T (B, 4, 4).
@@ -49,16 +50,6 @@ class Problem(NamedTuple):
     weight: Array
     solid_T: Array
     margin_m: float
-
-
-class Prepared(NamedTuple):
-    """What only the arm decides, worth keeping while its parts stay the same: reach (K, P), boxes (P, 7), and the grouped vertices."""
-
-    reach: Array
-    boxes: Array
-    vertices: Array
-    groups: Array
-    start: Int
 
 
 class Scratch(NamedTuple):
@@ -82,127 +73,124 @@ class Scratch(NamedTuple):
     where: Array
 
 
-def make_problem(
-    chain: Chain,
-    parts: Parts,
-    solids: Solids,
-    query: Query,
-    *,
-    margin_m: float = MARGIN_M,
-    reach_m: Array | None = None,
-    prepared: Prepared | None = None,
-) -> Problem:
-    """Pack one motion query. prepared: what `prepare(chain, parts)` gives, or reach_m (K, P): `reach(chain, parts)`, if the caller kept it.
-
-    Raises: ValueError when margin_m is not positive: a certificate needs some room.
-    """
+def make_problem(chain: Chain, parts: Parts, solids: Solids, query: Query, *, margin_m: float = MARGIN_M) -> Problem:
+    """Pack one motion query. Raises: ValueError when margin_m is not positive: a certificate needs some room."""
     if not margin_m > 0:
         raise ValueError(f"the margin must be positive, not {margin_m} m")
-    arm = prepare(chain, parts, reach_m) if prepared is None else prepared
-    reach_m = arm.reach
-    n_parts, n_solids, frames = len(parts.frame), len(solids.kind), len(chain.q_index) + 1
-    against = np.argwhere(query.check)
-    pairs = np.concatenate([against + np.array([0, n_parts]), np.asarray(query.pairs).reshape(-1, 2)]).astype(np.int64)
-    first = parts.frame[pairs[:, 0]]
-    inner, outer = np.zeros(len(pairs), np.int64), pairs[:, 0].copy()  # the joints from frame `inner` on move body `outer`
-    both = np.arange(len(pairs)) >= len(against)
-    other = parts.frame[pairs[both, 1]]
-    inner[both] = np.minimum(first[both], other)
-    outer[both] = np.where(first[both] >= other, pairs[both, 0], pairs[both, 1])
-    k = np.arange(frames - 1)
-    moving = (k >= inner[:, None]) & (k < parts.frame[outer][:, None])
-    per_joint = np.where(moving, reach_m.T[outer], 0.0) * np.abs(chain.scale)
-    coordinate = np.zeros((frames - 1, len(chain.lower)))
-    coordinate[k, chain.q_index] = 1.0
-    weight = (reach_m.max(1, initial=0.0) * np.abs(chain.scale)) @ coordinate if n_parts else np.ones(len(chain.lower))
-    order = np.argsort(-parts.frame[outer], kind="stable")  # the hand collides most often
-    solid_vertices, solid_groups, solid_start = grouped(solids.vertices, solids.start)
-    starts = np.concatenate([arm.start, arm.start[-1] + solid_start[1:]])
-    solid_centre, solid_half = np.zeros((n_solids, 3)), solids.half.copy()
-    for b in np.flatnonzero(solids.kind == HULL):
-        v = solids.vertices[solids.start[b] : solids.start[b + 1]]
-        solid_centre[b], solid_half[b] = (v.min(0) + v.max(0)) / 2, np.ptp(v, axis=0) / 2
-    kind = np.concatenate([np.full(n_parts, HULL), solids.kind])
-    pose = np.concatenate([parts.frame, frames + np.arange(n_solids)])
-    i, j = pairs[order].T
+    return pose(
+        chain, make_rig(chain, parts), solids, Query(query.check, np.ascontiguousarray(query.pairs, np.int64).reshape(-1, 2)), margin_m
+    )
+
+
+@njit(cache=True, nogil=True)
+def pose(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) -> Problem:
+    """Pack one motion query of a rig: the problem that `edge_free` and the others solve."""
+    frames, P, B, J = chain.q_index.shape[0] + 1, rig.frame.shape[0], solids.kind.shape[0], chain.lower.shape[0]
+    count = query.pairs.shape[0]
+    for p in range(P):
+        for b in range(B):
+            count += 1 if query.check[p, b] else 0
+    first, second, outer, inner = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64), np.zeros(count, np.int64)
+    n = 0
+    for p in range(P):
+        for b in range(B):
+            if query.check[p, b]:
+                first[n], second[n], outer[n] = p, P + b, p
+                n += 1
+    for i in range(query.pairs.shape[0]):  # the joints from frame `inner` on move body `outer`
+        a, b = query.pairs[i, 0], query.pairs[i, 1]
+        first[n], second[n] = a, b
+        outer[n] = a if rig.frame[a] >= rig.frame[b] else b
+        inner[n] = min(rig.frame[a], rig.frame[b])
+        n += 1
+    pairs, reach_m, weight, n = np.empty((count, 9), np.int64), np.zeros((count, J)), np.zeros(J), 0
+    for frame in range(frames - 1, -1, -1):  # the hand collides most often
+        for i in range(count):
+            if rig.frame[outer[i]] != frame:
+                continue
+            a, b = first[i], second[i]
+            solid = b - P
+            pairs[n, 0], pairs[n, 1], pairs[n, 2] = a, b, rig.frame[a]
+            pairs[n, 3] = frames + solid if solid >= 0 else rig.frame[b]
+            pairs[n, 4] = solids.kind[solid] if solid >= 0 else HULL
+            pairs[n, 5], pairs[n, 6] = rig.start[a], rig.start[a + 1]
+            before = rig.start[P] if solid >= 0 else 0
+            pairs[n, 7] = before + (solids.point_start[solid] if solid >= 0 else rig.start[b])
+            pairs[n, 8] = before + (solids.point_start[solid + 1] if solid >= 0 else rig.start[b + 1])
+            for k in range(inner[i], frame):
+                reach_m[n, chain.q_index[k]] += rig.reach[k, outer[i]] * abs(chain.scale[k])
+            n += 1
+    for k in range(frames - 1):
+        far = 0.0
+        for p in range(P):
+            far = max(far, rig.reach[k, p])
+        weight[chain.q_index[k]] += far * abs(chain.scale[k]) if P else 1.0
+    most = 0.0
+    for j in range(J):
+        most = max(most, weight[j])
+    for j in range(J):
+        weight[j] = max(weight[j], max(1e-9, 0.02 * most))
     return Problem(
         chain,
-        np.concatenate([arm.boxes, np.c_[solid_half, solid_centre, solids.radius]]),
-        np.concatenate([arm.vertices, solid_vertices], 1),
-        np.concatenate([arm.groups, solid_groups], 1),
-        np.stack([i, j, pose[i], pose[j], kind[j], starts[i], starts[i + 1], starts[j], starts[j + 1]], 1).astype(np.int64),
-        np.ascontiguousarray((per_joint @ coordinate)[order]),
-        np.maximum(weight, max(1e-9, 0.02 * float(weight.max(initial=0.0)))),
-        np.ascontiguousarray(solids.T),
-        float(margin_m),
+        np.concatenate((rig.boxes, solids.boxes)),
+        np.concatenate((rig.vertices, solids.points), 1),
+        np.concatenate((rig.groups, solids.groups), 1),
+        pairs,
+        reach_m,
+        weight,
+        solids.T,
+        margin_m,
     )
 
 
-def prepare(chain: Chain, parts: Parts, reach_m: Array | None = None) -> Prepared:
-    """The arm's share of `make_problem`, for all problems with the same chain and parts."""
-    reach_m = reach(chain, parts) if reach_m is None else reach_m
-    vertices, groups, start = grouped(parts.vertices, parts.start)
-    if not len(parts.frame):
-        return Prepared(reach_m, np.zeros((0, 7)), vertices, groups, start)
-    low, high = (f.reduceat(parts.vertices, parts.start[:-1]) for f in (np.minimum, np.maximum))
-    centre = (low + high) / 2
-    far = np.linalg.norm(parts.vertices - np.repeat(centre, np.diff(parts.start), axis=0), axis=1)
-    return Prepared(reach_m, np.c_[(high - low) / 2, centre, np.maximum.reduceat(far, parts.start[:-1])], vertices, groups, start)
-
-
-def join_prepared(a: Prepared, b: Prepared) -> Prepared:
-    """What `prepare` gives for the parts of a, then those of b, on one chain: a held object is added so without a look at the arm."""
-    return Prepared(
-        np.concatenate([a.reach, b.reach], axis=1),
-        np.concatenate([a.boxes, b.boxes]),
-        np.concatenate([a.vertices, b.vertices], axis=1),
-        np.concatenate([a.groups, b.groups], axis=1),
-        np.concatenate([a.start, a.start[-1] + b.start[1:]]),
-    )
+@njit(cache=True, nogil=True)
+def without_still(problem: Problem, scratch: Scratch) -> Problem:
+    """The problem without the pairs that stand still to each other, if they are all apart: looked at once, for all configurations."""
+    pairs = problem.pairs
+    still = pairs[:, 2] == pairs[:, 3]
+    if not still.any():
+        return problem
+    only = Problem(
+        problem.chain, problem.boxes, problem.vertices, problem.groups, pairs[still], problem.reach[still], problem.weight, problem.solid_T,
+        problem.margin_m,
+    )  # fmt: skip
+    if not config_free(only, problem.chain.lower, scratch):
+        return problem
+    return Problem(
+        problem.chain, problem.boxes, problem.vertices, problem.groups, pairs[~still], problem.reach[~still], problem.weight,
+        problem.solid_T, problem.margin_m,
+    )  # fmt: skip
 
 
 def make_scratch(problem: Problem) -> Scratch:
     """Memory for one thread; it may serve any number of queries on the same problem."""
-    frames, n = len(problem.chain.q_index) + 1, len(problem.pairs)
-    poses = np.zeros((frames + len(problem.solid_T), 4, 4))
-    poses[frames:] = problem.solid_T
+    scratch = scratch_for(len(problem.chain.q_index), len(problem.chain.lower), len(problem.solid_T), len(problem.pairs))
+    enter(problem, scratch)
+    return scratch
+
+
+def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scratch:
+    """Memory for one thread, for all problems that are no larger than this; `enter` each of them first."""
     return Scratch(
-        poses,
+        np.zeros((joints + 1 + solids, 4, 4)),
         np.zeros((8, 4)),
-        np.zeros((n, 3)),
-        np.zeros(len(problem.chain.lower)),
-        np.zeros(n),
+        np.zeros((pairs, 3)),
+        np.zeros(coordinates),
+        np.zeros(pairs),
         np.zeros((2, 2048, 2)),
         np.zeros((2, 2048, 2), np.int64),
-        np.zeros((2, 16384 + 64 * n), np.int64),
+        np.zeros((2, 16384 + 64 * pairs), np.int64),
         np.zeros(4, np.int64),
         np.zeros(1),
     )
 
 
-def reach(chain: Chain, parts: Parts) -> Array:
-    """How far (K, P) any point of part p can get from joint k's axis, whatever the joints beyond it do, in metres; 1 for a sliding joint.
-
-    Per rad (or m) of joint k no point of p moves further than that. 0 where joint k does not move p. Bounded by cylinders about the axes,
-    each of which holds what the next joint's cylinder can sweep.
-    """
-    out = np.zeros((len(chain.q_index), len(parts.frame)))
-    for p, frame in enumerate(parts.frame):
-        if frame == 0:
-            continue
-        v = parts.vertices[parts.start[p] : parts.start[p + 1]]
-        radius, low, high = float(np.hypot(v[:, 0], v[:, 1]).max()), float(v[:, 2].min()), float(v[:, 2].max())
-        for k in range(int(frame) - 1, -1, -1):
-            if chain.prismatic[k]:
-                ends = chain.scale[k] * np.array([chain.lower[chain.q_index[k]], chain.upper[chain.q_index[k]]]) + chain.offset[k]
-                low, high = low + float(ends.min()), high + float(ends.max())
-            out[k, p] = 1.0 if chain.prismatic[k] else radius
-            axis, at = chain.T_prev[k, :3, 2], chain.T_prev[k, :3, 3]
-            ends_z = at[2] + axis[2] * np.array([low, high])
-            spread = radius * float(np.sqrt(max(0.0, 1.0 - axis[2] ** 2)))
-            radius += float(max(np.hypot(*(at + axis * low)[:2]), np.hypot(*(at + axis * high)[:2])))
-            low, high = float(ends_z.min()) - spread, float(ends_z.max()) + spread
-    return out
+@njit(cache=True, nogil=True)
+def enter(problem: Problem, scratch: Scratch) -> None:
+    """Make a scratch that served another problem, as large as this one or larger, as good as new for this one."""
+    frames, n = problem.chain.q_index.shape[0] + 1, problem.pairs.shape[0]
+    scratch.poses[frames : frames + problem.solid_T.shape[0]] = problem.solid_T
+    scratch.toward[:n] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -227,6 +215,15 @@ def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
             <= margin
         ):
             return n
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def first_in_contact(problem: Problem, Q: Array, scratch: Scratch) -> int:
+    """The index of the first of configurations Q (N, J) at which something touches, -1 when nothing ever does."""
+    for i in range(Q.shape[0]):
+        if first_contact(problem, Q[i], scratch) >= 0:
+            return i
     return -1
 
 

@@ -25,15 +25,14 @@ to spare, and the tests compare with float64. For a UR5e this is below 0.1 mm.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
-from kinematics.arm import BOX, CYLINDER, HULL, Chain, Parts, Query, Solids
+from kinematics.arm import BOX, CYLINDER, Chain, Parts, Query, Solids
+from kinematics.rig import Rig, make_rig
 from kinematics.spheres import Levels
 from kinematics.transforms import Array
 from kinematics.vector import WIDTH, below, largest, load, nearest_int, root, size, spread, store
@@ -145,99 +144,100 @@ def lane_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> LaneMode
     """Pack a chain, its P parts and their covers, given in the parts' frames. Raises: ValueError when the numbers differ."""
     if len(covers) != len(parts.frame):
         raise ValueError(f"covers: {len(covers)} for {len(parts.frame)} parts")
-    coarse_n = np.array([len(c.coarse.radii) for c in covers], np.int64)
-    fine_n = np.array([len(c.fine.radii) for c in covers], np.int64)
-    child_n = np.concatenate([np.diff(c.start) for c in covers]) if covers else np.zeros(0, np.int64)
-    fine_before = np.concatenate([[0], np.cumsum(fine_n)])
-    far, reach, limit = _reaches(chain, parts)
-    box = _boxes(parts)
+    return model_of(chain, make_rig(chain, parts, covers))
+
+
+@njit(cache=True, nogil=True)
+def model_of(chain: Chain, rig: Rig) -> LaneModel:
+    """Pack a chain and a rig with covers."""
+    K, P = chain.q_index.shape[0], rig.frame.shape[0]
+    far, reach, limit = _reaches(chain, rig)
+    T = np.empty((K, 12), np.float32)
+    for k in range(K):
+        for r in range(3):
+            for c in range(4):
+                T[k, 4 * r + c] = chain.T_prev[k, r, c]
+    bound, box, slack, child = np.empty((P, 4), np.float32), np.empty((P, 6), np.float32), np.empty(P, np.float32), np.empty_like(rig.child)
+    for p in range(P):
+        bound[p, :3], bound[p, 3] = rig.boxes[p, 3:6], rig.boxes[p, 6]
+        box[p, :3], box[p, 3:] = rig.boxes[p, 3:6], rig.boxes[p, :3]
+        slack[p] = _RATIO * (K + 2) * far[p]
+        if rig.coarse_start[P] > 0:  # with covers
+            for c in range(rig.child_start[rig.coarse_start[p]], rig.child_start[rig.coarse_start[p + 1]]):
+                child[c] = rig.child[c] + rig.fine_start[p]
     return LaneModel(
-        np.ascontiguousarray(chain.T_prev[:, :3].reshape(-1, 12), np.float32),
+        T,
         chain.q_index.astype(np.uint64),
         chain.scale,
         chain.offset,
         chain.prismatic.astype(np.uint64),
         limit,
-        parts.frame.astype(np.uint64),
-        np.ascontiguousarray(np.c_[parts.centre, parts.radius], np.float32),
-        box.astype(np.float32),
-        _starts(coarse_n),
-        _rows([np.c_[c.coarse.centres, c.coarse.radii, c.coarse.inner_radii()] for c in covers], 5),
-        _starts(child_n),
-        np.concatenate([c.child + n for c, n in zip(covers, fine_before[:-1], strict=True)] or [np.zeros(0)]).astype(np.uint64),
-        _rows([np.c_[c.fine.centres, c.fine.radii, c.fine.inner_radii()] for c in covers], 5),
+        rig.frame.astype(np.uint64),
+        bound,
+        box,
+        rig.coarse_start.astype(np.uint64),
+        rig.coarse.astype(np.float32),
+        rig.child_start.astype(np.uint64),
+        child.astype(np.uint64),
+        rig.fine.astype(np.float32),
         reach,
-        (_RATIO * (len(chain.q_index) + 2) * far).astype(np.float32),
-    )
-
-
-def lane_world(solids: Solids, query: Query) -> LaneWorld:
-    """Pack the bodies and the question about them."""
-    planes = [
-        _planes(solids.vertices[solids.start[b] : solids.start[b + 1]].tobytes()) if solids.kind[b] == HULL else _NO_PLANES
-        for b in range(len(solids.kind))
-    ]
-    R, p = solids.T[:, :3, :3], solids.T[:, :3, 3]
-    return LaneWorld(
-        solids.kind.astype(np.uint64),
-        np.ascontiguousarray(R.transpose(0, 2, 1).reshape(-1, 9), np.float32),
-        p.astype(np.float32),
-        solids.half.astype(np.float32),
-        _starts(np.array([len(x) for x in planes], np.int64)),
-        _rows(planes, 4),
-        np.concatenate([solids.centre, solids.radius[:, None]], 1).astype(np.float32),
-        (_RATIO * (np.sqrt((p * p).sum(1)) + np.sqrt((solids.centre * solids.centre).sum(1)) + 2 * solids.radius)).astype(np.float32),
-        query.check,
-        query.pairs.reshape(-1, 2).astype(np.uint64),
+        slack,
     )
 
 
 @njit(cache=True, nogil=True)
+def lane_world(solids: Solids, query: Query) -> LaneWorld:
+    """Pack the bodies and the question about them."""
+    B = solids.kind.shape[0]
+    R, p, half = np.empty((B, 9), np.float32), np.empty((B, 3), np.float32), solids.half.astype(np.float32)
+    ball, slack = np.empty((B, 4), np.float32), np.empty(B, np.float32)
+    for b in range(B):
+        T, c = solids.T[b], solids.centre[b]
+        for r in range(3):
+            p[b, r] = T[r, 3]
+            ball[b, r] = c[r]
+            for k in range(3):
+                R[b, 3 * k + r] = T[r, k]
+        ball[b, 3] = solids.radius[b]
+        away = np.sqrt(T[0, 3] ** 2 + T[1, 3] ** 2 + T[2, 3] ** 2) + np.sqrt(c[0] ** 2 + c[1] ** 2 + c[2] ** 2)
+        slack[b] = _RATIO * (away + 2 * solids.radius[b])
+    pairs = query.pairs.astype(np.uint64)
+    return LaneWorld(
+        solids.kind.astype(np.uint64), R, p, half, solids.plane_start.astype(np.uint64), solids.planes.astype(np.float32), ball, slack,
+        query.check, pairs,
+    )  # fmt: skip
+
+
 def lane_scratch(model: LaneModel, world: LaneWorld) -> LaneScratch:
     """Working memory for calls with this model and this world."""
-    K, P, B, S = model.T.shape[0], model.frame.shape[0], world.kind.shape[0], world.pairs.shape[0]
-    rows = np.zeros(16 * (13 + K + 12 * (K + 1) + 3 * P), np.float32)
-    first = 16 * (13 + K)
+    return scratch_for(len(model.T), len(model.frame), len(world.kind), len(world.pairs))
+
+
+def scratch_for(joints: int, parts: int, solids: int, pairs: int) -> LaneScratch:
+    """Working memory for calls with models and worlds that are no larger than this."""
+    rows = np.zeros(16 * (13 + joints + 12 * (joints + 1) + 3 * parts), np.float32)
+    first = 16 * (13 + joints)
     for r in range(3):
-        for w in range(16):
-            rows[first + 16 * (5 * r) + w] = 1.0
+        rows[first + 16 * (5 * r) : first + 16 * (5 * r + 1)] = 1.0
     return LaneScratch(
         rows,
-        np.empty(K),
-        np.empty(K),
-        np.empty((P, K + 1)),
-        np.empty((P, B), np.uint8),
-        np.empty(S, np.uint8),
+        np.empty(joints),
+        np.empty(joints),
+        np.empty((parts, joints + 1)),
+        np.empty((parts, solids), np.uint8),
+        np.empty(pairs, np.uint8),
         np.empty((1024, 2)),
         np.empty(16),
     )
 
 
-_NO_PLANES = np.zeros((0, 4))
-
-
-@lru_cache(maxsize=1024)
-def _planes(vertices: bytes) -> Array:
-    """Planes (H, 4) of a hull: outward unit normal and offset."""
-    planes = ConvexHull(np.frombuffer(vertices).reshape(-1, 3)).equations
-    return np.unique(np.round(planes * (1, 1, 1, -1), 9), axis=0)
-
-
-def _starts(counts: NDArray[np.int64]) -> Index:
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.uint64)
-
-
-def _rows(blocks: list[Array], width: int) -> F32:
-    return np.ascontiguousarray(np.concatenate([*blocks, np.zeros((0, width))]), np.float32)
-
-
 @njit(cache=True, nogil=True)
-def _reaches(chain: Chain, parts: Parts) -> tuple[Array, Array, Array]:
+def _reaches(chain: Chain, rig: Rig) -> tuple[Array, Array, Array]:
     """size (P,): how far from the world's origin a part can get; reach (P, K): see the module; limit (K,): the largest joint values.
 
     The triangle inequality along the chain, from the part backwards: no configuration can do better.
     """
-    K, P = chain.q_index.shape[0], parts.frame.shape[0]
+    K, P = chain.q_index.shape[0], rig.frame.shape[0]
     size, reach, limit = np.empty(P), np.zeros((P, K)), np.full(K, X_MAX)
     slide = np.zeros(K)
     for k in range(K):
@@ -247,28 +247,17 @@ def _reaches(chain: Chain, parts: Parts) -> tuple[Array, Array, Array]:
             limit[k] = min(slide[k], X_MAX)
     for p in range(P):
         far, off = 0.0, 0.0
-        for i in range(parts.start[p], parts.start[p + 1]):
-            v = parts.vertices[i]
-            off = max(off, np.sqrt(v[0] * v[0] + v[1] * v[1]))
-            far = max(far, np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
-        for k in range(parts.frame[p] - 1, -1, -1):
+        for i in range(rig.start[p], rig.start[p + 1]):
+            x, y, z = rig.vertices[0, i], rig.vertices[1, i], rig.vertices[2, i]
+            off = max(off, np.sqrt(x * x + y * y))
+            far = max(far, np.sqrt(x * x + y * y + z * z))
+        for k in range(rig.frame[p] - 1, -1, -1):
             reach[p, k] = 1.0 if chain.prismatic[k] else off
             t = chain.T_prev[k, :3, 3]
             off = np.sqrt(t[0] * t[0] + t[1] * t[1]) + slide[k] + far
             far = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) + slide[k] + far
         size[p] = far
     return size, reach, limit
-
-
-@njit(cache=True, nogil=True)
-def _boxes(parts: Parts) -> Array:
-    box = np.zeros((parts.frame.shape[0], 6))
-    for p in range(parts.frame.shape[0]):
-        for r in range(3):
-            v = parts.vertices[parts.start[p] : parts.start[p + 1], r]
-            box[p, r] = (v.max() + v.min()) / 2
-            box[p, 3 + r] = (v.max() - v.min()) / 2
-    return box
 
 
 # One batch: 16 lanes against everything. Lanes that touch are bits of an integer

@@ -27,7 +27,7 @@ from kinematics.arm import Chain, Int, Parts, make_parts
 from kinematics.gripper import Opening, measure
 from kinematics.scene import RobotRef
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
-from kinematics.tree import FIXED, SLIDES, TURNS, LinkHull, Tree
+from kinematics.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 
 WINDOW = 1.3 * np.pi
 _CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
@@ -118,19 +118,20 @@ class Robot:
             np.isinf(self.lower[arm]).astype(np.int64),
         )
 
+    def carriers(self, T_world_base: Array) -> tuple[Int, Array]:
+        """The links that are fixed to the chain's frames, as `tree.carried` takes them: the root (frame 0: the world), the moving ones."""
+        n, movers = len(self.tree.names), self._movers()
+        frame, T = np.full(n, -1, np.int64), np.zeros((n, 4, 4))
+        roots = [i for i, parent in enumerate(self.tree.parent) if parent < 0]
+        frame[roots], T[roots] = 0, [T_world_base @ self.tree.local(i, self.home) for i in roots]
+        frame[movers], T[movers] = np.arange(len(movers)) + 1, [inverse(_align_z(self.tree.axis[i])) for i in movers]
+        return frame, T
+
     def frame_of_links(self, gripper: float, T_world_base: Array) -> dict[str, tuple[int, Array]]:
         """For every link, the chain's frame that carries it (0: the world) and its pose (4, 4) in that frame, at one gripper value."""
-        movers = self._movers()
         q = self.with_arm(np.zeros(len(self.arm_joints)), gripper)
-        carried: list[tuple[int, Array]] = []
-        for i, parent in enumerate(self.tree.parent):
-            if i in movers:
-                k = movers.index(i)
-                carried.append((k + 1, inverse(_align_z(self.tree.axis[i]))))
-            else:
-                frame, T = carried[parent] if parent >= 0 else (0, T_world_base)
-                carried.append((frame, T @ self.tree.local(i, q)))
-        return dict(zip(self.tree.names, carried))
+        frame, T = carried(self.tree.joints, q, *self.carriers(T_world_base))
+        return {name: (int(frame[i]), T[i]) for i, name in enumerate(self.tree.names)}
 
     def parts(self, gripper: float, T_world_base: Array) -> tuple[Parts, tuple[str, ...]]:
         """Every link hull for compiled code, with the fingers at one gripper value; also the link behind each part."""

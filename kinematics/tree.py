@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from kinematics.arm import Int
-from kinematics.transforms import Array, rotations_about, transform
+from kinematics.transforms import Array
 
 FIXED, TURNS, SLIDES = 0, 1, 2
+
+
+class Joints(NamedTuple):
+    """A tree's numbers for compiled code, its N links in topological order; the fields are those of `Tree`."""
+
+    parent: Int
+    T_joint: Array
+    kind: Int
+    axis: Array
+    q_index: Int
+    scale: Array
+    offset: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,21 +48,30 @@ class Tree:
     def index(self) -> dict[str, int]:
         return {name: i for i, name in enumerate(self.names)}
 
+    @cached_property
+    def joints(self) -> Joints:
+        """The numbers behind the names, for compiled code."""
+        n = len(self.names)
+        return Joints(
+            np.ascontiguousarray(self.parent, np.int64),
+            np.ascontiguousarray(self.T_joint, float).reshape(n, 4, 4),
+            np.ascontiguousarray(self.kind, np.int64),
+            np.ascontiguousarray(self.axis, float).reshape(n, 3),
+            np.ascontiguousarray(self.q_index, np.int64),
+            np.ascontiguousarray(self.scale, float),
+            np.ascontiguousarray(self.offset, float),
+        )
+
     def poses(self, q: Array) -> Array:
         """Forward kinematics of every link: q (..., J) to (..., N, 4, 4) in the base frame."""
-        T = np.empty((*q.shape[:-1], len(self.names), 4, 4))
-        for i, parent in enumerate(self.parent):
-            local = self.local(i, q)
-            T[..., i, :, :] = local if parent < 0 else T[..., parent, :, :] @ local
-        return T
+        rows = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1])
+        return np.asarray(_poses(self.joints, rows).reshape(*q.shape[:-1], len(self.names), 4, 4))
 
     def local(self, i: int, q: Array) -> Array:
-        """Link i's pose (..., 4, 4) in its parent at q (..., J)."""
-        if self.kind[i] == FIXED:
-            return np.asarray(self.T_joint[i])
-        x = self.scale[i] * q[..., self.q_index[i]] + self.offset[i]
-        moved = transform(rotations_about(self.axis[i], x)) if self.kind[i] == TURNS else transform(p=x[..., None] * self.axis[i])
-        return np.asarray(self.T_joint[i] @ moved)
+        """Link i's pose (4, 4) in its parent at q (J,)."""
+        T = np.empty((4, 4))
+        _local(self.joints, i, np.ascontiguousarray(q, float), T)
+        return T
 
     def path(self, link: int) -> list[int]:
         """Link indices from the root to `link`."""
@@ -65,3 +88,67 @@ class LinkHull:
     link: str
     vertices: Array
     faces: Int
+
+
+@njit(cache=True, nogil=True)
+def _poses(joints: Joints, q: Array) -> Array:
+    """Poses (R, N, 4, 4) of the links in the base frame at q (R, J)."""
+    R, N = q.shape[0], joints.parent.shape[0]
+    T, local = np.empty((R, N, 4, 4)), np.empty((4, 4))
+    for r in range(R):
+        for i in range(N):
+            _local(joints, i, q[r], local)
+            if joints.parent[i] < 0:
+                T[r, i] = local
+            else:
+                product(T[r, joints.parent[i]], local, T[r, i])
+    return T
+
+
+@njit(cache=True, nogil=True)
+def carried(joints: Joints, q: Array, frame: Int, T_frame: Array) -> tuple[Int, Array]:
+    """For every link the frame (N,) that carries it, and its pose (N, 4, 4) in that frame, at q (J,).
+
+    frame (N,): a number for the links that are frames of their own, or fixed to one, with their poses T_frame (N, 4, 4) in it; -1 for
+    the links that go with their parents.
+    """
+    N = joints.parent.shape[0]
+    which, T, local = frame.copy(), T_frame.copy(), np.empty((4, 4))
+    for i in range(N):
+        if frame[i] < 0:
+            _local(joints, i, q, local)
+            which[i] = which[joints.parent[i]]
+            product(T[joints.parent[i]], local, T[i])
+    return which, T
+
+
+@njit(cache=True, nogil=True)
+def product(A: Array, B: Array, out: Array) -> None:
+    """out = A @ B for poses (4, 4): written out, which is ten times as fast as `@` on small matrices."""
+    for r in range(3):
+        for c in range(4):
+            out[r, c] = A[r, 0] * B[0, c] + A[r, 1] * B[1, c] + A[r, 2] * B[2, c] + (A[r, 3] if c == 3 else 0.0)
+    out[3, 0] = out[3, 1] = out[3, 2] = 0.0
+    out[3, 3] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def _local(joints: Joints, i: int, q: Array, T: Array) -> None:
+    """Link i's pose (4, 4) in its parent at q (J,)."""
+    T[:] = joints.T_joint[i]
+    if joints.kind[i] == FIXED:
+        return
+    x = joints.scale[i] * q[joints.q_index[i]] + joints.offset[i]
+    a, b, c = joints.axis[i, 0], joints.axis[i, 1], joints.axis[i, 2]
+    if joints.kind[i] == SLIDES:
+        for r in range(3):
+            T[r, 3] += x * (T[r, 0] * a + T[r, 1] * b + T[r, 2] * c)
+        return
+    si, v = np.sin(x), 1.0 - np.cos(x)
+    co = 1.0 - v
+    for r in range(3):  # Rodrigues' formula, row by row
+        u, w, z = T[r, 0], T[r, 1], T[r, 2]
+        along = v * (u * a + w * b + z * c)
+        T[r, 0] = u * co + (w * c - z * b) * si + along * a
+        T[r, 1] = w * co + (z * a - u * c) * si + along * b
+        T[r, 2] = z * co + (u * b - w * a) * si + along * c

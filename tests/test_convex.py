@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from kinematics.arm import BOX, CYLINDER, HULL
-from kinematics.convex import box_gap, by_coordinate, distance, grouped, make_work, relative, separated_by, support
+from kinematics.convex import box_gap, by_coordinate, distance, make_work, relative, separated_by, support
+from kinematics.grouping import grouped
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array, apply, rotation_about, transform
 

@@ -21,8 +21,8 @@ from kinematics.exact import (
     first_contact,
     make_problem,
     make_scratch,
-    reach,
 )
+from kinematics.rig import make_rig
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array, apply, rotation_about, transform
@@ -178,7 +178,7 @@ def test_reach_of_a_straight_arm() -> None:
     limits = np.array([3.0, 3.0, 0.3])
     T_prev = np.array([np.eye(4), transform(p=[0.5, 0, 0]), transform(p=[0.5, 0, 0])])
     chain = Chain(T_prev, np.arange(3), np.ones(3), np.zeros(3), np.array([0, 0, 1]), -limits, limits, np.zeros(3, np.int64))
-    r = reach(chain, make_parts([0, 1, 2, 3], [cube] * 4))
+    r = make_rig(chain, make_parts([0, 1, 2, 3], [cube] * 4)).reach
     tip = np.hypot(0.5, 0.05)
     np.testing.assert_allclose(r[:, 0], 0)
     np.testing.assert_allclose(r[:, 1], [tip, 0, 0])

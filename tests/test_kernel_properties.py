@@ -17,7 +17,7 @@ from conftest import random_q
 from kinematics import exact, lanes
 from kinematics.arm import Query, forward, make_solids
 from kinematics.collision import Solid, hull_solid, shape_solids
-from kinematics.coverage import lane_arm, link_covers
+from kinematics.coverage import carriage, link_covers
 from kinematics.robot import Robot
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder
@@ -37,7 +37,8 @@ class Cell:
         base = transform(p=robot.stand)
         self.chain = robot.chain(base)
         bodies = cluttered(np.random.default_rng(8))
-        model, parts, _ = lane_arm(robot, self.chain, base, robot.opening.value_at(0.06))
+        parts, _ = robot.parts(robot.opening.value_at(0.06), base)
+        model = lanes.model_of(self.chain, carriage(robot, base).rig(robot.opening.value_at(0.06)))
         solids, _ = make_solids(bodies)
         check = np.repeat((parts.frame > 0)[:, None], len(bodies), 1).astype(np.uint8)
         query = Query(check, robot.self_pairs())

@@ -12,8 +12,9 @@ import numpy as np
 from numba import njit
 
 from kinematics import exact
-from kinematics.arm import Query, make_parts, make_solids
-from kinematics.lanes import LaneModel, LaneScratch, LaneWorld, edge_open, lane_model, lane_scratch, lane_world
+from kinematics.arm import Chain, Query, Solids, make_parts, make_solids
+from kinematics.lanes import LaneModel, LaneScratch, LaneWorld, edge_open, lane_model, lane_world, model_of, scratch_for
+from kinematics.rig import Rig
 from kinematics.transforms import Array
 
 _MOST_PIECES = 48
@@ -39,18 +40,7 @@ class Memory(NamedTuple):
 
 
 def make_task(problem: exact.Problem, model: LaneModel | None = None, world: LaneWorld | None = None) -> Task:
-    """A task with covers, or without.
-
-    Parts that stand still to each other, such as a held object and the palm, are looked at here, once and exactly, and left out when they
-    are apart: their covers overlap at every configuration, so every edge would be asked about exactly, all along.
-    """
-    still = problem.pairs[:, 2] == problem.pairs[:, 3]
-    if still.any():
-        only = problem._replace(pairs=problem.pairs[still], reach=problem.reach[still])
-        if exact.config_free(only, problem.chain.lower, exact.make_scratch(only)):
-            problem = problem._replace(pairs=problem.pairs[~still], reach=problem.reach[~still])
-            if model is not None and world is not None:
-                world = world._replace(pairs=world.pairs[model.frame[world.pairs[:, 0]] != model.frame[world.pairs[:, 1]]])
+    """A task with covers, or without."""
     if model is None or world is None:
         solids, _ = make_solids([])
         empty = Query(np.zeros((0, 0), np.uint8), np.zeros((0, 2), np.int64))
@@ -58,10 +48,45 @@ def make_task(problem: exact.Problem, model: LaneModel | None = None, world: Lan
     return Task(problem, model, world, 1)
 
 
+@njit(cache=True, nogil=True)
+def pose_task(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) -> Task:
+    """A motion query of a rig with covers."""
+    return Task(exact.pose(chain, rig, solids, query, margin_m), model_of(chain, rig), lane_world(solids, query), 1)
+
+
+@njit(cache=True, nogil=True)
+def without_still(task: Task, scratch: exact.Scratch) -> Task:
+    """The task without the pairs that stand still to each other, such as a held object and the palm, if they are all apart.
+
+    They are looked at here, once for all configurations; their covers overlap, so else every edge would be asked about exactly, all along.
+    """
+    problem = exact.without_still(task.exact, scratch)
+    if problem.pairs.shape[0] == task.exact.pairs.shape[0]:
+        return task
+    world, frame = task.world, task.model.frame
+    moving = np.zeros(world.pairs.shape[0], np.bool_)
+    for i in range(world.pairs.shape[0]):
+        moving[i] = frame[world.pairs[i, 0]] != frame[world.pairs[i, 1]]
+    world = LaneWorld(
+        world.kind, world.R, world.p, world.half, world.plane_start, world.planes, world.ball, world.slack, world.check, world.pairs[moving]
+    )
+    return Task(problem, task.model, world, 1)
+
+
 def make_memory(task: Task) -> Memory:
     """Memory for one thread; it may serve any number of queries on the same task."""
-    J = len(task.exact.chain.lower)
-    return Memory(exact.make_scratch(task.exact), lane_scratch(task.model, task.world), np.zeros((_MOST_PIECES, 2)), np.zeros((2, J)))
+    chain, parts, solids, pairs = task.exact.chain, len(task.model.frame), len(task.exact.solid_T), len(task.exact.pairs)
+    memory = memory_for(chain, parts, solids, pairs)
+    exact.enter(task.exact, memory.exact)
+    return memory
+
+
+def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
+    """Memory for one thread, for all tasks with this chain that are no larger; `exact.enter` each of them first."""
+    K, J = len(chain.q_index), len(chain.lower)
+    return Memory(
+        exact.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)), np.zeros((2, J))
+    )
 
 
 @njit(cache=True, nogil=True)

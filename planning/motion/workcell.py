@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from kinematics import exact, inverse
-from kinematics.arm import Chain, Int, Parts, Query, Solids, forward, join_parts, make_parts, make_solids
+from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
 from kinematics.collision import gap, shape_solids
-from kinematics.coverage import lane_arm
-from kinematics.lanes import LaneModel, LaneWorld, lane_world
+from kinematics.coverage import Carriage, shape_pieces
+from kinematics.rig import join_rigs
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
-from kinematics.shapes import Shape, bounds, convex_parts
-from kinematics.transforms import Array, apply, rotation_about, transform
-from planning.motion.edges import Memory, Task, connects, make_memory, make_task
+from kinematics.shapes import bounds
+from kinematics.transforms import Array, rotation_about, transform
+from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
 from planning.motion.rrt_connect import plan
 from planning.motion.shortcut import shorten
 from planning.plan import Blocked
@@ -37,26 +38,11 @@ class Touch:
     detail: str | None = None
 
 
-class Situation:
-    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices.
+class Situation(NamedTuple):
+    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices."""
 
-    The exact problem serves static questions; the lanes are packed when the first edge asks for them.
-    """
-
-    def __init__(
-        self, problem: exact.Problem, names: tuple[str, ...], world: Callable[[], LaneWorld], model: Callable[[], LaneModel]
-    ) -> None:
-        self.problem, self.names = problem, names
-        self.scratch = exact.make_scratch(problem)
-        self._world, self._model = world, model
-
-    @cached_property
-    def task(self) -> Task:
-        return make_task(self.problem, self._model(), self._world())
-
-    @cached_property
-    def memory(self) -> Memory:
-        return make_memory(self.task)
+    task: Task
+    names: tuple[str, ...]
 
 
 class Workcell:
@@ -72,7 +58,13 @@ class Workcell:
         self.walls = [*scene.cabinet.walls(), *self.obstacles]
         self._fixed = [(b, shape_solids(b.name, b.shape)) for b in self.obstacles]
         self._moulds = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
-        self._solids: tuple[object, Solids, list[str]] | None = None
+        self._pieces = {b.name: shape_pieces(b.shape) for b in scene.objects}
+        self._stock, self._rows = make_solids([*self.walls, *scene.objects])
+        self._standing_now: tuple[object, Solids, tuple[str, ...]] | None = None
+        n_links, most = len(self.arm.links), max(len(p.start) - 1 for p in self._pieces.values())
+        pairs = (n_links + most) * len(self._rows) + len(self.arm.self_pairs) + most * n_links
+        self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
+        self._entered: Situation | None = None
 
     def home(self) -> Array:
         """The full configuration (J,) in which the arm waits: the robot's own, or where that touches, one before the cabinet.
@@ -101,27 +93,24 @@ class Workcell:
 
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
-        parts, prepared = self.arm.parts(gripper)
-        links = self.arm.links
-        model = partial(self.arm.lanes, gripper)
+        rig, links = self.arm.rig(gripper), self.arm.links
         solids, bodies = self._standing(poses)
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
-            shape = self.scene.body(held.body).shape
-            grip, grip_prepared = self.arm.in_hand(shape, held.T_hand_body)
-            parts, links = join_parts(parts, grip), links + (held.body,) * len(grip.frame)
-            prepared = exact.join_prepared(prepared, grip_prepared)
-            model = partial(self.arm.lanes_with, gripper, held, shape)
+            grip = self.arm.in_hand(self._pieces[held.body], held.T_hand_body)
+            rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
-        check[parts.frame == 0] = 0  # the base stands still: the final check judges it
+        check[rig.frame == 0] = 0  # the base stands still: the final check judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        query = Query(check, pairs)
-        problem = exact.make_problem(self.arm.chain, parts, solids, query, prepared=prepared)
-        return Situation(problem, links + tuple(bodies), partial(lane_world, solids, query), model)
+        task = pose_task(self.arm.chain, rig, solids, Query(check, pairs), exact.MARGIN_M)
+        if held is not None:
+            exact.enter(task.exact, self.memory.exact)
+            task, self._entered = without_still(task, self.memory.exact), None
+        return Situation(task, links + bodies)
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
@@ -148,14 +137,22 @@ class Workcell:
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:
         """What touches at the arm's configuration q (A,), or None."""
-        return _named(situation, exact.first_contact(situation.problem, q, situation.scratch))
+        return _named(situation, exact.first_contact(situation.task.exact, q, self.enter(situation).exact))
 
     def edge(self, situation: Situation, qa: Array, qb: Array) -> Touch | None:
         """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
-        if connects(situation.task, qa, qb, situation.memory):
+        memory = self.enter(situation)
+        if connects(situation.task, qa, qb, memory):
             return None
-        touch = _named(situation, exact.edge_contact(situation.problem, qa, qb, situation.scratch))
+        touch = _named(situation, exact.edge_contact(situation.task.exact, qa, qb, memory.exact))
         return touch or Touch(detail="touches by less than the margin")
+
+    def enter(self, situation: Situation) -> Memory:
+        """The memory, made ready for this situation."""
+        if self._entered is not situation:
+            exact.enter(situation.task.exact, self.memory.exact)
+            self._entered = situation
+        return self.memory
 
     def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
         """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home."""
@@ -184,7 +181,7 @@ class Workcell:
         seed = int(rng.integers(2**31))
         if touch := self.touch(situation, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
-        task, memory = situation.task, situation.memory
+        task, memory = situation.task, self.enter(situation)
         most = self.iterations if self.time_budget_s is None else 2**62
         found = plan(task, start, goals, max_iterations=most, time_budget_s=self.time_budget_s, seed=seed, memory=memory)
         if found.path is None:
@@ -211,47 +208,23 @@ class Workcell:
         cabinet = self.scene.cabinet
         return _waiting(self.arm, cabinet.size_m.tobytes(), cabinet.T_world_cabinet.tobytes(), cabinet.wall_m)
 
-    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, list[str]]:
-        if self._solids is None or self._solids[0] is not poses:
-            bodies = [replace(b, T_world_body=poses[b.name]) for b in self.scene.objects if b.name in poses]
-            solids, names = make_solids([*self.walls, *bodies])
-            self._solids = (poses, solids, names)
-        return self._solids[1], self._solids[2]
+    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
+        if self._standing_now is None or self._standing_now[0] is not poses:
+            fixed = {b.name: b.T_world_body for b in self.walls}
+            which = [i for i, name in enumerate(self._rows) if name in poses or name in fixed]
+            names = tuple(self._rows[i] for i in which)
+            T = np.array([poses[name] if name in poses else fixed[name] for name in names])
+            self._standing_now = (poses, stand(self._stock, np.array(which), T), names)
+        return self._standing_now[1], self._standing_now[2]
 
 
-class Arm:
-    """A robot at one place, packed for the compiled core: what does not depend on the scene, computed once."""
+class Arm(Carriage):
+    """A robot at one place, with what inverse kinematics starts from."""
 
     def __init__(self, robot: Robot, T_world_base: Array) -> None:
-        self.robot, self.T_world_base = robot, T_world_base
-        self.chain: Chain = robot.chain(T_world_base)
-        carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_world_base)
-        self.T_frame_hand: Array = carried["hand"][1]
+        super().__init__(robot, T_world_base)
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self.parts = lru_cache(maxsize=OPENINGS)(self._parts)
-        self.lanes = lru_cache(maxsize=OPENINGS)(self._lanes)
-        self.links = tuple(hull.link for hull in robot.hulls)
-
-    def _parts(self, gripper: float) -> tuple[Parts, exact.Prepared]:
-        """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
-        parts, _ = self.robot.parts(gripper, self.T_world_base)
-        return parts, exact.prepare(self.chain, parts)
-
-    def _lanes(self, gripper: float) -> LaneModel:
-        """The same with their sphere covers, for the lanes."""
-        return lane_arm(self.robot, self.chain, self.T_world_base, gripper)[0]
-
-    def in_hand(self, shape: Shape, T_hand_body: Array) -> tuple[Parts, exact.Prepared]:
-        """A held object as parts of the hand."""
-        T = self.T_frame_hand @ T_hand_body
-        pieces = [apply(T, part) for part in convex_parts(shape)]
-        parts = make_parts([len(self.chain.q_index)] * len(pieces), pieces)
-        return parts, exact.prepare(self.chain, parts)
-
-    def lanes_with(self, gripper: float, held: Held, shape: Shape) -> LaneModel:
-        """The links and a held object with their sphere covers."""
-        return lane_arm(self.robot, self.chain, self.T_world_base, gripper, held, shape)[0]
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -272,10 +245,10 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 
     cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
     solids, names = make_solids(cabinet.walls())
-    parts, prepared = arm.parts(float(arm.robot.home[arm.robot.gripper_joint]))
-    check = np.ones((len(parts.frame), len(names)), np.uint8)
-    check[parts.frame == 0] = 0
-    problem = exact.make_problem(arm.chain, parts, solids, Query(check, arm.self_pairs), prepared=prepared)
+    rig = arm.rig(float(arm.robot.home[arm.robot.gripper_joint]))
+    check = np.ones((len(rig.frame), len(names)), np.uint8)
+    check[rig.frame == 0] = 0
+    problem = exact.pose(arm.chain, rig, solids, Query(check, arm.self_pairs), exact.MARGIN_M)
     scratch = exact.make_scratch(problem)
     found = []
     _, width, height = cabinet.size_m
@@ -296,5 +269,5 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
 def _named(situation: Situation, pair: int) -> Touch | None:
     if pair < 0:
         return None
-    a, b = situation.problem.pairs[pair, :2]
+    a, b = situation.task.exact.pairs[pair, :2]
     return Touch(situation.names[a], situation.names[b])

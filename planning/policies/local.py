@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from kinematics.arm import Query, make_solids
-from kinematics.exact import Problem, Scratch, config_free, make_problem, make_scratch
+from kinematics.exact import MARGIN_M, enter, first_in_contact, make_scratch, pose
 from kinematics.scene import Body
 from kinematics.shapes import Box
 from kinematics.transforms import Array, transform
@@ -33,18 +33,20 @@ class Line:
         opened = robot.opening.value_at(open_width(seen.grasp.width_m, robot.opening))
         goal = min(solutions, key=lambda q: float(np.abs(q - start).max()), default=None)
         self.samples = np.zeros((0, len(start))) if goal is None else start + np.linspace(0, 1, SAMPLES)[:, None] * (goal - start)
-        self.parts, self.prepared = arm.parts(opened)
+        self.rig = arm.rig(opened)
+        solids, _ = make_solids([Body("box", Box(np.ones(3)), transform())])
+        query = Query(np.ones((len(self.rig.frame), 1), np.uint8), np.zeros((0, 2), np.int64))
+        self.problem = pose(arm.chain, self.rig, solids, query, MARGIN_M)
+        self.scratch = make_scratch(self.problem)
 
     def first_touch(self, box: Array) -> int | None:
         """Index of the first sample at which the arm touches a box (6,), centre and size; None when none does."""
-        problem, scratch = self._against(box)
-        return next((i for i, q in enumerate(self.samples) if not config_free(problem, q, scratch)), None)
-
-    def _against(self, box: Array) -> tuple[Problem, Scratch]:
-        solids, _ = make_solids([Body("box", Box(box[3:]), transform(p=box[:3]))])
-        query = Query(np.ones((len(self.parts.frame), 1), np.uint8), np.zeros((0, 2), np.int64))
-        problem = make_problem(self.motions.cell.arm.chain, self.parts, solids, query, prepared=self.prepared)
-        return problem, make_scratch(problem)
+        half = box[3:] / 2
+        self.problem.boxes[-1] = [*half, 0, 0, 0, np.linalg.norm(half)]
+        self.problem.solid_T[0, :3, 3] = box[:3]
+        enter(self.problem, self.scratch)
+        at = first_in_contact(self.problem, self.samples, self.scratch)
+        return None if at < 0 else at
 
 
 class Lines:

@@ -1,0 +1,199 @@
+"""What moves with the arm, put together in microseconds: link hulls with the fingers at any opening, and an object in the hand.
+
+`Pieces` and `Covers` are made once, each piece in a frame of its own; a `Rig` has them all in the frames of the chain. Only rigid
+transforms lie between the two, so that nothing has to be sorted, covered or read from disk again when the fingers move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from kinematics.arm import Chain, Int, Parts
+from kinematics.grouping import GROUP, grouped
+from kinematics.spheres import Levels
+from kinematics.transforms import Array
+
+
+class Pieces(NamedTuple):
+    """n convex pieces, each in its own frame: vertices (3, N), groups (4, ·), start (n + 1,) as `grouping.grouped` gives them.
+
+    Their covers, as far as they have some: coarse (C, 5) and fine (F, 5) balls, centre, outer and inner radius; piece i's are
+    coarse_start[i]:coarse_start[i + 1] and fine_start[i]:fine_start[i + 1]; coarse ball c lists the fine balls
+    child[child_start[c]:child_start[c + 1]], counted from its piece's first.
+    """
+
+    vertices: Array
+    groups: Array
+    start: Int
+    coarse_start: Int
+    coarse: Array
+    child_start: Int
+    child: Int
+    fine_start: Int
+    fine: Array
+
+
+class Rig(NamedTuple):
+    """P pieces in the frames that carry them, frame (P,). vertices, groups, start and the covers are as in `Pieces`.
+
+    boxes (P, 7): half sizes and middle of the box around each along its frame's axes, radius of the ball about that middle.
+    reach (K, P): see `reach`.
+    """
+
+    frame: Int
+    vertices: Array
+    groups: Array
+    start: Int
+    boxes: Array
+    reach: Array
+    coarse_start: Int
+    coarse: Array
+    child_start: Int
+    child: Int
+    fine_start: Int
+    fine: Array
+
+
+def make_pieces(hulls: Sequence[Array], covers: Sequence[Levels] = ()) -> Pieces:
+    """Pack hulls (V_p, 3) and their covers, if there are some. Raises: ValueError when the numbers of both differ."""
+    if covers and len(covers) != len(hulls):
+        raise ValueError(f"covers: {len(covers)} for {len(hulls)} parts")
+    points = np.ascontiguousarray(np.concatenate([*hulls, np.zeros((0, 3))]), float)
+    return Pieces(
+        *grouped(points, _starts([len(h) for h in hulls])),
+        _starts([len(c.coarse.radii) for c in covers] or [0] * len(hulls)),
+        _rows([np.c_[c.coarse.centres, c.coarse.radii, c.coarse.inner_radii()] for c in covers]),
+        _starts([int(n) for c in covers for n in np.diff(c.start)]),
+        np.concatenate([*(c.child for c in covers), np.zeros(0)]).astype(np.int64),
+        _starts([len(c.fine.radii) for c in covers] or [0] * len(hulls)),
+        _rows([np.c_[c.fine.centres, c.fine.radii, c.fine.inner_radii()] for c in covers]),
+    )
+
+
+def make_rig(chain: Chain, parts: Parts, covers: Sequence[Levels] = ()) -> Rig:
+    """A rig of parts and their covers, both given in the frames that carry them."""
+    hulls = [parts.vertices[i:j] for i, j in zip(parts.start[:-1], parts.start[1:])]
+    return carry(chain, make_pieces(hulls, covers), parts.frame, np.tile(np.eye(4), (len(hulls), 1, 1)))
+
+
+@njit(cache=True, nogil=True)
+def carry(chain: Chain, pieces: Pieces, frame: Int, T: Array) -> Rig:
+    """The rig with each piece at its pose T (n, 4, 4) in the frame (n,) that carries it."""
+    n = frame.shape[0]
+    vertices, groups = np.empty_like(pieces.vertices), np.empty_like(pieces.groups)
+    coarse, fine = np.empty_like(pieces.coarse), np.empty_like(pieces.fine)
+    for i in range(n):
+        first, last = pieces.start[i], pieces.start[i + 1]
+        for v in range(first, last):
+            x, y, z = pieces.vertices[0, v], pieces.vertices[1, v], pieces.vertices[2, v]
+            for r in range(3):
+                vertices[r, v] = T[i, r, 0] * x + T[i, r, 1] * y + T[i, r, 2] * z + T[i, r, 3]
+        for g in range(first // GROUP, last // GROUP):
+            x, y, z = pieces.groups[0, g], pieces.groups[1, g], pieces.groups[2, g]
+            for r in range(3):
+                groups[r, g] = T[i, r, 0] * x + T[i, r, 1] * y + T[i, r, 2] * z + T[i, r, 3]
+            groups[3, g] = pieces.groups[3, g]
+        _move(pieces.coarse, pieces.coarse_start[i], pieces.coarse_start[i + 1], T[i], coarse)
+        _move(pieces.fine, pieces.fine_start[i], pieces.fine_start[i + 1], T[i], fine)
+    return Rig(
+        frame,
+        vertices,
+        groups,
+        pieces.start,
+        _boxes(vertices, pieces.start),
+        reach(chain, frame, vertices, pieces.start),
+        pieces.coarse_start,
+        coarse,
+        pieces.child_start,
+        pieces.child,
+        pieces.fine_start,
+        fine,
+    )
+
+
+@njit(cache=True, nogil=True)
+def join_rigs(a: Rig, b: Rig) -> Rig:
+    """The parts of a, then those of b, on one chain: an object is put into the hand without a look at the arm."""
+    return Rig(
+        np.concatenate((a.frame, b.frame)),
+        np.concatenate((a.vertices, b.vertices), 1),
+        np.concatenate((a.groups, b.groups), 1),
+        np.concatenate((a.start, b.start[1:] + a.start[-1])),
+        np.concatenate((a.boxes, b.boxes)),
+        np.concatenate((a.reach, b.reach), 1),
+        np.concatenate((a.coarse_start, b.coarse_start[1:] + a.coarse_start[-1])),
+        np.concatenate((a.coarse, b.coarse)),
+        np.concatenate((a.child_start, b.child_start[1:] + a.child_start[-1])),
+        np.concatenate((a.child, b.child)),
+        np.concatenate((a.fine_start, b.fine_start[1:] + a.fine_start[-1])),
+        np.concatenate((a.fine, b.fine)),
+    )
+
+
+@njit(cache=True, nogil=True)
+def reach(chain: Chain, frame: Int, vertices: Array, start: Int) -> Array:
+    """How far (K, P) any point of part p can get from joint k's axis, whatever the joints beyond it do, in metres; 1 for a sliding joint.
+
+    Per rad (or m) of joint k no point of p moves further than that. 0 where joint k does not move p. Bounded by cylinders about the axes,
+    each of which holds what the next joint's cylinder can sweep.
+    """
+    K, P = chain.q_index.shape[0], frame.shape[0]
+    out = np.zeros((K, P))
+    for p in range(P):
+        radius, low, high = 0.0, np.inf, -np.inf
+        for v in range(start[p], start[p + 1]):
+            radius = max(radius, np.sqrt(vertices[0, v] * vertices[0, v] + vertices[1, v] * vertices[1, v]))
+            low, high = min(low, vertices[2, v]), max(high, vertices[2, v])
+        for k in range(frame[p] - 1, -1, -1):
+            if chain.prismatic[k]:
+                a = chain.scale[k] * chain.lower[chain.q_index[k]] + chain.offset[k]
+                b = chain.scale[k] * chain.upper[chain.q_index[k]] + chain.offset[k]
+                low, high = low + min(a, b), high + max(a, b)
+            out[k, p] = 1.0 if chain.prismatic[k] else radius
+            x, y, z = chain.T_prev[k, 0, 2], chain.T_prev[k, 1, 2], chain.T_prev[k, 2, 2]
+            at = chain.T_prev[k, :3, 3]
+            spread = radius * np.sqrt(max(0.0, 1.0 - z * z))
+            far_low = np.sqrt((at[0] + x * low) ** 2 + (at[1] + y * low) ** 2)
+            far_high = np.sqrt((at[0] + x * high) ** 2 + (at[1] + y * high) ** 2)
+            radius += max(far_low, far_high)
+            a, b = at[2] + z * low, at[2] + z * high
+            low, high = min(a, b) - spread, max(a, b) + spread
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _move(balls: Array, first: int, last: int, T: Array, out: Array) -> None:
+    for i in range(first, last):
+        for r in range(3):
+            out[i, r] = T[r, 0] * balls[i, 0] + T[r, 1] * balls[i, 1] + T[r, 2] * balls[i, 2] + T[r, 3]
+        out[i, 3], out[i, 4] = balls[i, 3], balls[i, 4]
+
+
+@njit(cache=True, nogil=True)
+def _boxes(vertices: Array, start: Int) -> Array:
+    P = start.shape[0] - 1
+    boxes = np.zeros((P, 7))
+    for p in range(P):
+        for r in range(3):
+            low, high = np.inf, -np.inf
+            for v in range(start[p], start[p + 1]):
+                low, high = min(low, vertices[r, v]), max(high, vertices[r, v])
+            boxes[p, r], boxes[p, 3 + r] = (high - low) / 2, (high + low) / 2
+        far = 0.0
+        for v in range(start[p], start[p + 1]):
+            x, y, z = vertices[0, v] - boxes[p, 3], vertices[1, v] - boxes[p, 4], vertices[2, v] - boxes[p, 5]
+            far = max(far, x * x + y * y + z * z)
+        boxes[p, 6] = np.sqrt(far)
+    return boxes
+
+
+def _starts(counts: Sequence[int]) -> Int:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _rows(blocks: list[Array]) -> Array:
+    return np.ascontiguousarray(np.concatenate([*blocks, np.zeros((0, 5))]), float)

@@ -24,7 +24,7 @@ def turned(weights: Mapping[str, NDArray[np.float32]]) -> dict[str, F32]:
 
 @dataclass(frozen=True, eq=False)
 class Encoding:
-    """What RPNet knows of a state before it is asked about an object: Z^e (J, d), the tokens' boxes, each decoder layer's keys and values."""
+    """What RPNet knows of a state before it is asked about an object: Z^e (J, d), the tokens' boxes, keys and values a decoder layer."""
 
     tokens: Tokens
     z: F32
@@ -154,7 +154,7 @@ def _keys(w: Weights, name: str, z: F32, heads: int) -> tuple[F32, F32]:
 def _norm(x: F32) -> F32:
     """Layer normalisation over the last axis (torch's epsilon)."""
     x = x - x.mean(-1, keepdims=True)
-    return x / np.sqrt((x * x).mean(-1, keepdims=True) + np.float32(1e-5))
+    return np.asarray(x / np.sqrt((x * x).mean(-1, keepdims=True) + np.float32(1e-5)))
 
 
 def _mlp(w: Weights, name: str, x: F32) -> F32:
@@ -163,4 +163,4 @@ def _mlp(w: Weights, name: str, x: F32) -> F32:
 
 
 def _linear(w: Weights, name: str, x: F32) -> F32:
-    return x @ w[f"{name}.weight"] + w[f"{name}.bias"]
+    return np.asarray(x @ w[f"{name}.weight"] + w[f"{name}.bias"])

@@ -4,25 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from planning.learning.model import Model, shipped
 from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
+from planning.policies.neural import Views, make_neural_object, make_neural_region
 from planning.policies.random import random_object, random_region
 from planning.retrieval import Policy
 
+NetworkOf = Callable[[], Model]  # a policy that asks no network never calls it
 
-def _local(motions: Motions) -> Policy:
+
+def _local(motions: Motions, network: NetworkOf) -> Policy:
     lines = Lines(motions)
     return Policy(make_local_object(lines), make_local_region(lines))
 
 
-POLICIES: dict[str, Callable[[Motions], Policy]] = {
-    "random": lambda motions: Policy(random_object, random_region),
+def _neural(motions: Motions, network: NetworkOf) -> Policy:
+    views = Views(network())
+    return Policy(make_neural_object(views), make_neural_region(views))
+
+
+def _osnet_only(motions: Motions, network: NetworkOf) -> Policy:
+    return Policy(make_neural_object(Views(network())), make_local_region(Lines(motions)))
+
+
+def _rpnet_only(motions: Motions, network: NetworkOf) -> Policy:
+    return Policy(make_local_object(Lines(motions)), make_neural_region(Views(network())))
+
+
+POLICIES: dict[str, Callable[[Motions, NetworkOf], Policy]] = {
+    "random": lambda motions, network: Policy(random_object, random_region),
     "local": _local,
+    "neural": _neural,
+    "osnet-only": _osnet_only,
+    "rpnet-only": _rpnet_only,
 }
 
 
-def make_policy(name: str, motions: Motions) -> Policy:
-    """The policy called `name` for the scene behind `motions`. Raises ValueError for an unknown name, listing the valid ones."""
+def make_policy(name: str, motions: Motions, *, model: Model | None = None) -> Policy:
+    """The policy called `name` for the scene behind `motions`.
+
+    model: the networks of a policy that has some; by default those that ship for the robot.
+    Raises: ValueError for an unknown name, listing the valid ones; for a robot without networks, or with those of another robot.
+    """
     if name not in POLICIES:
         raise ValueError(f"unknown policy {name!r}: the policies are {', '.join(POLICIES)}")
-    return POLICIES[name](motions)
+
+    def network() -> Model:
+        if model is None:
+            return shipped(motions.robot.name)
+        if model.robot != motions.robot.name:
+            raise ValueError(f"the model was trained for the robot {model.robot}, and this scene's is {motions.robot.name}")
+        return model
+
+    return POLICIES[name](motions, network)

@@ -1,0 +1,199 @@
+"""A trained pair of networks: the folder it lives in, and what it says about an observation.
+
+A model folder holds osnet.safetensors, rpnet.safetensors and config.json: `from_pretrained` needs these and nothing more, not even torch.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.scene import APPROACHES
+from perception.observation import Observation
+from planning.learning import forward
+from planning.learning.forward import Encoding, Weights, sigmoid
+from planning.learning.scores import object_score, region_score
+from planning.learning.tokens import F32, LENGTH_M, tokens
+
+SCHEMA = "retrieve/model@1"
+FORMS = ("objects", "paper")
+NETS = ("osnet", "rpnet")
+WEIGHTS = Path(__file__).parent / "weights"
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """What OSNet says, one number an object in the order of `names`.
+
+    p: the share of the blocked paths that each blocks. pickable: the chance that it can be picked now. opens: the chance that the target
+    is free once it is gone. The `paper` form knows p alone; the others are NaN. score: larger is better.
+    """
+
+    names: tuple[str, ...]
+    p: F32
+    pickable: F32
+    opens: F32
+    score: F32
+
+    @property
+    def ranking(self) -> list[str]:
+        """The names, the one to move first in front."""
+        return [self.names[i] for i in np.argsort(-self.score, kind="stable")]
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """What RPNet says, one number for each of `regions` (indices).
+
+    cost: ĉ. feasible: the chance that the object can be carried there. hits: the share of the paths that it would block there. The
+    `paper` form knows the cost alone; the others are NaN. score: larger is better.
+    """
+
+    regions: NDArray[np.intp]
+    cost: F32
+    feasible: F32
+    hits: F32
+    score: F32
+
+    @property
+    def ranking(self) -> list[int]:
+        """The regions, the best in front."""
+        return [int(i) for i in self.regions[np.argsort(-self.score, kind="stable")]]
+
+
+class Seen:
+    """One observation as the networks see it; what does not depend on the chosen object is computed once."""
+
+    def __init__(self, model: Model, seen: Observation) -> None:
+        self.model, self.observation, self.tokens = model, seen, tokens(seen)
+        self._encoding: Encoding | None = None
+
+    def select(self) -> Chosen:
+        """OSNet's say on every non-target object."""
+        model, names = self.model, self.observation.movable
+        if not names:
+            return Chosen((), *np.zeros((4, 0), np.float32))
+        if model.form == "paper":
+            p = sigmoid(forward.paper_osnet(model.osnet, self.tokens, model.heads)[:, 0])
+            unknown = np.full_like(p, np.nan)
+            return Chosen(names, p, unknown, unknown, p)
+        p, pickable, opens = sigmoid(forward.osnet(model.osnet, self.tokens, model.heads)).T
+        return Chosen(names, p, pickable, opens, object_score(p, pickable, opens))
+
+    def place(self, name: str, regions: Sequence[int] | NDArray[np.intp] | None = None) -> Placed:
+        """RPNet's say on the regions (all by default) for one object. The `paper` form always answers for all of them at once."""
+        model, t = self.model, self.tokens
+        index = np.arange(len(t.regions)) if regions is None else np.asarray(regions, np.intp)
+        moved = 1 + self.observation.movable.index(name)
+        if model.form == "paper":
+            self._encoding = self._encoding or forward.paper_rpnet_encode(model.rpnet, t, model.heads)
+            cost = sigmoid(forward.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
+            unknown = np.full_like(cost, np.nan)
+            return Placed(index, cost, unknown, unknown, -cost)
+        self._encoding = self._encoding or forward.rpnet_encode(model.rpnet, t, model.heads)
+        if len(index) == 0:
+            return Placed(index, *np.zeros((4, 0), np.float32))
+        cost, feasible, hits = sigmoid(forward.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
+        away = np.linalg.norm(t.regions[index, :2] - t.boxes[moved, :2], axis=1) / np.linalg.norm(t.context[3:5])
+        return Placed(index, cost, feasible, hits, region_score(feasible, hits, away))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Both networks. form: `objects` or `paper`; robot: the one that they were trained for; config: all that config.json says."""
+
+    form: str
+    robot: str
+    heads: int
+    osnet: Weights
+    rpnet: Weights
+    config: Mapping[str, Any]
+
+    def see(self, seen: Observation) -> Seen:
+        """An observation, ready to be asked about objects and regions."""
+        return Seen(self, seen)
+
+    def select(self, seen: Observation) -> Chosen:
+        """OSNet's say on every non-target object."""
+        return self.see(seen).select()
+
+    def place(self, seen: Observation, name: str) -> Placed:
+        """RPNet's say on every region for the object `name`."""
+        return self.see(seen).place(name)
+
+
+def from_pretrained(folder: str | Path) -> Model:
+    """The model in a folder. Raises ValueError that says what is missing or does not fit."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load_file
+
+    folder = Path(folder)
+    config = _config(folder)
+    weights: dict[str, dict[str, F32]] = {}
+    for net in NETS:
+        file = folder / f"{net}.safetensors"
+        if not file.is_file():
+            raise ValueError(f"{file}: no such file; a model folder holds {', '.join(f'{n}.safetensors' for n in NETS)} and config.json")
+        try:
+            weights[net] = load_file(file)
+        except SafetensorError as e:
+            raise ValueError(f"{file}: is no safetensors file, or was cut off: {e}") from e
+        expected = config["shapes"][net]
+        shapes = {name: list(w.shape) for name, w in weights[net].items()}
+        for name in sorted(set(shapes) | set(expected)):
+            if shapes.get(name) != expected.get(name):
+                raise ValueError(f"{file}: {name}: {shapes.get(name, 'is missing')}, and config.json says {expected.get(name, 'nothing')}")
+    turned = {net: forward.turned(w) for net, w in weights.items()}
+    return Model(config["form"], config["robot"], int(config["heads"]), turned["osnet"], turned["rpnet"], config)
+
+
+@lru_cache(maxsize=4)
+def shipped(robot: str) -> Model:
+    """The model that ships for a named robot. Raises ValueError, saying what to do instead, when there is none."""
+    if not (WEIGHTS / robot / "config.json").is_file():
+        have = sorted(p.name for p in WEIGHTS.iterdir() if (p / "config.json").is_file()) if WEIGHTS.is_dir() else []
+        raise ValueError(
+            f"no networks ship for the robot {robot} ({'only for ' + ', '.join(have) if have else 'nor for any other'}): name a model of "
+            f"yours with --model (retrieve label --robot {robot} -o labels/; retrieve train labels/ -o model/), or plan with --policy local"
+        )
+    return from_pretrained(WEIGHTS / robot)
+
+
+def describe(form: str, heads: int, shapes: Mapping[str, Mapping[str, list[int]]], robot: str, about: Mapping[str, Any]) -> dict[str, Any]:
+    """What config.json says: the schema, the form, the sizes, how inputs are normalised, and `about`: data, settings, versions, metrics."""
+    normalisation = {"frame": "cabinet", "length_m": LENGTH_M, "rotation": "first two columns", "approaches": list(APPROACHES)}
+    return {"schema": SCHEMA, "form": form, "robot": robot, "heads": heads, "normalisation": normalisation, **about, "shapes": shapes}
+
+
+def _config(folder: Path) -> dict[str, Any]:
+    file = folder / "config.json"
+    if not file.is_file():
+        what = "has no config.json" if folder.is_dir() else "no such folder"
+        raise ValueError(f"{folder}: {what}; a model folder is what retrieve train labels/ -o model/ writes")
+    try:
+        config = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as e:
+        raise ValueError(f"{file}: broken JSON: {e}") from e
+    schema = config.get("schema") if isinstance(config, dict) else None
+    kind, _, version = str(schema).partition("@")
+    if kind != "retrieve/model" or not version.isdigit():
+        raise ValueError(f"{file}: schema: {schema!r} is not {SCHEMA}")
+    if schema != SCHEMA:
+        raise ValueError(f"{file}: schema: {schema} is too {'new' if int(version) > 1 else 'old'} for this version, which reads {SCHEMA}")
+    for key in ("form", "robot", "heads", "shapes", "normalisation"):
+        if key not in config:
+            raise ValueError(f"{file}: {key} is missing")
+    if config["form"] not in FORMS:
+        raise ValueError(f"{file}: form: {config['form']!r} is none of {', '.join(FORMS)}")
+    if config["normalisation"].get("length_m") != LENGTH_M:
+        raise ValueError(
+            f"{file}: normalisation.length_m: {config['normalisation'].get('length_m')} is not {LENGTH_M}, which this version uses"
+        )
+    return config  # type: ignore[no-any-return]

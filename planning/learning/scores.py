@@ -1,0 +1,29 @@
+"""How the heads of the `objects` form become one order of objects and one of regions. The constants were chosen on validation states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.learning.tokens import F32
+
+BLOCKING_SHARE = 0.10  # an object that touches so many of the paths is in their way
+LABEL_WEIGHT = 0.3  # of p̂ beside the chance that the target is free once the object is gone
+NEAREST = 0.05  # what the distance across the whole floor is worth, in probability
+
+
+def object_score(p: F32, pickable: F32, opens: F32) -> F32:
+    """Larger is better: it can be picked, and then the target is free, or at least fewer paths are blocked."""
+    return np.asarray(pickable * (opens + LABEL_WEIGHT * p))
+
+
+def region_score(feasible: F32, hits: F32, distance: F32) -> F32:
+    """Larger is better: o' can be carried there, does not stand in the paths' way there, and the region is near.
+
+    hits: the share of paths that o' would block; distance: from o', in floor diagonals.
+    """
+    return np.asarray(feasible * np.clip(1 - hits, 0, 1) ** 2 - NEAREST * distance)
+
+
+def paper_cost(feasible: F32, hits: F32, distance: F32) -> F32:
+    """RPNet's label: 1 where o' can't be put or stands in the way of the paths, elsewhere the distance in floor diagonals."""
+    return np.where((feasible > 0.5) & (hits < BLOCKING_SHARE), distance, np.float32(1)).astype(np.float32)

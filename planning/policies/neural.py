@@ -1,0 +1,43 @@
+"""The paper's planner: OSNet says which object to move, RPNet where to put it. Each can also stand in for half of the local baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from perception.observation import Observation
+from planning.learning.model import Model, Seen
+from planning.policies.regions import free_regions
+
+
+class Views:
+    """The networks' view of the latest observation, computed once for all that is asked about it."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._view: Seen | None = None
+
+    def of(self, seen: Observation) -> Seen:
+        if self._view is None or self._view.observation is not seen:
+            self._view = self.model.see(seen)
+        return self._view
+
+
+def make_neural_object(views: Views) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
+    """select: all non-target objects, the best score in front; the `paper` form's score is p̂."""
+
+    def neural_object(seen: Observation, rng: np.random.Generator) -> Sequence[str]:
+        return views.of(seen).select().ranking
+
+    return neural_object
+
+
+def make_neural_region(views: Views) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
+    """place: `paper` form, all regions, the least ĉ in front, as printed; `objects` form, the free ones, the best score in front."""
+
+    def neural_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
+        regions = None if views.model.form == "paper" else free_regions(seen, name)
+        return views.of(seen).place(name, regions).ranking
+
+    return neural_region

@@ -61,7 +61,7 @@ class Workcell:
         self._pieces = {b.name: shape_pieces(b.shape) for b in scene.objects}
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._standing_now: tuple[object, Solids, tuple[str, ...]] | None = None
-        n_links, most = len(self.arm.links), max(len(p.start) - 1 for p in self._pieces.values())
+        n_links, most = len(self.arm.links), max((len(p.start) - 1 for p in self._pieces.values()), default=0)
         pairs = (n_links + most) * len(self._rows) + len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
         self._entered: Situation | None = None

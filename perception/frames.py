@@ -1,14 +1,44 @@
-"""Frames: what a camera has recorded, one image at a time, wherever it came from."""
+"""Frames: what a camera has recorded, one image at a time, wherever it came from; as folders in the BOP layout, and as a fused PLY cloud.
+
+The layout is that of the BOP benchmark's scenes (Hodaň et al., "BOP: Benchmark for 6D object pose estimation", 2018; bop_toolkit,
+docs/bop_datasets_format.md): FOLDER/000000/ holds scene_camera.json (cam_K, depth_scale, cam_R_w2c, cam_t_w2c in mm, by image number),
+depth/000000.png (16 bits; times depth_scale it is mm), mask_visib/000000_000000.png (image, object) and scene_gt.json (obj_id, by image).
+Ours say the object's `name` in scene_gt.json as well, and mark the robot's own pixels in mask_robot/000000.png.
+"""
 
 from __future__ import annotations
 
+import io
+import json
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.transforms import Array
-from perception.camera import Depth, Intrinsics
+from kinematics.transforms import Array, inverse, transform
+from perception.camera import Depth, Intrinsics, cloud
+
+DEPTH_SCALE_MM = 0.1
+"""What one step of a written depth image means, unless it shows something further away than 6.5 m."""
+PALETTE = np.array(
+    [
+        [31, 119, 180],
+        [255, 127, 14],
+        [44, 160, 44],
+        [214, 39, 40],
+        [148, 103, 189],
+        [140, 86, 75],
+        [227, 119, 194],
+        [188, 189, 34],
+        [23, 190, 207],
+    ],
+    np.uint8,
+)
+GREY = np.array([150, 150, 150], np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,3 +56,226 @@ class Frame:
     intrinsics: Intrinsics
     T_world_camera: Array
     arm: NDArray[np.bool_] | None = None
+
+
+# Writing --------------------------------------------------------------------------------------------------------------------------------
+
+
+def write_frames(folder: Path, frames: Sequence[Frame], *, scene: int = 0) -> Path:
+    """Write frames as one scene of the BOP layout, FOLDER/000000 for scene 0, and return that path; an older one of ours is replaced.
+
+    scene_camera.json comes last: a folder without it is not complete. Raises: ValueError where a recording with colour images lies, and for
+    depths beyond 65 m.
+    """
+    home = folder / f"{scene:06d}"
+    _clear(home)
+    cameras, objects = {}, {}
+    for i, frame in enumerate(frames):
+        scale = DEPTH_SCALE_MM if frame.depth.max(initial=0) * 1e3 / DEPTH_SCALE_MM <= 65535 else 1.0
+        steps = np.round(frame.depth.astype(float) * 1e3 / scale)
+        if steps.max(initial=0) > 65535:
+            raise ValueError(f"frame {i}: a depth of {frame.depth.max():.1f} m does not fit into 16 bits of millimetres")
+        _write_png(home / "depth" / f"{i:06d}.png", steps.astype(np.uint16))
+        T = inverse(frame.T_world_camera)
+        cameras[str(i)] = {
+            "cam_K": frame.intrinsics.K.ravel().tolist(),
+            "depth_scale": scale,
+            "cam_R_w2c": T[:3, :3].ravel().tolist(),
+            "cam_t_w2c": (1e3 * T[:3, 3]).tolist(),
+        }
+        if frame.instance is not None:
+            objects[str(i)] = [{"obj_id": k + 1, "name": name} for k, name in enumerate(frame.names)]
+            for k in range(len(frame.names)):
+                _write_png(home / "mask_visib" / f"{i:06d}_{k:06d}.png", np.where(frame.instance == k, 255, 0).astype(np.uint8))
+        if frame.arm is not None:
+            _write_png(home / "mask_robot" / f"{i:06d}.png", np.where(frame.arm, 255, 0).astype(np.uint8))
+    if objects:
+        _put(home / "scene_gt.json", _by_line(objects))
+    _put(home / "scene_camera.json", _by_line(cameras))
+    return home
+
+
+def write_ply(file: Path, frames: Sequence[Frame]) -> int:
+    """Write all measured points but the robot's as one binary PLY cloud in the world, metres, and return how many.
+
+    Every point has its object's number among all the frames' names (-1 for none), and a colour by it.
+    """
+    names = list(dict.fromkeys(n for f in frames for n in f.names))
+    kind = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3), ("instance", "<i4")])
+    parts = [np.zeros(0, kind)]
+    for frame in frames:
+        shown = frame.depth > 0 if frame.arm is None else (frame.depth > 0) & ~frame.arm
+        number = np.array([*(names.index(n) for n in frame.names), -1])
+        part = np.zeros(int(np.count_nonzero(shown)), kind)
+        part["xyz"] = cloud(np.where(shown, frame.depth, 0), frame.intrinsics, frame.T_world_camera)
+        part["instance"] = -1 if frame.instance is None else number[frame.instance[shown]]
+        part["rgb"] = np.where(part["instance"][:, None] >= 0, PALETTE[part["instance"] % len(PALETTE)], GREY)
+        parts.append(part)
+    points = np.concatenate(parts)
+    fields = [*(f"float {c}" for c in "xyz"), *(f"uchar {c}" for c in ("red", "green", "blue")), "int instance"]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *(f"property {f}" for f in fields), "end_header"]
+    _put(file, ("\n".join(lines) + "\n").encode() + points.tobytes())
+    return len(points)
+
+
+def _clear(home: Path) -> None:
+    """Remove what an earlier run of ours may have written there, so that nothing old is read as new."""
+    for colour in ("rgb", "gray"):
+        if (home / colour).is_dir():
+            raise ValueError(f"{home}: holds a recording with colour images ({colour}/), which would be lost; name another folder")
+    (home / "scene_camera.json").unlink(missing_ok=True)
+    (home / "scene_gt.json").unlink(missing_ok=True)
+    for part in ("depth", "mask_visib", "mask_robot"):
+        for file in (home / part).glob("[0-9]*.png"):
+            file.unlink()
+
+
+def _write_png(file: Path, image: NDArray[Any]) -> None:
+    from PIL import Image
+
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "png", compress_level=1)
+    _put(file, data.getvalue())
+
+
+def _by_line(entries: dict[str, Any]) -> bytes:
+    """JSON with one line an image."""
+    return ("{\n" + ",\n".join(f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in entries.items()) + "\n}\n").encode()
+
+
+def _put(file: Path, data: bytes) -> None:
+    """Write a file beside its name and rename it."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f"{file.stem}.part{file.suffix}")
+    part.write_bytes(data)
+    os.replace(part, file)
+
+
+# Reading ------------------------------------------------------------------------------------------------------------------------------
+
+
+def read_frames(folder: Path, *, scene: int | None = None) -> tuple[Frame, ...]:
+    """The frames of one scene in the BOP layout, in the order of their numbers; the folder is the scene's, or the one that holds scenes.
+
+    The recording's world must be the scene's. Without mask_visib the instances are None. Objects take their `name` from scene_gt.json, else
+    obj_000007 after their obj_id (a second one of the same in an image obj_000007_1), else object_0 after their mask's number.
+    Raises: ValueError with the file, what is wrong with it and what is expected there.
+    """
+    home = _scene_folder(folder, scene)
+    cameras = _json(home / "scene_camera.json")
+    objects = _json(home / "scene_gt.json") if (home / "scene_gt.json").is_file() else None
+    if not cameras:
+        raise ValueError(f"{home / 'scene_camera.json'}: names no image")
+    for key in cameras:
+        if not key.isdecimal():
+            raise ValueError(f"{home / 'scene_camera.json'}: {key!r} is no number of an image")
+    masks = any((home / "mask_visib").glob("*.png"))
+    return tuple(_frame(home, int(key), cameras[key], objects.get(key) if objects else None, masks) for key in sorted(cameras, key=int))
+
+
+def _scene_folder(folder: Path, scene: int | None) -> Path:
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder; expected is a recording in the BOP layout")
+    if scene is None and (folder / "scene_camera.json").is_file():
+        return folder
+    scenes = sorted(p.parent.name for p in folder.glob("*/scene_camera.json"))
+    if scene is None and len(scenes) == 1:
+        return folder / scenes[0]
+    if scene is not None and f"{scene:06d}" in scenes:
+        return folder / f"{scene:06d}"
+    if not scenes:
+        raise ValueError(f"{folder}: holds no scene in the BOP layout; expected is {folder / '000000' / 'scene_camera.json'}")
+    missing = "holds several scenes" if scene is None else f"has no scene {scene:06d}"
+    raise ValueError(f"{folder}: {missing}; there are {', '.join(scenes)}")
+
+
+def _frame(home: Path, image: int, camera: Any, objects: Any, masks: bool) -> Frame:
+    where = f"{home / 'scene_camera.json'}: image {image}"
+    if not isinstance(camera, dict):
+        raise ValueError(f"{where}: is no object with cam_K, depth_scale, cam_R_w2c and cam_t_w2c")
+    K, R = _numbers(camera, "cam_K", 9, where).reshape(3, 3), _numbers(camera, "cam_R_w2c", 9, where).reshape(3, 3)
+    t, scale = _numbers(camera, "cam_t_w2c", 3, where), float(_numbers(camera, "depth_scale", 1, where)[0])
+    if not (K[0, 0] > 0 and K[1, 1] > 0 and np.allclose(K[2], [0, 0, 1]) and np.allclose(K[[0, 1], [1, 0]], 0)):
+        raise ValueError(f"{where}: cam_K is no camera matrix [fx, 0, cx, 0, fy, cy, 0, 0, 1] (skew is not supported)")
+    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0):
+        raise ValueError(f"{where}: cam_R_w2c is no rotation")
+    if not scale > 0:
+        raise ValueError(f"{where}: depth_scale: {scale:g} is not positive")
+    u, _, vt = np.linalg.svd(R)  # the nearest rotation: files round
+    depth = _image(home / "depth" / f"{image:06d}.png", None)
+    intrinsics = Intrinsics(depth.shape[1], depth.shape[0], *(float(x) for x in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])))
+    instance, names = _instances(home, image, objects, depth.shape) if masks else (None, ())
+    robot = home / "mask_robot" / f"{image:06d}.png"
+    arm = _image(robot, depth.shape) > 0 if robot.is_file() else None
+    metres = (depth * (scale * 1e-3)).astype(np.float32)
+    return Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm)
+
+
+def _instances(home: Path, image: int, objects: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+    """The masks of one image as one image of instances, and the instances' names."""
+    if objects is None:
+        count = len(list((home / "mask_visib").glob(f"{image:06d}_*.png")))
+        names = [f"object_{k}" for k in range(count)]
+    else:
+        names = _names(objects, f"{home / 'scene_gt.json'}: image {image}")
+    out = np.full(shape, -1, np.int32)
+    for k in range(len(names)):
+        out[_image(home / "mask_visib" / f"{image:06d}_{k:06d}.png", shape) > 0] = k
+    return out, tuple(names)
+
+
+def _names(objects: Any, where: str) -> list[str]:
+    if not isinstance(objects, list) or not all(isinstance(o, dict) and isinstance(o.get("obj_id"), int) for o in objects):
+        raise ValueError(f"{where}: is no list of objects with an obj_id")
+    names: list[str] = []
+    for o in objects:
+        name = base = str(o.get("name") or f"obj_{o['obj_id']:06d}")
+        for again in range(1, len(objects)):
+            if name in names:
+                name = f"{base}_{again}"
+        names.append(name)
+    return names
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        value = json.loads(file.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as e:
+        raise ValueError(f"{file}: is no JSON: {e}") from e
+    if not isinstance(value, dict):
+        raise ValueError(f'{file}: is no object by image number: {{"0": …}}')
+    return value
+
+
+def _numbers(entry: dict[str, Any], name: str, count: int, where: str) -> Array:
+    if name not in entry:
+        pose = " (the camera's pose is needed, as world to camera, in millimetres)" if name.endswith("w2c") else ""
+        raise ValueError(f"{where}: {name} is missing{pose}")
+    try:
+        values = np.atleast_1d(np.array(entry[name], float)).ravel()
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"{where}: {name} is not {count} finite number{'s' if count > 1 else ''}")
+    return values
+
+
+def _image(file: Path, shape: tuple[int, ...] | None) -> NDArray[Any]:
+    """A grey image (H, W); of 16 bits, and of any size, when no shape is given: a depth image."""
+    from PIL import Image
+
+    if not file.is_file():
+        what = "a PNG of 16 bits" if shape is None else f"a mask of {shape[1]} × {shape[0]} pixels"
+        raise ValueError(f"{file}: no such file; expected is {what}")
+    try:
+        with Image.open(file) as opened:
+            image = np.asarray(opened)
+    except OSError as e:
+        raise ValueError(f"{file}: is no image that can be read: {e}") from e
+    if image.ndim == 3 and shape is not None:
+        image = image.max(2)
+    if image.ndim != 2 or (shape is None and image.dtype not in (np.uint16, np.int32)):
+        raise ValueError(f"{file}: is no grey image of 16 bits, as depth images are")
+    if shape is not None and image.shape != shape:
+        raise ValueError(f"{file}: has {image.shape[1]} × {image.shape[0]} pixels, the depth image {shape[1]} × {shape[0]}")
+    return image

@@ -35,6 +35,21 @@ class Engine(StrEnum):
     ray = "ray"
 
 
+class Form(StrEnum):
+    """Which networks to train."""
+
+    objects = "objects"
+    paper = "paper"
+
+
+class Device(StrEnum):
+    """Where to train."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
 class Camera(StrEnum):
     """Where a still picture is taken from."""
 
@@ -200,9 +215,46 @@ def label(
 
 
 @app.command()
+def train(
+    labels: Annotated[Path, typer.Argument(help="A folder that `retrieve label` wrote.", metavar="LABELS")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The model folder to write.", metavar="DIR")],
+    form: Annotated[
+        Form, typer.Option("--form", help="Networks that see the other objects and judge feasibility, or those printed in the paper.")
+    ] = Form.objects,
+    epochs: Annotated[int, typer.Option("--epochs", help="Of each network, at most; fewer when validation gets no better.", min=1)] = 40,
+    width: Annotated[int, typer.Option("--width", help="Numbers a token; the size of the networks.", min=8, max=1024)] = 96,
+    batch: Annotated[int, typer.Option("--batch", help="States in a step.", min=1)] = 256,
+    learning_rate: Annotated[float, typer.Option("--learning-rate", help="At its highest.", min=1e-6, max=1.0)] = 1.5e-3,
+    seed: Seed = 0,
+    threads: Annotated[int | None, typer.Option("--threads", help="Processor threads; PyTorch's choice if left out.", min=1)] = None,
+    device: Annotated[Device, typer.Option("--device", help="Where to train; auto takes a CUDA device if there is one.")] = Device.auto,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was broken off, with the same options.")] = False,
+) -> Job:
+    """Train the networks on labels, and write a model folder for `retrieve plan --model`."""
+    from retrieve_cli import train as command
+
+    return partial(
+        command.run,
+        labels=labels,
+        out=out,
+        form=form.value,
+        epochs=epochs,
+        width=width,
+        batch=batch,
+        learning_rate=learning_rate,
+        seed=seed,
+        threads=threads,
+        device=device.value,
+        resume=resume,
+    )
+
+
+@app.command()
 def plan(
     scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; stdin if left out or -.", metavar="SCENES")] = None,
-    policy: Annotated[str, typer.Option("--policy", help="Who chooses objects and regions: random, local, …", metavar="NAME")] = "local",
+    policy: Annotated[
+        str, typer.Option("--policy", help="Who chooses objects and regions: random, local, neural, …", metavar="NAME")
+    ] = "local",
     rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
     seed: Seed = 0,
     iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
@@ -213,8 +265,14 @@ def plan(
     robot: Robot = None,
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="A model folder; by default the networks that ship for the robot.", metavar="DIR")
+    ] = None,
     html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
+    workers: Workers = None,
+    engine: At = Engine.local,
+    address: Address = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Plans, JSON Lines; stdout if left out.", metavar="FILE")] = None,
 ) -> Job:
     """Plan moves and motions that take the target out, or say why there are none."""
@@ -232,9 +290,13 @@ def plan(
         robot=robot,
         hand_frame=hand_frame,
         gripper_joint=gripper_joint,
+        model=model,
         html=html,
         strict=strict,
         out=out,
+        workers=workers,
+        engine=engine.value,
+        address=address,
     )
 
 

@@ -2,19 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED, InputError, blame, choose
 from retrieve_cli.files import plan_writer, read_scenes, replacing
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
-    from kinematics.scene import RobotRef
+    from kinematics.scene import RobotRef, Scene
+    from planning.plan import Plan
 
 STAGE = 4  # this stage's word in the seeds of random generators
+
+
+@dataclass(frozen=True)
+class Job:
+    """How to plan: what a worker needs besides the scene."""
+
+    policy: str
+    rule: str
+    seed: int
+    iterations: int | None
+    time_budget_s: float | None
+    max_moves: int
+    model: str | None = None
+
+
+@dataclass(frozen=True)
+class Item:
+    """One scene to plan, its number and where it was read."""
+
+    index: int
+    where: str
+    scene: Scene
 
 
 def run(
@@ -32,42 +58,71 @@ def run(
     html: Path | None,
     strict: bool,
     out: Path | None,
+    model: Path | None = None,
+    workers: int | None = None,
+    engine: str = "local",
+    address: str | None = None,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved."""
-    import numpy as np
-
-    from kinematics.robot import from_ref
-    from planning.motion.pick_place import ITERATIONS, Motions
-    from planning.policies import POLICIES, make_policy
-    from planning.retrieval import Rule, retrieve
+    from planning.learning.model import once_loaded
+    from planning.policies import NETWORKS, POLICIES
 
     choose("policy", policy, POLICIES)
+    if model is not None and policy not in NETWORKS:
+        raise InputError(f"plan: --model: the policy {policy} asks no network; {', '.join(NETWORKS)} do")
+    if model is not None:
+        with blame("plan: --model"):
+            once_loaded(str(model))
     if iterations is not None and time_budget_s is not None:
         raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
     if time_budget_s is not None:
         say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
     announce_first_run()
     unsolved = 0
-    first = None
-    with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
+    first: Item | None = None
+
+    def items() -> Iterator[Item]:
+        nonlocal first
         for index, (where, scene) in enumerate(read_scenes(scenes)):
             if robot or hand_frame or gripper_joint:
                 scene = replace(scene, robot=_override(scene.robot, robot, hand_frame, gripper_joint, where))
-            with blame(where):
-                arm = from_ref(scene.robot, on_step=say)
-                motions = Motions(arm, scene, iterations=iterations or ITERATIONS, time_budget_s=time_budget_s)
-                motions.start()
-            rng = np.random.default_rng([seed, STAGE, index])
-            plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule(rule), max_moves=max_moves, rng=rng)
+            item = Item(index, where, scene)
+            first = first or item
+            yield item
+
+    one = partial(plan_scene, Job(policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None))
+    plans = map_ordered(one, items(), workers=workers, engine=engine, address=address)
+    with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
+        shown: Plan | None = None
+        for plan in plans:
             write(plan)
             unsolved += not plan.success
             advance()
-            first = first or (scene, plan)
-        if page is not None and first is not None:
+            shown = shown or plan
+        if page is not None and first is not None and shown is not None:
             from retrieve_cli.show import write_html
 
-            write_html(*first, page)
+            write_html(first.scene, shown, page)
     return UNSOLVED if strict and unsolved else DONE
+
+
+def plan_scene(job: Job, item: Item) -> Plan:
+    """The plan of one scene. Raises: InputError when the robot can't be loaded, or can't stand there."""
+    import numpy as np
+
+    from kinematics.robot import from_ref
+    from planning.learning.model import once_loaded
+    from planning.motion.pick_place import ITERATIONS, Motions
+    from planning.policies import make_policy
+    from planning.retrieval import Rule, retrieve
+
+    with blame(item.where):
+        arm = from_ref(item.scene.robot, on_step=say)
+        motions = Motions(arm, item.scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
+        motions.start()
+        policy = make_policy(job.policy, motions, model=once_loaded(job.model) if job.model else None)
+    rng = np.random.default_rng([job.seed, STAGE, item.index])
+    return retrieve(item.scene, policy, motions, name=job.policy, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
 
 
 def _override(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:

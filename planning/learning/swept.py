@@ -51,7 +51,8 @@ class Floor(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """A standing object, about its box's middle: inside are lines (E, 3) with lines[:, :2] · (x, y) <= lines[:, 2]; half its box (2,); height."""
+    """A standing object's shadow on the floor, about the middle of its box: where lines[:, :2] · (x, y) <= lines[:, 2], lines (E, 3); half
+    the box's sides (2,); the object's height."""
 
     lines: Array
     half: Array

@@ -1,0 +1,88 @@
+"""Where frames come from: a camera is a function of its pose and of the robot's configuration. Here the synthetic one, of a known scene.
+
+A real camera takes its place by being such a function: it takes a picture, and `robot_pixels` tells which of it is the robot itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.robot import Robot
+from kinematics.scene import Scene
+from kinematics.transforms import Array
+from perception.camera import DepthNoise, Intrinsics, realsense_d435i
+from perception.frames import Frame
+from perception.raycast import Surfaces, join, moved, raycast, surfaces
+
+Camera = Callable[[Array, Array], Frame]
+"""T_world_camera (4, 4) and the robot's configuration q (J,) to a frame."""
+
+RANGE_M = (0.17, 3.0)  # a D435i measures nothing nearer or further
+ARM_SLACK_M = 0.01
+DEFAULT = realsense_d435i(640, 360)
+
+
+def synthetic_camera(
+    robot: Robot,
+    scene: Scene,
+    poses: Mapping[str, Array],
+    *,
+    intrinsics: Intrinsics = DEFAULT,
+    noise: DepthNoise | None = None,
+    rng: np.random.Generator | None = None,
+) -> Camera:
+    """A camera that sees a scene's objects at poses, the cabinet and the robot's own links. noise: needs `rng`; none by default."""
+    walls = scene.cabinet.walls()
+    bodies = [b for b in scene.objects if b.name in poses]
+    names = tuple(b.name for b in bodies)
+    T = np.array([*(w.T_world_body for w in walls), *(poses[n] for n in names)])
+    still = surfaces([*(w.shape for w in walls), *(b.shape for b in bodies)], T)
+    if noise is not None and rng is None:
+        raise ValueError("noise needs a random generator")
+
+    def look(T_world_camera: Array, q: Array) -> Frame:
+        view = raycast(join(still, robot_surfaces(robot, scene.robot.T_world_base, q)), T_world_camera, intrinsics)
+        instance = view.instance - len(walls)
+        arm = instance >= len(names)
+        depth = view.depth
+        if noise is not None and rng is not None:
+            depth = noise.apply(depth, rng)
+        depth = np.where((depth < RANGE_M[0]) | (depth > RANGE_M[1]), np.float32(0), depth)
+        instance = np.where((instance >= 0) & ~arm & (depth > 0), instance, -1).astype(np.int32)
+        return Frame(depth, instance, names, intrinsics, T_world_camera, arm)
+
+    return look
+
+
+def robot_surfaces(robot: Robot, T_world_base: Array, q: Array) -> Surfaces:
+    """The robot's link hulls at q (J,), without the camera's own housing."""
+    packed, links = _packed(robot)
+    poses = robot.link_poses(q)
+    return moved(packed, np.array([T_world_base @ poses[link] for link in links]))
+
+
+def robot_depth(robot: Robot, T_world_base: Array, q: Array, T_world_camera: Array, intrinsics: Intrinsics) -> NDArray[np.float32]:
+    """How far (H, W) the robot's own links are in the picture, 0 where they are not."""
+    return raycast(robot_surfaces(robot, T_world_base, q), T_world_camera, intrinsics).depth
+
+
+def robot_pixels(robot: Robot, T_world_base: Array, q: Array, frame: Frame) -> NDArray[np.bool_]:
+    """Which pixels (H, W) of a real frame show the robot: those no further than its links would be, and their neighbours."""
+    own = robot_depth(robot, T_world_base, q, frame.T_world_camera, frame.intrinsics)
+    hit = (own > 0) & (frame.depth <= own + ARM_SLACK_M)
+    grown = hit.copy()
+    grown[1:] |= hit[:-1]
+    grown[:-1] |= hit[1:]
+    grown[:, 1:] |= hit[:, :-1]
+    grown[:, :-1] |= hit[:, 1:]
+    return grown
+
+
+@lru_cache(maxsize=8)
+def _packed(robot: Robot) -> tuple[Surfaces, tuple[str, ...]]:
+    hulls = [hull for hull in robot.hulls if hull.link != "camera"]
+    return surfaces([hull.vertices for hull in hulls], np.tile(np.eye(4), (len(hulls), 1, 1))), tuple(hull.link for hull in hulls)

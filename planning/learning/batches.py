@@ -83,15 +83,15 @@ def _pairs(part: Data, count: int, rng: np.random.Generator) -> Batch:
 def _paper_pairs(part: Data, rng: np.random.Generator) -> Batch:
     """Two objects a state, all regions: unobserved and occupied ones cost 1, without a doubt."""
     n = len(part)
-    candidates = asked(part).any(2)
+    candidates = np.asarray(asked(part).any(2))
     draw = np.where(candidates, rng.random(candidates.shape), 2)
     moved = np.argsort(draw, axis=1)[:, :ASKED]
     rows = np.arange(n)[:, None]
     regions = part.regions.copy()
     corner = regions[np.arange(n), rng.integers(0, part.there.sum(1)), :2]  # behind or beside it nothing was seen
     side = rng.choice([-1.0, 1.0], (n, 2))
-    beyond: Flags = (regions[..., :2] - corner[:, None]) * side[:, None] >= 0
-    hidden = np.asarray(beyond.all(-1)) & (rng.random((n, 1)) < HIDDEN)
+    beyond = np.asarray((regions[..., :2] - corner[:, None]) * side[:, None]) >= 0
+    hidden = beyond.all(-1) & (rng.random((n, 1)) < HIDDEN)
     regions[..., 3] *= ~hidden
     feasible, hits = part.feasible[rows, moved], part.hits[rows, moved]
     share = np.asarray(hits / np.maximum(part.paths, 1)[:, None, None], np.float32)

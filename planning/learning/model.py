@@ -155,6 +155,11 @@ def from_pretrained(folder: str | Path) -> Model:
 
 
 @lru_cache(maxsize=4)
+def once_loaded(folder: str) -> Model:
+    """`from_pretrained`, and the same model again for the next scene."""
+    return from_pretrained(folder)
+
+
 def shipped(robot: str) -> Model:
     """The model that ships for a named robot. Raises ValueError, saying what to do instead, when there is none."""
     if not (WEIGHTS / robot / "config.json").is_file():
@@ -163,7 +168,7 @@ def shipped(robot: str) -> Model:
             f"no networks ship for the robot {robot} ({'only for ' + ', '.join(have) if have else 'nor for any other'}): name a model of "
             f"yours with --model (retrieve label --robot {robot} -o labels/; retrieve train labels/ -o model/), or plan with --policy local"
         )
-    return from_pretrained(WEIGHTS / robot)
+    return once_loaded(str(WEIGHTS / robot))
 
 
 def describe(form: str, heads: int, shapes: Mapping[str, Mapping[str, list[int]]], robot: str, about: Mapping[str, Any]) -> dict[str, Any]:

@@ -41,6 +41,10 @@ POLICIES: dict[str, Callable[[Motions, NetworkOf], Policy]] = {
 }
 
 
+NETWORKS = ("neural", "osnet-only", "rpnet-only")
+"""The policies that ask a model."""
+
+
 def make_policy(name: str, motions: Motions, *, model: Model | None = None) -> Policy:
     """The policy called `name` for the scene behind `motions`.
 

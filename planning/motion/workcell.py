@@ -44,6 +44,11 @@ class Situation(NamedTuple):
     task: Task
     names: tuple[str, ...]
 
+    @property
+    def problem(self) -> exact.Problem:
+        """The same query for the exact test alone."""
+        return self.task.exact
+
 
 class Workcell:
     """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query.

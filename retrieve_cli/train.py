@@ -59,7 +59,7 @@ def run(
     for name in NETS:
         checkpoint = out / "checkpoint" / f"{name}.safetensors"
         _same_labels(checkpoint.parent, manifest["hash"])
-        with blame(str(labels)), _epochs(name, settings.epochs) as (on_epoch, on_step):
+        with blame("train"), _epochs(name, settings.epochs) as (on_epoch, on_step):
             results[name] = train(
                 name, rest, held_out, settings, device=where, checkpoint=checkpoint, on_epoch=on_epoch, on_step=on_step
             )  # fmt: skip

@@ -1,0 +1,116 @@
+"""`retrieve train`, from labels to a model folder that `retrieve plan` takes; what it refuses, and how it goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import synthetic_labels
+
+from planning.learning import train as training
+from planning.learning.model import from_pretrained
+from retrieve_cli.__main__ import main
+from retrieve_cli.train import sparkline
+
+FAST = ("--epochs", "2", "--width", "16", "--batch", "32", "--threads", "1", "--device", "cpu")
+Spoken = tuple[int, str, str]
+
+
+@pytest.fixture
+def retrieve(capsys: pytest.CaptureFixture[str]) -> Callable[..., Spoken]:
+    """Run the program in this process: (exit code, stdout, stderr)."""
+
+    def call(*args: str | Path) -> Spoken:
+        code = main([str(a) for a in args])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def labels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return synthetic_labels.write(tmp_path_factory.mktemp("labels"), 80)
+
+
+@pytest.mark.parametrize("form", ["objects", "paper"])
+def test_labels_become_a_model(form: str, labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    code, out, err = retrieve("train", labels, "-o", tmp_path / "model", "--form", form, *FAST)
+    assert code == 0, err
+    assert "osnet epoch   2/2  loss " in err
+    assert "first both" in out
+    assert sorted(f.name for f in (tmp_path / "model").iterdir()) == ["config.json", "loss.png", "osnet.safetensors", "rpnet.safetensors"]
+    config = json.loads((tmp_path / "model" / "config.json").read_text())
+    assert (config["schema"], config["form"], config["robot"]) == ("retrieve/model@1", form, "ur5e")
+    assert config["data"]["train"] + config["data"]["validation"] == 80
+    assert set(config["metrics"]) == {"osnet", "rpnet"}
+    assert {"retrieve", "torch", "numpy"} <= set(config["versions"])
+    assert from_pretrained(tmp_path / "model").form == form
+
+
+def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_bytes(
+    labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert retrieve("train", labels, "-o", tmp_path / "whole", *FAST)[0] == 0
+    save, calls = training._save, []
+
+    def interrupted(*args: object) -> None:
+        save(*args)  # type: ignore[arg-type]
+        calls.append(1)
+        if len(calls) == 3:  # the second network's first epoch
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(training, "_save", interrupted)
+    model = tmp_path / "model"
+    assert retrieve("train", labels, "-o", model, *FAST)[0] == 130
+    monkeypatch.undo()
+    assert not (model / "config.json").exists()
+    code, _, err = retrieve("train", labels, "-o", model, *FAST)
+    assert (code, err) == (2, f"{model}: holds a run that was broken off; go on with --resume, or choose another folder\n")
+    code, _, err = retrieve("train", labels, "-o", model, *FAST, "--seed", "4", "--resume")
+    assert (code, err.splitlines()[-1].split(": ", 2)[2]) == (
+        2,
+        "that run has seed = 0, not 4; resume with the same options, or begin elsewhere",
+    )
+    code, _, err = retrieve("train", labels, "-o", model, *FAST, "--resume")
+    assert code == 0, err
+    assert "osnet epoch" not in err
+    for name in ("osnet.safetensors", "rpnet.safetensors"):
+        assert (model / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    one, two = (json.loads((d / "config.json").read_text()) for d in (model, tmp_path / "whole"))
+    assert one == two
+
+
+def test_what_train_refuses(labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    def refused(*args: str | Path) -> str:
+        code, out, err = retrieve("train", *args)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        return err
+
+    new = tmp_path / "new"
+    assert refused(tmp_path, "-o", new).startswith(f"train: {tmp_path}: is no folder of labels, for it has no manifest.json; make one: ")
+    assert not new.exists()
+    assert refused(labels, "-o", new, "--width", "18").startswith("train: --width: 18 is no multiple of 4")
+    assert "there is no run, nothing to resume" in refused(labels, "-o", new, "--resume")
+    assert not new.exists()
+    new.mkdir()
+    (new / "config.json").write_text("{}")
+    assert "holds a model already" in refused(labels, "-o", new)
+    assert "this model is finished" in refused(labels, "-o", new, "--resume")
+    (tmp_path / "file").write_text("")
+    assert refused(labels, "-o", tmp_path / "file") == f"{tmp_path}/file: is a file, not a folder\n"
+    assert refused(labels, "-o", tmp_path / "a", "--form", "round").startswith("retrieve train: Invalid value for '--form': ")
+
+
+def test_plan_refuses_a_model_that_it_can_not_use(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    code, _, err = retrieve("plan", "x.jsonl", "--policy", "local", "--model", tmp_path)
+    assert (code, err) == (2, "plan: --model: the policy local asks no network; neural, osnet-only, rpnet-only do\n")
+    code, _, err = retrieve("plan", "x.jsonl", "--policy", "neural", "--model", tmp_path)
+    assert (code, err.split(";")[0]) == (2, f"plan: --model: {tmp_path}: has no config.json")
+
+
+def test_a_curve_in_one_line() -> None:
+    assert sparkline([3, 2, 1]) == "█▅▁"
+    assert sparkline([1, 1]) == "▁▁"
+    assert len(sparkline(list(range(100)))) == 40

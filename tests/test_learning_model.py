@@ -143,9 +143,7 @@ def test_a_robot_without_networks_is_told_what_to_do() -> None:
         with pytest.raises(ValueError, match="no networks ship for the robot gen3"):
             make_policy(name, motions("gen3"))
         with pytest.raises(ValueError, match="trained for the robot ur5e, and this scene's is gen3"):
-            make_policy(
-                name, motions("gen3"), model=from_pretrained(folder(name and "objects", robot="ur5e")) if name == "neural" else _MODEL
-            )
+            make_policy(name, motions("gen3"), model=UR5E)
     assert set(NETWORKS) < set(POLICIES)
 
 

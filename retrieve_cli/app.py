@@ -221,9 +221,9 @@ def train(
     form: Annotated[
         Form, typer.Option("--form", help="Networks that see the other objects and judge feasibility, or those printed in the paper.")
     ] = Form.objects,
-    epochs: Annotated[int, typer.Option("--epochs", help="Of each network, at most; fewer when validation gets no better.", min=1)] = 40,
+    epochs: Annotated[int, typer.Option("--epochs", help="Of each network, at most; fewer when validation gets no better.", min=1)] = 30,
     width: Annotated[int, typer.Option("--width", help="Numbers a token; the size of the networks.", min=8, max=1024)] = 96,
-    batch: Annotated[int, typer.Option("--batch", help="States in a step.", min=1)] = 256,
+    batch: Annotated[int, typer.Option("--batch", help="States in a step.", min=1)] = 128,
     learning_rate: Annotated[float, typer.Option("--learning-rate", help="At its highest.", min=1e-6, max=1.0)] = 1.5e-3,
     seed: Seed = 0,
     threads: Annotated[int | None, typer.Option("--threads", help="Processor threads; PyTorch's choice if left out.", min=1)] = None,

@@ -35,12 +35,12 @@ class Settings:
     """What a run depends on, besides its data. layers: of OSNet's encoder, RPNet's encoder and RPNet's decoder have one fewer each."""
 
     form: str = "objects"
-    epochs: int = 40
+    epochs: int = 30
     patience: int = 10  # epochs without a better validation loss after which a run ends
     width: int = 96
     layers: int = 3
     heads: int = 4
-    batch: int = 256  # states
+    batch: int = 128  # states
     pairs: int = 48  # (object, region) pairs of a state in a step, `objects` form
     lr: float = 1.5e-3
     weight_decay: float = 0.02

@@ -105,7 +105,7 @@ class Preview:
 
     def _at_most(self, voxels: Voxels, rows: NDArray[np.int64], points: Array, index: int) -> float:
         height, width, k = self.coarse.height, self.coarse.width, COARSE
-        own = self.own[index, : height * k, : width * k].reshape(height, k, width, k).any((1, 3))
+        own = np.asarray(self.own[index, : height * k, : width * k].reshape(height, k, width, k).any((1, 3)))
         depth, T, f = _map_depth(voxels, self.poses[index], self.coarse, own, self.least_m)
         return float(grid.revealed_at_most(points, self.weight[rows], T, depth, *f)) / len(self.places)
 

@@ -16,11 +16,11 @@ from scipy import ndimage
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from kinematics.transforms import Array, inverse
 from perception.fusion import Views, arm_of, pinhole_of
-from perception.pixels import nearest_around, nearest_group, separations
+from perception.pixels import nearest_around, separated_shares, separations
 
 Int = NDArray[np.int64]
 
@@ -32,19 +32,22 @@ STEP_M = 0.004
 """Along a segment, a point is looked at every so far."""
 SLACK_M = 0.004
 """What is measured must be further away than this for a point in front of it to be empty."""
-USUAL_M, MOST_M = 0.12, 0.40
-"""Objects are usually no wider than the first, and never wider than the second: hidden space joins what is near, not what is far."""
-CUT = 0.2
+USUAL_M, MOST_M = 0.12, 0.60
+"""Hidden space joins what is nearer than the first, as most objects are no wider, ever less what is further apart, and nothing from the
+second on."""
+CUT = 0.15
 """Patches whose segments are seen to be empty more often than this are of two objects."""
 FEWEST_CELLS = 12
 """Fewer are no object but noise."""
 MEMBERS = 24
 """So many cells speak for an object."""
+AROUND = 32
+"""So many cells around one say which objects it may belong to."""
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """What the frames can say about empty space: see `perception.pixels.seen_through`."""
+    """What the frames can say about empty space: see `perception.pixels.seen`."""
 
     near: NDArray[np.float32]
     cameras: Array
@@ -80,7 +83,7 @@ def witness(views: Views) -> Witness:
 
 def _cells(views: Views) -> tuple[Array, Int, Int]:
     """Mean points (C, 3) of the cells that hold enough pixels, each one's grid index (C, 3), and per pixel inside its cell, -1 for none."""
-    points = np.concatenate([p[inside] for p, inside in zip(views.points, views.inside)]).astype(float)
+    points = np.concatenate([np.zeros((0, 3)), *(p[inside] for p, inside in zip(views.points, views.inside))])
     if not len(points):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
     index = np.floor((points - points.min(0)) / CELL_M).astype(np.int64)
@@ -108,9 +111,8 @@ def group(cells: Array, index: Int, seen: Witness) -> NDArray[np.int32]:
         return np.full(len(cells), -1, np.int32)
     cluster = np.full(len(size), -1, np.int64)
     cluster[large] = _clusters(centre[large], seen)
-    label = cluster[patch]
-    label = _refined(cells, _without_small(label), seen)
-    return _numbered(cells, _without_small(label))
+    label = _refined(cells, _without_small(cluster[patch]), seen)
+    return _numbered(cells, _without_small(_without_lodgers(cells, label)))
 
 
 def _clusters(points: Array, seen: Witness) -> Int:
@@ -143,29 +145,24 @@ def _patches(index: Int) -> Int:
 
 
 def _refined(cells: Array, label: Int, seen: Witness) -> Int:
-    """Cells near two objects, or in none, go to the nearby object of whose cells fewest are separated from them."""
+    """Cells near two objects, or in none, go to the nearby object of whose cells fewest are separated from them.
+
+    Where that decides nothing, on faces that are flush, they go to the one whose footprint they are deepest in or nearest to.
+    """
     labelled = np.flatnonzero(label >= 0)
     if not len(labelled):
         return label
-    near, which = cKDTree(cells[labelled]).query(cells, k=16, distance_upper_bound=0.015)
+    _, which = cKDTree(cells[labelled]).query(cells, k=AROUND, distance_upper_bound=0.015)
     groups = np.append(label[labelled], -1)[which]  # what is too far has the index len(labelled)
-    groups = np.where(np.isfinite(near), groups, -1)
     lowest, highest = np.where(groups >= 0, groups, len(label)).min(1), groups.max(1)
     asked = np.flatnonzero((highest >= 0) & ((lowest != highest) | (label < 0)))
     if not len(asked):
         return label
     candidates = groups[asked]
-    for k in range(1, 16):  # each group once
+    for k in range(1, AROUND):  # each group once
         candidates[(candidates[:, :k] == candidates[:, k : k + 1]).any(1), k] = -1
-    order = np.argsort(label[labelled], kind="stable")
-    counts = np.bincount(label[labelled])
-    ends = np.cumsum(counts)
-    rows = [
-        np.unique(np.linspace(end - n, end - 1, min(n, MEMBERS)).astype(int)) if n else np.zeros(0, int) for n, end in zip(counts, ends)
-    ]
-    members = cells[labelled[order]][np.concatenate(rows)]
-    first = np.concatenate([[0], np.cumsum([len(r) for r in rows])]).astype(np.int32)
-    chosen = nearest_group(
+    members, first = _members(cells, label)
+    shares = separated_shares(
         cells[asked],
         candidates.astype(np.int32),
         members,
@@ -178,7 +175,48 @@ def _refined(cells: Array, label: Int, seen: Witness) -> Int:
         seen.axial,
     )
     out = label.copy()
-    out[asked] = chosen
+    out[asked] = -1
+    clear = np.partition(shares, 1, axis=1)[:, 1] > shares.min(1) + 0.1
+    out[asked[clear]] = candidates[clear, shares[clear].argmin(1)]
+    prints = [footprint(cells[out == k]) for k in range(int(label.max()) + 1)]
+    for i in np.flatnonzero(~clear):
+        best = [k for k, share in zip(candidates[i], shares[i]) if share <= shares[i].min() + 0.1]
+        out[asked[i]] = min(best, key=lambda k: outside(prints[k], cells[asked[i], :2]))
+    return out
+
+
+def _members(cells: Array, label: Int) -> tuple[Array, NDArray[np.int32]]:
+    """Up to MEMBERS cells of each group, evenly chosen, and where each group's begin: first (G + 1,)."""
+    rows = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
+    few = [r[np.unique(np.linspace(0, len(r) - 1, min(len(r), MEMBERS)).astype(int))] if len(r) else r for r in rows]
+    return cells[np.concatenate(few)], np.cumsum([0, *map(len, few)]).astype(np.int32)
+
+
+def footprint(cells: Array) -> Array:
+    """The convex outline of points (N, 3) on the floor as half planes (H, 3): a·x + b·y + c <= 0 inside; (0, 3) of too few points."""
+    try:
+        return np.asarray(ConvexHull(cells[:, :2]).equations)
+    except (QhullError, ValueError):
+        return np.zeros((0, 3))
+
+
+def outside(planes: Array, point: Array) -> float:
+    """How far a point (2,) lies outside a footprint, negative inside; inf for one without area."""
+    return float((planes[:, :2] @ point + planes[:, 2]).max(initial=-np.inf)) if len(planes) else np.inf
+
+
+def _without_lodgers(cells: Array, label: Int) -> Int:
+    """Two things can't stand on one spot: a group most of which lies on the footprints of larger ones is made of parts of them."""
+    out = label.copy()
+    count = np.bincount(out[out >= 0], minlength=1)
+    by_size = [int(k) for k in np.argsort(count, kind="stable") if count[k]]
+    prints = {k: footprint(cells[label == k]) for k in by_size}
+    for i, small in enumerate(by_size):
+        rows, larger = np.flatnonzero(label == small), [k for k in by_size[i + 1 :] if len(prints[k])]
+        if larger:
+            off = np.stack([(cells[rows, :2] @ prints[k][:, :2].T + prints[k][:, 2]).max(1) for k in larger], -1)
+            if np.median(off.min(1)) < 0.002:
+                out[rows] = np.array(larger)[off.argmin(1)]
     return out
 
 

@@ -15,6 +15,7 @@ from kinematics.transforms import Array
 Bool = NDArray[np.bool_]
 Image = NDArray[np.float32]
 Labels = NDArray[np.int32]
+HIDDEN, SURFACE, EMPTY = 0, 1, 2
 
 
 @njit(cache=True, nogil=True)
@@ -133,11 +134,13 @@ def nearest_around(depth: Image, arm: Bool) -> Image:
 
 
 @njit(cache=True, nogil=True)
-def seen_through(p: Array, near: Image, cameras: Array, T: Array, slack_m: float, axial: float) -> bool:
-    """Whether some frame looks through the point p (3,) of the cabinet: what it measures there is further away by more than the slack.
+def seen(p: Array, near: Image, cameras: Array, T: Array, slack_m: float, axial: float) -> int:
+    """What the frames know of the point p (3,) of the cabinet: EMPTY when one looks through it and measures what is further away by more
+    than the slack, SURFACE when one measures just that depth, else HIDDEN.
 
     near (F, H, W): `nearest_around` of each frame; cameras (F, 4): fx, fy, cx, cy; T (F, 4, 4): T_camera_cabinet.
     """
+    found = HIDDEN
     for f in range(near.shape[0]):
         z = T[f, 2, 0] * p[0] + T[f, 2, 1] * p[1] + T[f, 2, 2] * p[2] + T[f, 2, 3]
         if z < 0.01:
@@ -145,16 +148,20 @@ def seen_through(p: Array, near: Image, cameras: Array, T: Array, slack_m: float
         x = T[f, 0, 0] * p[0] + T[f, 0, 1] * p[1] + T[f, 0, 2] * p[2] + T[f, 0, 3]
         y = T[f, 1, 0] * p[0] + T[f, 1, 1] * p[1] + T[f, 1, 2] * p[2] + T[f, 1, 3]
         u, v = int(np.floor(cameras[f, 0] * x / z + cameras[f, 2] + 0.5)), int(np.floor(cameras[f, 1] * y / z + cameras[f, 3] + 0.5))
-        if 0 <= u < near.shape[2] and 0 <= v < near.shape[1] and near[f, v, u] > z + slack_m + 2.0 * axial * z * z:
-            return True
-    return False
+        if 0 <= u < near.shape[2] and 0 <= v < near.shape[1] and near[f, v, u] > 0.0:
+            behind, slack = near[f, v, u] - z, slack_m + 2.0 * axial * z * z
+            if behind > slack:
+                return EMPTY
+            if behind > -slack:
+                found = SURFACE
+    return found
 
 
 @njit(cache=True, nogil=True)
-def separated(a: Array, b: Array, near: Image, cameras: Array, T: Array, step_m: float, slack_m: float, axial: float) -> bool:
-    """Whether a point of the segment between a and b (3,) is seen to be empty; the frames as in `seen_through`."""
+def hidden_between(a: Array, b: Array, near: Image, cameras: Array, T: Array, step_m: float, slack_m: float, axial: float) -> float:
+    """How much of the segment between a and b (3,) nobody has seen, in metres; -1 when a point of it is seen to be empty."""
     length = np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
-    n = int(length / step_m)
+    n, hidden = int(length / step_m), 0
     p = np.empty(3)
     for i in range(n):
         # from the middle outwards: that is where two objects have their gap
@@ -162,9 +169,11 @@ def separated(a: Array, b: Array, near: Image, cameras: Array, T: Array, step_m:
         share = (j + 0.5) / n
         for r in range(3):
             p[r] = a[r] + share * (b[r] - a[r])
-        if seen_through(p, near, cameras, T, slack_m, axial):
-            return True
-    return False
+        known = seen(p, near, cameras, T, slack_m, axial)
+        if known == EMPTY:
+            return -1.0
+        hidden += known == HIDDEN
+    return hidden * step_m
 
 
 @njit(cache=True, nogil=True)
@@ -173,7 +182,9 @@ def separations(
 ) -> Array:
     """How surely two points are not of one convex object: (N·(N - 1)/2,) between 0 and 1, in SciPy's condensed order.
 
-    1 where the segment between them is seen to be empty somewhere; else 0 up to a distance of usual_m on the floor, rising to 1 at most_m.
+    1 where the segment between them is seen to be empty somewhere. Else it rises slowly with the distance on the floor, to 0.05 at usual_m,
+    so that what stands in one column belongs together before what stands beside it; and, of what nobody has seen of the segment, from 0
+    at a length of usual_m to 1 at most_m.
     """
     n = points.shape[0]
     out = np.ones(n * (n - 1) // 2)
@@ -181,14 +192,16 @@ def separations(
     for i in range(n):
         for j in range(i + 1, n):
             apart = np.hypot(points[i, 0] - points[j, 0], points[i, 1] - points[j, 1])
-            if apart < most_m and not separated(points[i], points[j], near, cameras, T, step_m, slack_m, axial):
-                out[k] = max(0.0, (apart - usual_m) / (most_m - usual_m))
+            hidden = hidden_between(points[i], points[j], near, cameras, T, step_m, slack_m, axial) if apart < most_m else -1.0
+            if hidden >= 0.0:
+                level = hidden * apart / max(np.sqrt(apart**2 + (points[i, 2] - points[j, 2]) ** 2), 1e-9)
+                out[k] = max(0.05 * min(apart / usual_m, 1.0), min((level - usual_m) / (most_m - usual_m), 1.0))
             k += 1
     return out
 
 
 @njit(cache=True, nogil=True)
-def nearest_group(
+def separated_shares(
     cells: Array,
     candidates: Labels,
     members: Array,
@@ -199,24 +212,18 @@ def nearest_group(
     step_m: float,
     slack_m: float,
     axial: float,
-) -> Labels:
-    """For each cell (C, 3), which of its candidate groups (C, K), -1 for none, has the least share of members separated from it.
+) -> Array:
+    """For each cell (C, 3) and each of its candidate groups (C, K), -1 for none, the share of the group's members separated from it.
 
-    members[first[g]:first[g + 1]] (·, 3) are points of group g. The first candidate wins a draw.
+    members[first[g]:first[g + 1]] (·, 3) are points of group g. Where there is no candidate, inf.
     """
-    out = np.empty(cells.shape[0], np.int32)
+    out = np.full(candidates.shape, np.inf)
     for c in range(cells.shape[0]):
-        best, chosen = np.inf, -1
         for k in range(candidates.shape[1]):
             g = candidates[c, k]
-            if g < 0:
-                continue
-            apart = 0
-            for m in range(first[g], first[g + 1]):
-                if separated(cells[c], members[m], near, cameras, T, step_m, slack_m, axial):
-                    apart += 1
-            share = apart / max(first[g + 1] - first[g], 1)
-            if share < best:
-                best, chosen = share, g
-        out[c] = chosen
+            if g >= 0:
+                apart = 0
+                for m in range(first[g], first[g + 1]):
+                    apart += hidden_between(cells[c], members[m], near, cameras, T, step_m, slack_m, axial) < 0.0
+                out[c, k] = apart / max(first[g + 1] - first[g], 1)
     return out

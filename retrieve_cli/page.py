@@ -40,6 +40,7 @@ from retrieve_cli.picture import (
     outline,
     ring,
 )
+from retrieve_cli.seen import UNSEEN_COLOUR, VIEW_COLOUR, observed_boxes, told, unseen_regions, view_pyramids
 from retrieve_cli.visuals import visuals
 
 Colour = tuple[float, float, float]
@@ -53,7 +54,7 @@ def page(film: Film) -> str:
     """The whole HTML document."""
     import umsgpack  # type: ignore[import-untyped]
 
-    commands = [*_setting(film), *_objects(film), *_arm(film), *_plan(film)]
+    commands = [*_setting(film), *_objects(film), *_seen(film), *_arm(film), *_plan(film)]
     packed = [base64.b64encode(umsgpack.packb(c)).decode() for c in commands]
     tracks = _animation(film)
     if tracks:
@@ -124,6 +125,14 @@ def _target_marks(path: str, shape: Shape, colour: Colour) -> list[Command]:
     """The target's edges, and a ghost of it that shines through whatever hides it."""
     ghosts = _solid(f"{path}/seen through", shape, colour, 0.25, through=True)
     return [_lines(f"{path}/outline", outline(shape), (0.6 * colour[0], 0.6 * colour[1], 0.6 * colour[2])), *ghosts]
+
+
+def _seen(film: Film) -> list[Command]:
+    """What a sensed scene knows: observed boxes, views, and the regions that nobody has seen."""
+    commands = [_lines(f"/seen/boxes/{name}", edges, colour, 0.9, through=True) for name, (colour, edges) in observed_boxes(film).items()]
+    commands += [_lines(f"/seen/views/{i}", edges, VIEW_COLOUR) for i, edges in enumerate(view_pyramids(film.scene))]
+    unseen = unseen_regions(film.scene)
+    return commands + ([_lines("/seen/unseen regions", unseen, UNSEEN_COLOUR)] if unseen else [])
 
 
 def _arm(film: Film) -> list[Command]:
@@ -462,6 +471,7 @@ def _caption(film: Film) -> str:
     behind = f"{others} other objects" if others != 1 else "1 other object"
     robot = escape(scene.robot.name or scene.robot.urdf or "")
     line = f"scene {escape(scene.id)} · {robot} · {behind}"
+    line += f"<br>{known}" if (known := told(scene)) else ""
     if plan is None:
         return f"{head}<p>{line}</p>"
     done = film.done

@@ -28,6 +28,7 @@ from retrieve_cli.picture import (
     ring,
     silhouette,
 )
+from retrieve_cli.seen import UNSEEN_COLOUR, VIEW_COLOUR, observed_boxes, unseen_regions, view_pyramids
 from retrieve_cli.visuals import visuals
 
 WIDTH_PX = 1280
@@ -110,7 +111,7 @@ def side_view(film: Film, time_s: float = 0.0, T_world_camera: Array | None = No
     state = film.state_at(time_s)
     intrinsics = pinhole(WIDTH_PX, round(WIDTH_PX / ASPECT), 2 * float(np.arctan(HALF_WIDTH * 1.06)))
     T = best_view(film) if T_world_camera is None else T_world_camera
-    lines = [*marks(film, state, T), *plan_lines(film, move)]
+    lines = [*marks(film, state, T), *seen_lines(film), *plan_lines(film, move)]
     return shade(items(film, state), T, intrinsics, lines, studio=_studio(film))
 
 
@@ -154,6 +155,14 @@ def marks(film: Film, state: State, T_world_camera: Array) -> list[Polyline]:
             lines += [Polyline(apply(body.T_world_body, p), _darker(target), 2.0, hidden=0.0, halo_px=0.0) for p in outline(body.shape)]
             lines += [Polyline(loop, target, 2.5, hidden=0.75, halo_px=0.0) for loop in silhouette(body, T_world_camera)]
     return lines
+
+
+def seen_lines(film: Film) -> list[Polyline]:
+    """Observed boxes, views and unseen regions of a sensed scene."""
+    lines = [Polyline(p, UNSEEN_COLOUR, 1.6, hidden=0.0, halo_px=0.0) for p in unseen_regions(film.scene)]
+    for colour, edges in observed_boxes(film).values():
+        lines += [Polyline(p, colour, 1.8, hidden=0.35, halo_px=0.0) for p in edges]
+    return lines + [Polyline(p, VIEW_COLOUR, 1.8, hidden=0.25, halo_px=0.0) for edges in view_pyramids(film.scene) for p in edges]
 
 
 def plan_lines(film: Film, move: int | None = None) -> list[Polyline]:

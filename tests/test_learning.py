@@ -139,6 +139,20 @@ def test_padding_changes_nothing_and_order_only_the_order(form: str) -> None:
         torch.testing.assert_close(padded[: n - 1], plain, atol=1e-5, rtol=1e-5)
 
 
+def test_regions_are_judged_one_by_one_whatever_else_is_padded_or_asked() -> None:
+    t = tokens(observation(1))
+    net = make_net("rpnet", SMALL).eval()
+    context, grasp, boxes, regions = torch_inputs(t, "context", "grasp", "boxes", "regions")
+    mask, moved = torch.ones(1, boxes.shape[1], dtype=torch.bool), torch.full((1, regions.shape[1]), 2)
+    with torch.inference_mode():
+        plain = net(context, grasp, boxes, mask, regions, moved)[0]
+        padded = torch.cat([boxes, torch.ones(1, 3, 6)], 1)
+        some = net(context, grasp, padded, torch.cat([mask, torch.zeros(1, 3, dtype=torch.bool)], 1), regions[:, [7, 3]], moved[:, :2])[0]
+        torch.testing.assert_close(some, plain[[7, 3]], atol=1e-5, rtol=1e-5)
+        other = net(context, grasp, boxes, mask, regions, moved - 1)[0]
+    assert (other - plain).abs().max() > 1e-3
+
+
 def test_the_printed_rpnet_is_blind_to_the_other_objects_and_ours_is_not() -> None:
     t = tokens(observation(2))
     moved = t.boxes.copy()

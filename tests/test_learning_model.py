@@ -70,12 +70,17 @@ def test_a_model_ranks_all_objects_and_regions(form: str, folder: Callable[..., 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_new_observation_is_looked_at_anew(form: str, folder: Callable[..., Path]) -> None:
-    policy, rng = make_policy("neural", motions(), model=from_pretrained(folder(form))), np.random.default_rng(0)
+    model, rng = from_pretrained(folder(form)), np.random.default_rng(0)
+    policy = make_policy("neural", motions(), model=model)
     one, two = observation(0), observation(3)
-    first = policy.place(one, one.movable[0], rng)
-    assert set(policy.select(two, rng)) == set(two.movable)
-    policy.place(two, two.movable[0], rng)
-    assert list(policy.place(one, one.movable[0], rng)) == list(first)
+    name = one.movable[0]
+    ranked = {}
+    for seen in (one, two, one):
+        assert list(policy.select(seen, rng)) == model.select(seen).ranking
+        regions = list(policy.place(seen, name, rng))
+        assert regions == model.see(seen).place(name, None if form == "paper" else free_regions(seen, name)).ranking
+        assert ranked.setdefault(id(seen), regions) == regions
+    assert ranked[id(one)] != ranked[id(two)]
 
 
 def test_a_scene_without_other_objects_is_no_trouble(folder: Callable[..., Path]) -> None:

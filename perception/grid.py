@@ -141,55 +141,47 @@ def mark_occupied(state: States, step: Array, clear: Image, fx: float, fy: float
 
 @njit(cache=True, nogil=True)
 def map_depth(
-    state: States, step: Array, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, own: Image, least: float, out: Image
-) -> None:
-    """A coarse depth image (H, W) of the map: where each ray leaves the first OCCUPIED voxel, unknown ones taken for free; far if it meets
-    none. 0 where nothing would be learnt: where a wall is in the way from outside, or something nearer than `least`, the camera's least
-    depth, or the robot's own body; own (H, W) is 0 there and 1e9 elsewhere.
+    occupied: Array, step: Array, size: Array, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, T: Array,
+    own: NDArray[np.bool_], least: float, out: Image,
+) -> None:  # fmt: skip
+    """A depth image (H, W) of the occupied voxels, given by their centres (N, 3): their far sides; far where there is none.
+
+    0 where nothing would be learnt: where a wall is in the way from outside, or something nearer than `least`, the camera's least depth,
+    or the robot's own body, where `own` (H, W) is True. R, eye and T: the camera in the grid and the grid in the camera.
     """
     height, width = out.shape
-    at, move, dt = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3)
-    nxt = np.empty(3)
     for v in range(height):
         y = (v - cy) / fy
         for u in range(width):
             x = (u - cx) / fx
-            enter, leave = 0.0, float(own[v, u])
+            enter, leave = 0.0, 1e9
             for a in range(3):
                 d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
-                size = state.shape[a] * step[a]
                 if abs(d) > 1e-12:
-                    t0, t1 = -eye[a] / d, (size - eye[a]) / d
+                    t0, t1 = -eye[a] / d, (size[a] - eye[a]) / d
                     enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
-                elif eye[a] < 0.0 or eye[a] > size:
+                elif eye[a] < 0.0 or eye[a] > size[a]:
                     leave = -1.0
-            out[v, u] = own[v, u]
-            if leave <= enter:
-                continue
-            if enter > 0.0 and eye[0] + enter * (R[0, 0] * x + R[0, 1] * y + R[0, 2]) > 1e-6:
-                out[v, u] = 0.0  # through a wall: only the front is open
-                continue
-            for a in range(3):
-                d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
-                p = eye[a] + (enter + 1e-9) * d
-                at[a] = min(max(int(np.floor(p / step[a])), 0), state.shape[a] - 1)
-                if d > 1e-12:
-                    move[a], dt[a], nxt[a] = 1, step[a] / d, ((at[a] + 1) * step[a] - eye[a]) / d
-                elif d < -1e-12:
-                    move[a], dt[a], nxt[a] = -1, -step[a] / d, (at[a] * step[a] - eye[a]) / d
-                else:
-                    move[a], dt[a], nxt[a] = 0, 1e9, 1e9
-            t = enter
-            while t < leave:
-                a = 0 if nxt[0] <= nxt[1] and nxt[0] <= nxt[2] else (1 if nxt[1] <= nxt[2] else 2)
-                t = nxt[a]
-                if state[at[0], at[1], at[2]] == OCCUPIED:
-                    out[v, u] = min(out[v, u], t) if t >= least else 0.0
-                    break
-                at[a] += move[a]
-                if at[a] < 0 or at[a] >= state.shape[a]:
-                    break
-                nxt[a] += dt[a]
+            through_wall = leave > enter and enter > 0.0 and eye[0] + enter * (R[0, 0] * x + R[0, 1] * y + R[0, 2]) > 1e-6
+            out[v, u] = 0.0 if own[v, u] or through_wall else _FAR
+    half = np.empty(3)
+    _half_extents(step, T, half)
+    for i in range(occupied.shape[0]):
+        a, b, c = occupied[i, 0], occupied[i, 1], occupied[i, 2]
+        z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+        if z < _NEAR:
+            continue
+        x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+        y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+        by = 1.0 / z
+        u0 = int(max(np.ceil(fx * (x - half[0]) * by + cx), 0.0))
+        u1 = int(min(np.floor(fx * (x + half[0]) * by + cx), width - 1.0))
+        v0 = int(max(np.ceil(fy * (y - half[1]) * by + cy), 0.0))
+        v1 = int(min(np.floor(fy * (y + half[1]) * by + cy), height - 1.0))
+        far = np.float32(z + half[2]) if z >= least else np.float32(0.0)
+        for v in range(v0, v1 + 1):
+            for u in range(u0, u1 + 1):
+                out[v, u] = min(out[v, u], far)
 
 
 @njit(cache=True, nogil=True)

@@ -8,6 +8,7 @@ few views at the top need to be looked at anew (lazy greedy choice; Minoux 1978)
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from kinematics.scene import Cabinet
 from kinematics.transforms import Array, inverse, rotation_about
 from perception import grid
 from perception.camera import Intrinsics, look_at
-from perception.voxels import UNKNOWN, Voxels
+from perception.voxels import OCCUPIED, UNKNOWN, Voxels
 
 FINE, COARSE = 4, 3  # pixels of the camera, in each direction, for one of the preview; pixels of the preview for one of its first guess
 SPARSE = 5  # one voxel in so many is counted
@@ -52,6 +53,17 @@ def sweep_poses(cabinet: Cabinet) -> Array:
     return np.array(out)
 
 
+class _Moment(NamedTuple):
+    """The map as the views of one choice see it: unknown voxels that count (rows, centres, weights), centres of occupied ones."""
+
+    voxels: Voxels
+    rows: NDArray[np.int64]
+    points: Array
+    weight: Array
+    occupied: Array
+    T_grid_world: Array
+
+
 class Preview:
     """What views would reveal of a map. The bounds and weights it keeps belong to one cabinet and one list of poses.
 
@@ -71,14 +83,14 @@ class Preview:
         """The view with the greatest gain less its cost (C,), among the usable ones, and its gain, the share of the space that it would
         reveal; None when there is none. usable is asked as late as possible, about the views that come to the top.
         """
-        rows, points = self._unknown(voxels)
+        now = self._moment(voxels)
         if self.bound is None:
-            self.bound = np.array([self._at_most(voxels, rows, points, i) for i in range(len(self.poses))])
+            self.bound = np.array([self._at_most(now, i) for i in range(len(self.poses))])
         fresh, barred = np.zeros(len(self.poses), bool), np.zeros(len(self.poses), bool)
         while not barred.all():
             i = int(np.argmax(np.where(barred, -np.inf, self.bound - cost)))
             if not fresh[i]:
-                self.bound[i], fresh[i] = self._gain(voxels, rows, points, i)[0], True
+                self.bound[i], fresh[i] = self._gain(now, i)[0], True
             elif usable(i):
                 return i, float(self.bound[i])
             else:
@@ -87,47 +99,40 @@ class Preview:
 
     def taken(self, voxels: Voxels, index: int) -> None:
         """View number `index` was taken, and `voxels` is the map with it: what it should have shown and did not counts less from now on."""
-        rows, points = self._unknown(voxels)
-        _, seen = self._gain(voxels, rows, points, index)
-        self.weight[rows[seen.astype(bool)]] *= STALE
+        now = self._moment(voxels)
+        _, seen = self._gain(now, index)
+        self.weight[now.rows[seen.astype(bool)]] *= STALE
 
-    def _unknown(self, voxels: Voxels) -> tuple[NDArray[np.int64], Array]:
+    def _moment(self, voxels: Voxels) -> _Moment:
         rows = np.flatnonzero(voxels.state[tuple(self.places.T)] == UNKNOWN)
-        return rows, (self.places[rows] + 0.5) * voxels.step
+        occupied = (np.argwhere(voxels.state == OCCUPIED) + 0.5) * voxels.step
+        return _Moment(voxels, rows, (self.places[rows] + 0.5) * voxels.step, self.weight[rows], occupied, inverse(voxels.T_world_grid))
 
-    def _gain(self, voxels: Voxels, rows: NDArray[np.int64], points: Array, index: int) -> tuple[float, grid.States]:
-        depth, T, f = _map_depth(voxels, self.poses[index], self.fine, self.own[index], self.least_m)
+    def _gain(self, now: _Moment, index: int) -> tuple[float, grid.States]:
+        depth, T, f = self._depth(now, index, self.fine, self.own[index])
         levels = np.zeros((grid.LEVELS, *depth.shape), np.float32)
         grid.pyramid(depth, levels)
-        seen = np.empty(len(rows), np.uint8)
-        total = grid.revealed(points, self.weight[rows], voxels.step, T, levels, *f, seen)
+        seen = np.empty(len(now.rows), np.uint8)
+        total = grid.revealed(now.points, now.weight, now.voxels.step, T, levels, *f, seen)
         return float(total) / len(self.places), seen
 
-    def _at_most(self, voxels: Voxels, rows: NDArray[np.int64], points: Array, index: int) -> float:
+    def _at_most(self, now: _Moment, index: int) -> float:
         height, width, k = self.coarse.height, self.coarse.width, COARSE
         own = np.asarray(self.own[index, : height * k, : width * k].reshape(height, k, width, k).any((1, 3)))
-        depth, T, f = _map_depth(voxels, self.poses[index], self.coarse, own, self.least_m)
-        return float(grid.revealed_at_most(points, self.weight[rows], T, depth, *f)) / len(self.places)
+        depth, T, f = self._depth(now, index, self.coarse, own)
+        return float(grid.revealed_at_most(now.points, now.weight, T, depth, *f)) / len(self.places)
 
-
-def _map_depth(
-    voxels: Voxels, T_world_camera: Array, camera: Intrinsics, own: NDArray[np.bool_], least_m: float
-) -> tuple[NDArray[np.float32], Array, tuple[float, float, float, float]]:
-    """The map's depth image (H, W), the way from the grid's frame to the camera's (3, 4), and fx, fy, cx, cy."""
-    f = (camera.fx, camera.fy, camera.cx, camera.cy)
-    T = inverse(voxels.T_world_grid) @ T_world_camera
-    depth = np.empty((camera.height, camera.width), np.float32)
-    grid.map_depth(
-        voxels.state,
-        voxels.step,
-        *f,
-        np.ascontiguousarray(T[:3, :3]),
-        T[:3, 3].copy(),
-        np.where(own, np.float32(0), np.float32(1e9)),
-        least_m,
-        depth,
-    )
-    return depth, np.ascontiguousarray(inverse(T)[:3]), f
+    def _depth(
+        self, now: _Moment, index: int, camera: Intrinsics, own: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], Array, tuple[float, float, float, float]]:
+        """The map's depth image (H, W), the way from the grid's frame to the camera's (3, 4), and fx, fy, cx, cy."""
+        f = (camera.fx, camera.fy, camera.cx, camera.cy)
+        T_grid_camera = now.T_grid_world @ self.poses[index]
+        R, eye = np.ascontiguousarray(T_grid_camera[:3, :3]), T_grid_camera[:3, 3].copy()
+        T = np.ascontiguousarray(np.c_[R.T, -R.T @ eye])
+        depth = np.empty((camera.height, camera.width), np.float32)
+        grid.map_depth(now.occupied, now.voxels.step, now.voxels.cabinet.size_m, *f, R, eye, T, own, self.least_m, depth)
+        return depth, T, f
 
 
 def reduced(camera: Intrinsics, k: int = FINE) -> Intrinsics:

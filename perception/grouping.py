@@ -41,6 +41,7 @@ FEWEST_CELLS = 12
 """Fewer are no object but noise."""
 MEMBERS = 24
 """So many cells speak for an object."""
+FAR_M = 1e3
 AROUND = 32
 """So many cells around one say which objects it may belong to."""
 
@@ -179,9 +180,14 @@ def _refined(cells: Array, label: Int, seen: Witness) -> Int:
     clear = np.partition(shares, 1, axis=1)[:, 1] > shares.min(1) + 0.1
     out[asked[clear]] = candidates[clear, shares[clear].argmin(1)]
     prints = [footprint(cells[out == k]) for k in range(int(label.max()) + 1)]
-    for i in np.flatnonzero(~clear):
-        best = [k for k, share in zip(candidates[i], shares[i]) if share <= shares[i].min() + 0.1]
-        out[asked[i]] = min(best, key=lambda k: outside(prints[k], cells[asked[i], :2]))
+    open_ = np.flatnonzero(~clear)
+    off = np.stack([outside(p, cells[asked[open_]]) for p in prints], -1)
+    rows, columns = np.nonzero(shares[open_] <= shares[open_].min(1, keepdims=True) + 0.1)
+    allowed = np.zeros(off.shape, bool)
+    allowed[rows, candidates[open_[rows], columns]] = True
+    own = label[asked[open_]]  # a cell stays where it is when nothing decides
+    off[np.flatnonzero(own >= 0), own[own >= 0]] -= 1e-9
+    out[asked[open_]] = np.where(allowed, off, np.inf).argmin(1)
     return out
 
 
@@ -200,9 +206,11 @@ def footprint(cells: Array) -> Array:
         return np.zeros((0, 3))
 
 
-def outside(planes: Array, point: Array) -> float:
-    """How far a point (2,) lies outside a footprint, negative inside; inf for one without area."""
-    return float((planes[:, :2] @ point + planes[:, 2]).max(initial=-np.inf)) if len(planes) else np.inf
+def outside(planes: Array, points: Array) -> Array:
+    """How far (N,) points (N, 3) lie outside a footprint, negative inside; far outside of one without area."""
+    if not len(planes):
+        return np.full(len(points), FAR_M)
+    return np.asarray((planes[:, :2] @ points[:, :2].T + planes[:, 2:]).max(0))
 
 
 def _without_lodgers(cells: Array, label: Int) -> Int:
@@ -214,7 +222,7 @@ def _without_lodgers(cells: Array, label: Int) -> Int:
     for i, small in enumerate(by_size):
         rows, larger = np.flatnonzero(label == small), [k for k in by_size[i + 1 :] if len(prints[k])]
         if larger:
-            off = np.stack([(cells[rows, :2] @ prints[k][:, :2].T + prints[k][:, 2]).max(1) for k in larger], -1)
+            off = np.stack([outside(prints[k], cells[rows]) for k in larger], -1)
             if np.median(off.min(1)) < 0.002:
                 out[rows] = np.array(larger)[off.argmin(1)]
     return out

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from kinematics.scene import Cabinet
-from kinematics.transforms import Array, apply
+from kinematics.transforms import Array
 from perception.frames import Frame
 from perception.fusion import Views, prepare
 from perception.grouping import CELL_M, told_apart
@@ -28,7 +28,7 @@ FEWEST_PIXELS = 20
 def segment(
     frames: Sequence[Frame], cabinet: Cabinet, voxels: Voxels | None = None, *, by: Literal["mask", "geometry"] = "mask"
 ) -> dict[str, Array]:
-    """The objects that the frames show: name to centre and size (6,) of a box in the world.
+    """The objects that the frames show, all of one and the same moment: name to centre and size (6,) of a box in the world.
 
     The box is the tightest around the object's points, down to the floor; with a map it is `grown` into what nobody has seen.
     by: "mask" trusts the frames' instances and takes their names; "geometry" finds objects itself and calls them object_0, object_1, …
@@ -68,18 +68,22 @@ def without_strays(points: Array, share: float = 0.03) -> Array:
     """
     if len(points) < FEWEST_PIXELS:
         return points[:0]
-    cell = np.floor((points - points.min(0)) / CELL_M).astype(np.int64)
-    count = np.zeros(cell.max(0) + 1, np.int32)
-    np.add.at(count, tuple(cell.T), 1)
-    around = ndimage.uniform_filter(count.astype(np.float32), 3, mode="constant")[tuple(cell.T)] * 27
+    columns = points.T.copy()  # a row a coordinate: far quicker to reduce
+    cell = np.floor((columns - columns.min(1, keepdims=True)) / CELL_M).astype(np.int64)
+    shape = cell.max(1) + 1
+    flat = np.ravel_multi_index(tuple(cell), shape)
+    count = np.bincount(flat, minlength=int(np.prod(shape))).reshape(shape)
+    around = ndimage.uniform_filter(count.astype(np.float32), 3, mode="constant").ravel()[flat] * 27
     return np.asarray(points[around >= max(3.0, share * float(np.median(around))) - 0.5])
 
 
 def standing_box(points: Array, cabinet: Cabinet) -> Array:
     """Centre and size (6,) of the tightest box in the world around points (N, 3) of the cabinet's frame and their feet on the floor."""
-    feet = points * [1.0, 1.0, 0.0]
-    world = apply(cabinet.T_world_cabinet, np.concatenate([points, feet]))
-    low, high = world.min(0), world.max(0)
+    R, columns = cabinet.T_world_cabinet[:3, :3], points.T.copy()
+    above, feet = R @ columns, R[:, :2] @ columns[:2]
+    origin = cabinet.T_world_cabinet[:3, 3]
+    low = np.minimum(above.min(1), feet.min(1)) + origin
+    high = np.maximum(above.max(1), feet.max(1)) + origin
     return np.concatenate([(low + high) / 2, high - low])
 
 

@@ -181,7 +181,7 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
     if other := [name for name in {**old.settings, **wanted} if old.settings.get(name) != wanted.get(name)]:
         name = other[0]
         raise InputError(
-            f"{out}: holds labels with another {name} ({old.settings.get(name)!r}, not {wanted.get(name)!r}); "
+            f"{out}: holds labels made otherwise: {name} was {old.settings.get(name)!r}, and is {wanted.get(name)!r} now; "
             "name a new folder, or remove this one"
         )
     return replace(old, settings=settings)

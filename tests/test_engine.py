@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from retrieve_cli.__main__ import main
 from retrieve_cli.engine import AHEAD, map_ordered
 from retrieve_cli.errors import InputError
 
@@ -186,6 +188,19 @@ def test_ray_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(InputError, match=r"pip install 'retrieve\[cluster\]'"):
         map_ordered(square, range(3), engine="ray")
+
+
+def test_workers_change_no_scene_and_no_plan(tmp_path: Path) -> None:
+    """But for the times, which are measured."""
+    found = []
+    for workers in ("1", "2"):
+        scenes, plans = tmp_path / f"scenes-{workers}.jsonl", tmp_path / f"plans-{workers}.jsonl"
+        assert main(["gen", "-n", "3", "--seed", "3", "--workers", workers, "-o", str(scenes)]) == 0
+        assert main(["plan", str(scenes), "--policy", "random", "--workers", workers, "-o", str(plans)]) == 0
+        rows = [json.loads(line) for line in plans.read_text().splitlines()]
+        found.append((scenes.read_bytes(), [{k: v for k, v in row.items() if not k.endswith("_time_s")} for row in rows]))
+    assert found[0] == found[1]
+    assert len(found[0][1]) == 3
 
 
 CLUSTER = """if True:

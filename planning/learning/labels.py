@@ -7,6 +7,7 @@ counts and the verdicts apart, so that training decides how they are weighed.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -107,9 +108,10 @@ def movable(scene: Scene) -> tuple[str, ...]:
 
 
 def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> Ways:
-    """Ways from where the arm waits to x_g through the cabinet without the other objects: RRT-Connect's, shortened, `paths` in all.
+    """Ways from where the arm waits to x_g through the cabinet without the other objects: what `paths` searches find, shortened.
 
-    They are spread evenly over the solutions of x_g that the emptied cabinet allows. No way at all when there is none.
+    The searches are spread evenly over the solutions of x_g that the emptied cabinet allows; one that the first search does not reach is
+    given up. No way at all when there is no solution.
     """
     scene = motions.scene
     alone = State(motions.cell.home(), {scene.target: state.poses[scene.target]})
@@ -118,22 +120,25 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
     if not picks:
         return Ways((), np.zeros(0, np.int64), 0.0)
     empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
-    left, straight, n = list(range(len(picks))), dict[int, int](), 0
-    while left and n < paths:
-        for i in list(left)[: paths - n]:
-            if i in straight:  # the straight way is what every search tries first: it would be found again
-                times[straight[i]] += 1
-                n += 1
-                continue
-            way = motions.cell.connect(empty, start, picks[i].approach[:1], rng)
-            if isinstance(way, Blocked):
+    left, straight, reached = deque(range(len(picks))), dict[int, int](), set[int]()
+    for _ in range(paths):
+        if not left:
+            break
+        i = left[0]
+        left.rotate(-1)
+        if i in straight:  # the straight way is what every search tries first: it would be found again
+            times[straight[i]] += 1
+            continue
+        way = motions.cell.connect(empty, start, picks[i].approach[:1], rng)
+        if isinstance(way, Blocked):
+            if i not in reached:
                 left.remove(i)
-                continue
-            if len(way) == 2:
-                straight[i] = len(found)
-            found.append(np.concatenate([way, picks[i].approach[1:]]))
-            times.append(1)
-            n += 1
+            continue
+        reached.add(i)
+        if len(way) == 2:
+            straight[i] = len(found)
+        found.append(np.concatenate([way, picks[i].approach[1:]]))
+        times.append(1)
     return Ways(tuple(found), np.array(times, np.int64), picks[0].gripper_open)
 
 

@@ -1,0 +1,184 @@
+"""The retrieval loop without being told the truth: look, plan on what was seen, move, look again (paper, section III-E).
+
+The world is only asked for pictures and told to move. It is a simulated one here; what it gives back, motions with the objects where they
+truly were in the hand, is judged against the truth at the end, and not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kinematics.robot import Robot
+from kinematics.scene import Body, Held, Scene, State
+from kinematics.transforms import Array, inverse
+from perception.belief import Belief, believe, observation
+from perception.camera import DepthNoise
+from perception.frames import Frame
+from perception.source import Camera, synthetic_camera
+from perception.voxels import unknown_voxels
+from planning.motion.pick_place import ITERATIONS, Motions
+from planning.motion.verify import hand_poses, verify
+from planning.plan import Blocked, Motion, Move, Plan
+from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, hand_travel, objective, proposals
+from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, unseen
+
+FIRST = Limits(0.985, 0.002, 10)
+AGAIN = Limits(1.0, 0.002, 4)  # after a move: what was hidden behind the object
+HARDER = Limits(1.0, 0.0004, 6)  # when nothing works with what is known
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A world that is known to the simulation alone: the scene's objects at poses, and the noise of the camera (None: clean)."""
+
+    robot: Robot
+    scene: Scene
+    poses: Mapping[str, Array]
+    noise: DepthNoise | None = None
+
+    def camera(self, rng: np.random.Generator) -> Camera:
+        return synthetic_camera(self.robot, self.scene, self.poses, noise=self.noise, rng=rng)
+
+    def move(self, motions: Sequence[Motion]) -> tuple[tuple[Motion, ...], Simulated]:
+        """Carry motions out: the same with the held object where it truly is in the hand, and the world afterwards."""
+        poses, out, held = dict(self.poses), [], None
+        for motion in motions:
+            if motion.held is not None:
+                name = motion.held.body
+                if held is None or held.body != name:
+                    held = Held(name, inverse(hand_poses(self.robot, self.scene, motion.q[0])) @ poses[name])
+                poses[name] = hand_poses(self.robot, self.scene, motion.q[-1]) @ held.T_hand_body
+                out.append(replace(motion, held=held))
+            else:
+                held = None
+                out.append(motion)
+        return tuple(out), replace(self, poses=poses)
+
+
+class _Mind:
+    """What has been gathered so far: pictures, the map, objects that were moved, and where the arm is."""
+
+    def __init__(self, world: Simulated, rng: np.random.Generator) -> None:
+        self.blank = replace(world.scene, objects=(), observation=None)
+        self.robot, self.rng = world.robot, rng
+        self.noise = world.noise.axial_1m_m if world.noise else 0.0
+        self.voxels, self.frames = unknown_voxels(self.blank.cabinet), list[Frame]()
+        self.tracked: dict[str, Body] = {}
+        self.q = Motions(self.robot, self.blank).start().q
+        self.belief = Belief((), {}, self.voxels)
+
+    def look(self, world: Simulated, limits: Limits, on_step: Callable[[str], None]) -> Looked:
+        looked = look_around(
+            self.blank, self.robot, world.camera(self.rng), self.q, self.voxels, self.rng,
+            bodies=self.belief.bodies, limits=limits, noise_1m_m=self.noise, on_step=on_step,
+        )  # fmt: skip
+        self.frames += looked.frames
+        self.voxels, self.q = looked.voxels, looked.q
+        self.belief = believe(self.blank, self.frames, self.voxels, tracked=self.tracked)
+        return looked
+
+    def moved(self, name: str, T_world_body: Array, q: Array) -> None:
+        """An object has been put down: its old surface says nothing any more, and where it stands is its own."""
+        body = self.belief.body(name)
+        assert body is not None
+        self.tracked[name] = replace(body, T_world_body=T_world_body)
+        self.voxels = self.voxels.forget(self.voxels.touched(self.tracked[name], BODY_MARGIN_M))
+        bodies = tuple(self.tracked.get(b.name, b) for b in self.belief.bodies)
+        self.belief, self.q = replace(self.belief, bodies=bodies, voxels=self.voxels), q
+
+
+def retrieve_unseen(
+    world: Simulated,
+    policy_for: Callable[[Motions], Policy],
+    *,
+    name: str,
+    rule: Rule = Rule.DEEP,
+    max_moves: int = MAX_MOVES,
+    iterations: int = ITERATIONS,
+    time_budget_s: float | None = None,
+    rng: np.random.Generator,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
+
+    policy_for: makes the policy for what is believed at a moment. The reason is stage "look" when the target was not found; otherwise
+    what blocked the last attempt. Its motions are checked against the truth at the end: `verified` and the reason "verify" tell.
+    """
+    thinking, moving, steps = Stopwatch(), Stopwatch(), 0
+    moves: list[Move] = []
+    way: list[Motion] = []
+    truth = world.scene
+    mind, limits, harder = _Mind(world, rng), FIRST, False
+    failed: set[tuple[str, int]] = set()
+    while True:
+        with moving:
+            looked = mind.look(world, limits, on_step)
+        way += looked.motions
+        taken = _try_target(mind, looked, iterations, time_budget_s, rng, moving)
+        if not isinstance(taken, Blocked):
+            way += world.move(taken)[0]
+            break
+        motions, state = _ready(mind, iterations, time_budget_s, moving)
+        moved = False
+        if steps < max_moves and mind.belief.body(truth.target) is not None:
+            steps += 1
+            seen = observation(mind.blank, mind.q, mind.belief)
+            for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
+                with moving:
+                    done = motions.relocate(state, object_name, region, rng)
+                T_from = world.poses[object_name]
+                if isinstance(done, Blocked):
+                    failed.add((object_name, region))
+                    moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
+                    continue
+                on_step(f"moved {object_name} to region {region}")
+                carried, world = world.move(done.motions)
+                way += carried
+                moves.append(Move(object_name, region, T_from, world.poses[object_name], True))
+                mind.moved(object_name, done.after.poses[object_name], done.after.q)
+                failed.clear()
+                moved, harder, limits = True, False, AGAIN
+                break
+            steps -= not moved and not harder
+        if not moved:
+            if harder or (steps == max_moves and not harder and max_moves > 0):
+                break
+            harder, limits = True, HARDER  # look where there is little left to see, and try once more
+            failed.clear()
+    success, reason, verified = not isinstance(taken, Blocked), taken if isinstance(taken, Blocked) else None, True
+    if way:
+        with moving:
+            found = verify(world.robot, truth, way)
+        if found is not None:
+            success, reason, verified = False, found, False
+    return Plan(
+        truth.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
+        hand_travel(world.robot, truth, way), objective(truth, moves, success), verified,
+    )  # fmt: skip
+
+
+def _ready(mind: _Mind, iterations: int, time_budget_s: float | None, moving: Stopwatch) -> tuple[Motions, State]:
+    """Motion planning for what is believed now."""
+    with moving:
+        bodies = mind.belief.bodies
+        scene = replace(mind.blank, objects=bodies)
+        motions = Motions(
+            mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen(mind.voxels, bodies)
+        )  # fmt: skip
+        return motions, State(mind.q, scene.poses())
+
+
+def _try_target(
+    mind: _Mind, looked: Looked, iterations: int, time_budget_s: float | None, rng: np.random.Generator, moving: Stopwatch
+) -> tuple[Motion, ...] | Blocked:
+    """The motions that take the target out, or why there are none."""
+    target = mind.blank.target
+    if mind.belief.body(target) is None:
+        return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
+    motions, state = _ready(mind, iterations, time_budget_s, moving)
+    with moving:
+        taken = motions.retrieve_target(state, rng)
+    return taken if isinstance(taken, Blocked) else taken.motions

@@ -106,7 +106,7 @@ def train(
     best = {k: v.detach().clone() for k, v in net.state_dict().items()}
     done: list[Epoch] = []
     if checkpoint is not None and checkpoint.is_file():
-        best, done = _resume(checkpoint, net, optimizer, settings, device)
+        best, done = _resume(checkpoint, net, optimizer, settings)
     steps = -(-len(states) // settings.batch)
     while not finished(done, settings):
         number = len(done)
@@ -196,10 +196,8 @@ def _save(
     os.replace(part, file)
 
 
-def _resume(
-    file: Path, net: nn.Module, optimizer: torch.optim.Optimizer, settings: Settings, device: str
-) -> tuple[dict[str, Tensor], list[Epoch]]:
-    with safe_open(file, "pt", device=device) as f:
+def _resume(file: Path, net: nn.Module, optimizer: torch.optim.Optimizer, settings: Settings) -> tuple[dict[str, Tensor], list[Epoch]]:
+    with safe_open(file, "pt") as f:
         tensors = {k: f.get_tensor(k) for k in f.keys()}  # noqa: SIM118  (it is no dict)
         metadata = f.metadata()
     saved = json.loads(metadata["settings"])

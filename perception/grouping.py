@@ -41,6 +41,8 @@ FEWEST_CELLS = 12
 """Fewer are no object but noise."""
 MEMBERS = 24
 """So many cells speak for an object."""
+MOST_PATCHES = 5000
+"""The surface of a hundred objects."""
 FAR_M = 1e3
 AROUND = 32
 """So many cells around one say which objects it may belong to."""
@@ -102,7 +104,8 @@ def _cells(views: Views) -> tuple[Array, Int, Int]:
 def group(cells: Array, index: Int, seen: Witness) -> NDArray[np.int32]:
     """The object (C,) of each cell, numbered from the front of the cabinet to its back, -1 for none.
 
-    cells (C, 3): mean points in the cabinet, metres; index (C, 3): their place in a grid of CELL_M.
+    cells (C, 3): mean points in the cabinet, metres; index (C, 3): their place in a grid of CELL_M. Raises: ValueError when they fill the
+    cabinet as no surfaces would.
     """
     patch = _patches(index)
     size = np.bincount(patch)
@@ -110,6 +113,10 @@ def group(cells: Array, index: Int, seen: Witness) -> NDArray[np.int32]:
     large = np.flatnonzero(size >= 3)
     if not len(large):
         return np.full(len(cells), -1, np.int32)
+    if len(large) > MOST_PATCHES:
+        raise ValueError(
+            "the depth images show no surfaces but points all over the cabinet: they are noise, or the cameras' poses are wrong"
+        )
     cluster = np.full(len(size), -1, np.int64)
     cluster[large] = _clusters(centre[large], seen)
     label = _refined(cells, _without_small(cluster[patch]), seen)
@@ -180,14 +187,14 @@ def _refined(cells: Array, label: Int, seen: Witness) -> Int:
     clear = np.partition(shares, 1, axis=1)[:, 1] > shares.min(1) + 0.1
     out[asked[clear]] = candidates[clear, shares[clear].argmin(1)]
     prints = [footprint(cells[out == k]) for k in range(int(label.max()) + 1)]
-    open_ = np.flatnonzero(~clear)
-    off = np.stack([outside(p, cells[asked[open_]]) for p in prints], -1)
-    rows, columns = np.nonzero(shares[open_] <= shares[open_].min(1, keepdims=True) + 0.1)
+    undecided = np.flatnonzero(~clear)
+    off = np.stack([outside(p, cells[asked[undecided]]) for p in prints], -1)
+    rows, columns = np.nonzero(shares[undecided] <= shares[undecided].min(1, keepdims=True) + 0.1)
     allowed = np.zeros(off.shape, bool)
-    allowed[rows, candidates[open_[rows], columns]] = True
-    own = label[asked[open_]]  # a cell stays where it is when nothing decides
+    allowed[rows, candidates[undecided[rows], columns]] = True
+    own = label[asked[undecided]]  # a cell stays where it is when nothing decides
     off[np.flatnonzero(own >= 0), own[own >= 0]] -= 1e-9
-    out[asked[open_]] = np.where(allowed, off, np.inf).argmin(1)
+    out[asked[undecided]] = np.where(allowed, off, np.inf).argmin(1)
     return out
 
 

@@ -32,7 +32,8 @@ def segment(
 
     The box is the tightest around the object's points, down to the floor; with a map it is `grown` into what nobody has seen.
     by: "mask" trusts the frames' instances and takes their names; "geometry" finds objects itself and calls them object_0, object_1, …
-    from the front to the back. Raises: ValueError when masks are asked for and a frame has none, and for another word.
+    from the front to the back. Raises: ValueError when masks are asked for and a frame has none, for depths without surfaces, where
+    geometry alone must decide, and for another word.
     """
     if by not in ("mask", "geometry"):
         raise ValueError(f"objects can be told apart by mask or by geometry, not by {by!r}")

@@ -196,7 +196,6 @@ def test_the_robots_own_pixels_are_no_object() -> None:
 
 @pytest.mark.parametrize("by", ["mask", "geometry"])
 def test_what_shows_nothing_gives_no_objects(by: str) -> None:
-    rng = np.random.default_rng(0)
     empty = photograph([])
     assert segment(empty, CABINET, by=by) == {}
     assert segment([], CABINET, by=by) == {}
@@ -206,8 +205,14 @@ def test_what_shows_nothing_gives_no_objects(by: str) -> None:
         empty[0], T_world_camera=CABINET.T_world_cabinet @ look_at(np.array([-0.1, 0, -0.01]), np.array([0.3, 0, -0.01]))
     )
     assert segment([inside_a_wall], CABINET, by=by) == {} or by == "geometry"
-    nothing_but_noise = [replace(f, depth=rng.uniform(0.2, 3.0, f.depth.shape).astype(np.float32)) for f in empty]
-    assert isinstance(segment(nothing_but_noise, CABINET, by=by), dict)
+
+
+def test_nothing_but_noise_is_told_so_and_soon() -> None:
+    rng = np.random.default_rng(0)
+    frames = [replace(f, depth=rng.uniform(0.2, 1.0, f.depth.shape).astype(np.float32)) for f in photograph([], camera=realsense_d435i())]
+    assert segment(frames, CABINET, by="mask") == {}
+    with pytest.raises(ValueError, match="noise, or the cameras' poses are wrong"):
+        segment(without_masks(frames), CABINET, by="geometry")
 
 
 def test_images_of_different_sizes_go_together() -> None:

@@ -50,6 +50,13 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
+class By(StrEnum):
+    """How objects are told apart."""
+
+    mask = "mask"
+    geometry = "geometry"
+
+
 class Camera(StrEnum):
     """Where a still picture is taken from."""
 
@@ -167,6 +174,45 @@ def gen(
 
 
 @app.command()
+def sense(
+    scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; stdin if left out or -.", metavar="SCENES")] = None,
+    views: Annotated[
+        Path | None, typer.Option("--views", help="Also write the frames, BOP layout, and the fused cloud (PLY).", metavar="DIR")
+    ] = None,
+    from_views: Annotated[
+        Path | None, typer.Option("--from-views", help="Take recorded frames, BOP layout, instead of looking.", metavar="DIR")
+    ] = None,
+    max_views: Annotated[int, typer.Option("--max-views", help="How many views may be taken.", min=1)] = 8,
+    known: Annotated[float, typer.Option("--known", help="The share of the space that is enough.", min=0.01, max=1.0)] = 0.97,
+    noise: Annotated[bool, typer.Option("--noise", help="Depths as noisy as a stereo depth camera's.")] = False,
+    by: Annotated[By, typer.Option("--by", help="How objects are told apart: by masks, or by geometry alone.")] = By.mask,
+    target_box: Annotated[
+        str | None, typer.Option("--target-box", help="Where the target is, in the world: centre and size.", metavar="CX,CY,CZ,DX,DY,DZ")
+    ] = None,
+    seed: Seed = 0,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Observed scenes, JSON Lines; stdout if left out.", metavar="FILE")
+    ] = None,
+) -> Job:
+    """Look into the cabinet with the camera in the hand, until enough is known."""
+    from retrieve_cli import sense as command
+
+    return partial(
+        command.run,
+        scenes=scenes,
+        views=views,
+        from_views=from_views,
+        max_views=max_views,
+        share=known,
+        noise=noise,
+        by=by.value,
+        target_box=target_box,
+        seed=seed,
+        out=out,
+    )
+
+
+@app.command()
 def label(
     scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; - is stdin. Generated if left out.", metavar="SCENES")] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the shards and the manifest.", metavar="DIR")] = Path("labels"),
@@ -268,6 +314,8 @@ def plan(
     model: Annotated[
         Path | None, typer.Option("--model", help="A model folder; by default the networks that ship for the robot.", metavar="DIR")
     ] = None,
+    sense: Annotated[bool, typer.Option("--sense", help="Know nothing at first: look, plan on what is seen, look again.")] = False,
+    noise: Annotated[bool, typer.Option("--noise", help="With --sense: depths as noisy as a stereo depth camera's.")] = False,
     html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
     workers: Workers = None,
@@ -291,6 +339,8 @@ def plan(
         hand_frame=hand_frame,
         gripper_joint=gripper_joint,
         model=model,
+        sense=sense,
+        noise=noise,
         html=html,
         strict=strict,
         out=out,

@@ -7,7 +7,7 @@ its folder; in memory they are absolute. Numbers keep every digit.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -171,6 +171,16 @@ def _observation(node: Node) -> dict[str, Any]:
         v["known"].number(least=0, most=1)
     f["known"].number(least=0, most=1)
     return dict(node.value)
+
+
+def observation_to_json(boxes: Mapping[str, Array], regions: Array, views: Sequence[tuple[Array, float]], known: float) -> dict[str, Any]:
+    """What a sensed scene carries: boxes by name (6,), regions (n², 4), each view's T_world_camera and the share known after it."""
+    return {
+        "objects": [{"name": name, "box": _numbers(box)} for name, box in boxes.items()],
+        "regions": [_numbers(row) for row in regions],
+        "views": [{"T_world_camera": _pose(T), "known": float(share)} for T, share in views],
+        "known": float(known),
+    }
 
 
 def _check_overlaps(scene: Scene, node: Node) -> None:

@@ -32,6 +32,8 @@ class Job:
     time_budget_s: float | None
     max_moves: int
     model: str | None = None
+    sense: bool = False
+    noise: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ def run(
     workers: int | None = None,
     engine: str = "local",
     address: str | None = None,
+    sense: bool = False,
+    noise: bool = False,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved."""
     from planning.learning.model import once_loaded
@@ -77,6 +81,8 @@ def run(
         raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
     if time_budget_s is not None:
         say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
+    if noise and not sense:
+        raise InputError("plan: --noise is for --sense: without it nothing is looked at")
     announce_first_run()
     unsolved = 0
     first: Item | None = None
@@ -90,7 +96,7 @@ def run(
             first = first or item
             yield item
 
-    one = partial(plan_scene, Job(policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None))
+    one = partial(plan_scene, Job(policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise))
     plans = map_ordered(one, items(), workers=workers, engine=engine, address=address)
     with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
         shown: Plan | None = None
@@ -116,6 +122,8 @@ def plan_scene(job: Job, item: Item) -> Plan:
     from planning.policies import make_policy
     from planning.retrieval import Rule, retrieve
 
+    if job.sense:
+        return sense_and_plan(job, item)
     with blame(item.where):
         arm = from_ref(item.scene.robot, on_step=say)
         motions = Motions(arm, item.scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
@@ -123,6 +131,33 @@ def plan_scene(job: Job, item: Item) -> Plan:
         policy = make_policy(job.policy, motions, model=once_loaded(job.model) if job.model else None)
     rng = np.random.default_rng([job.seed, STAGE, item.index])
     return retrieve(item.scene, policy, motions, name=job.policy, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
+
+
+def sense_and_plan(job: Job, item: Item) -> Plan:
+    """The plan of one scene of which nothing is known at first. Raises: InputError like `plan_scene`, and for a robot without a camera."""
+    import numpy as np
+
+    from kinematics.robot import from_ref
+    from perception.camera import DepthNoise
+    from planning.learning.model import once_loaded
+    from planning.motion.pick_place import ITERATIONS
+    from planning.policies import make_policy
+    from planning.retrieval import Rule
+    from planning.unseen import Simulated, retrieve_unseen
+
+    with blame(item.where):
+        arm = from_ref(item.scene.robot, on_step=say)
+        model = once_loaded(job.model) if job.model else None
+        return retrieve_unseen(
+            Simulated(arm, item.scene, item.scene.poses(), DepthNoise() if job.noise else None),
+            lambda motions: make_policy(job.policy, motions, model=model),
+            name=job.policy,
+            rule=Rule(job.rule),
+            max_moves=job.max_moves,
+            iterations=job.iterations or ITERATIONS,
+            time_budget_s=job.time_budget_s,
+            rng=np.random.default_rng([job.seed, STAGE, item.index]),
+        )
 
 
 def _override(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:

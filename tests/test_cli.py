@@ -19,7 +19,7 @@ from retrieve_cli.errors import BUG, InputError, blame, choose, guarded
 
 ROOT = Path(__file__).resolve().parent.parent
 RETRIEVE = (sys.executable, "-W", "error", "-m", "retrieve_cli")
-COMMANDS = ("gen", "label", "train", "plan", "report", "show", "robots", "demo")
+COMMANDS = ("gen", "sense", "label", "train", "plan", "report", "show", "robots", "demo")
 
 Spoken = tuple[int, str, str]
 

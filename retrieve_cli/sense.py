@@ -1,0 +1,132 @@
+"""`retrieve sense`: look into the cabinet from the hand, and write the scenes with what was observed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from retrieve_cli.documents import observation_to_json
+from retrieve_cli.errors import InputError, blame, choose
+from retrieve_cli.files import read_scenes, scene_writer
+from retrieve_cli.terminal import announce_first_run, progress, say
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from kinematics.robot import Robot
+    from kinematics.scene import Scene
+    from kinematics.transforms import Array
+    from perception.frames import Frame
+    from perception.voxels import Voxels
+    from planning.sensing import Limits
+
+STAGE = 2  # this stage's word in the seeds of random generators
+BY = ("mask", "geometry")
+CLOUD = "cloud.ply"
+
+
+def run(
+    *,
+    scenes: Path | None,
+    views: Path | None,
+    from_views: Path | None,
+    max_views: int,
+    share: float,
+    noise: bool,
+    by: str,
+    target_box: str | None,
+    seed: int,
+    out: Path | None,
+) -> int:
+    """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`."""
+    import numpy as np
+
+    from kinematics.robot import from_ref
+    from perception.belief import believe, observation
+    from perception.frames import read_frames, write_frames, write_ply
+    from planning.sensing import Limits
+
+    choose("way to tell objects apart (--by)", by, BY)
+    box = None if target_box is None else parse_box(target_box)
+    announce_first_run()
+    with scene_writer(out) as write, progress("scenes", out=out) as advance:
+        for index, (where, scene) in enumerate(read_scenes(scenes, "sense")):
+            blank = replace(scene, objects=(), observation=None)
+            with blame(where):
+                arm = from_ref(scene.robot, on_step=say)
+                if from_views is None:
+                    rng = np.random.default_rng([seed, STAGE, index])
+                    frames, voxels, reason = look(scene, arm, Limits(share=share, views=max_views), noise, rng)
+                else:
+                    frames = read_frames(from_views, scene=None if _is_one(from_views) else index)
+                    voxels, reason = fuse(blank, frames, noise), f"{len(frames)} recorded views"
+                belief = believe(blank, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)
+                if views is not None:
+                    write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
+            seen = observation(blank, arm.home, belief)
+            shares = known_after(blank, frames, noise)
+            document = observation_to_json(seen.boxes, seen.regions, [(f.T_world_camera, k) for f, k in zip(frames, shares)], voxels.known)
+            found = "" if scene.target in seen.boxes else f", the target {scene.target} not among them"
+            say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(seen.boxes)} objects{found}; {reason}")
+            write(replace(scene, observation=document))
+            advance()
+    return 0
+
+
+def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.Generator) -> tuple[tuple[Frame, ...], Voxels, str]:
+    """Take views of a scene with the synthetic camera, the arm at home first."""
+    from perception.camera import DepthNoise
+    from perception.source import synthetic_camera
+    from perception.voxels import unknown_voxels
+    from planning.motion.pick_place import Motions
+    from planning.sensing import look_around
+
+    model = DepthNoise() if noise else None
+    camera = synthetic_camera(arm, scene, scene.poses(), noise=model, rng=rng)
+    blank = replace(scene, objects=(), observation=None)
+    q = Motions(arm, blank).start().q
+    nothing = unknown_voxels(scene.cabinet)
+    looked = look_around(blank, arm, camera, q, nothing, rng, limits=limits, noise_1m_m=model.axial_1m_m if model else 0.0)
+    return looked.frames, looked.voxels, looked.reason
+
+
+def fuse(blank: Scene, frames: tuple[Frame, ...], noise: bool) -> Voxels:
+    """The map that recorded frames give."""
+    return _maps(blank, frames, noise)[-1]
+
+
+def known_after(blank: Scene, frames: tuple[Frame, ...], noise: bool) -> list[float]:
+    """The share known after each frame."""
+    return [voxels.known for voxels in _maps(blank, frames, noise)[1:]]
+
+
+def _maps(blank: Scene, frames: tuple[Frame, ...], noise: bool) -> list[Voxels]:
+    import numpy as np
+
+    from perception.camera import DepthNoise
+    from perception.voxels import unknown_voxels
+
+    maps = [unknown_voxels(blank.cabinet)]
+    for f in frames:
+        depth = f.depth if f.arm is None else np.where(f.arm, np.float32(0), f.depth)
+        maps.append(maps[-1].fuse(depth, f.intrinsics, f.T_world_camera, noise_1m_m=DepthNoise().axial_1m_m if noise else 0.0))
+    return maps
+
+
+def parse_box(text: str) -> Array:
+    """Six numbers with commas: centre and size, metres, in the world. Raises InputError."""
+    import numpy as np
+
+    try:
+        box = np.array([float(v) for v in text.split(",")])
+    except ValueError:
+        box = np.zeros(0)
+    if box.shape != (6,) or not np.isfinite(box).all() or (box[3:] <= 0).any():
+        raise InputError(f"sense: --target-box {text!r}: six numbers are needed, cx,cy,cz,dx,dy,dz: centre and positive size in metres")
+    return box
+
+
+def _is_one(folder: Path) -> bool:
+    """Whether a folder is one recording, not a folder of them."""
+    return (folder / "scene_camera.json").is_file()

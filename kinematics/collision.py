@@ -7,23 +7,27 @@ gets a fresh one; an exception in a manager's callback is swallowed, so no callb
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.arm import Int
 from kinematics.scene import Body, Held, Scene, State
 from kinematics.shapes import Box, Cylinder, Shape, convex_parts
 from kinematics.transforms import Array, apply
 
 if TYPE_CHECKING:
+    from kinematics.coverage import Judged
     from kinematics.robot import Robot
     from kinematics.tree import LinkHull
 
 SHALLOW_M = 0.001
 """FCL's own depth is right to 2 % up to here."""
+_BATCH = 512  # configurations looked at together
 
 
 @dataclass(frozen=True)
@@ -41,9 +45,17 @@ class Solid:
     def __init__(self, name: str, geometry: Any, centre: Array, radius: float, vertices: Array) -> None:
         import fcl
 
-        self.name, self.centre, self.radius, self.vertices = name, centre, radius, vertices
+        self.name, self.geometry, self.centre, self.radius, self.vertices = name, geometry, centre, radius, vertices
         self.object = fcl.CollisionObject(geometry)
         self.at, self.T = centre, np.eye(4)
+
+    def twin(self) -> Solid:
+        """The same solid once more, to be moved on its own."""
+        import fcl
+
+        twin = copy(self)  # with all that is known of its form
+        twin.object = fcl.CollisionObject(self.geometry)
+        return twin.move(self.T)
 
     def move(self, T: Array) -> Solid:
         """Put it at pose T (4, 4)."""
@@ -52,6 +64,12 @@ class Solid:
         self.object.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
         self.at, self.T = T[:3, :3] @ self.centre + T[:3, 3], T
         return self
+
+    @cached_property
+    def box(self) -> Array:
+        """Middle and half edges (2, 3) of the box around it along its own axes."""
+        low, high = self.vertices.min(0), self.vertices.max(0)
+        return np.array([(low + high) / 2, (high - low) / 2])
 
     @cached_property
     def normals(self) -> Array:
@@ -127,10 +145,11 @@ class Verdict:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
         self.T_world_base = scene.robot.T_world_base
-        self._links = [hull_solid(h.link, h.vertices, h.faces) for h in robot.hulls]
-        self._walls = [s.move(w.T_world_body) for w in scene.cabinet.walls() for s in shape_solids(w.name, w.shape)]
+        self._links = [mould.twin() for mould in _moulds(robot)]
+        self._walls = [(s, w.T_world_body) for w in scene.cabinet.walls() for s in shape_solids(w.name, w.shape)]
         self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
-        self._pairs = [(int(i), int(j)) for i, j in robot.self_pairs()]
+        self._pairs = _self_pairs(robot)
+        self._carriers, self._on_way = _ways(robot)
 
     def contacts(self, state: State, may_touch: Iterable[tuple[str, str]] = ()) -> list[Contact]:
         """All that touches in a State, deepest first, without the pairs in may_touch and without links that are neighbours.
@@ -141,52 +160,125 @@ class Verdict:
         return found[1] if found else []
 
     def first_contacts(
-        self, q: Array, poses: Mapping[str, Array], held: Held | None = None, may_touch: Iterable[tuple[str, str]] = ()
+        self,
+        q: Array,
+        poses: Mapping[str, Array],
+        held: Held | None = None,
+        may_touch: Iterable[tuple[str, str]] = (),
+        judged: Judged | None = None,
     ) -> tuple[int, list[Contact]] | None:
         """The first of configurations q (N, J) in which something touches, and what does, deepest first; None when nothing ever does.
 
         poses: of the objects that stand; held: moves with the hand. Pairs are culled by boxes along the world's axes, then asked of FCL.
+        judged: what the covers say about these very configurations. Then a pair that they judge is asked about where they leave it open,
+        any other in every configuration, or just in the first when nothing between the two moves.
+
+        Raises: ValueError when `judged` is about other solids, or about a pair that is not to be tested here.
         """
-        T_links = self.T_world_base @ self.robot.tree.poses(q)
-        movers, T = list(self._links), [T_links[:, self.robot.tree.index[s.name]] for s in self._links]
-        if held is not None:
-            grip = self._objects[held.body]
-            movers += grip
-            T += [T_links[:, self.robot.tree.index["hand"]] @ held.T_hand_body] * len(grip)
-        standing = self._walls + [s.move(pose) for name, pose in poses.items() for s in self._objects[name]]
-        allowed = {frozenset(pair) for pair in may_touch}
-        n_links, n_movers = len(self._links), len(movers)
-        pairs = [*self._pairs, *((h, i) for h in range(n_links, n_movers) for i in range(n_links))]
-        pairs += [(i, n_movers + j) for i in range(n_movers) for j in range(len(standing))]
-        solids = movers + standing
-        tested = np.array([p for p in pairs if frozenset((solids[p[0]].name, solids[p[1]].name)) not in allowed], np.int64).reshape(-1, 2)
-        low, high = _boxes(movers, np.stack(T, axis=1))
-        low_s, high_s = _boxes(standing, np.array([[s.T for s in standing]]))
-        low = np.concatenate([low, np.repeat(low_s, len(q), axis=0)], axis=1)
-        high = np.concatenate([high, np.repeat(high_s, len(q), axis=0)], axis=1)
-        overlap = (low[:, tested[:, 0]] <= high[:, tested[:, 1]]) & (low[:, tested[:, 1]] <= high[:, tested[:, 0]])
-        close = np.asarray(overlap.all(-1))
-        for n in np.flatnonzero(close.any(1)):
-            now = tested[close[n]]
-            for i in np.unique(now):
-                if i < n_movers:
-                    solids[i].move(T[i][n])
-            found: dict[tuple[str, str], float] = {}
-            for a, b in ((solids[i], solids[j]) for i, j in now):
-                if (d := depth(a, b)) is not None:
-                    found[a.name, b.name] = max(d, found.get((a.name, b.name), 0.0))
-            if found:
-                return int(n), sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)
+        grip = self._objects[held.body] if held is not None else []
+        standing = [*self._walls, *((s, pose) for name, pose in poses.items() for s in self._objects[name])]
+        solids, movers = [*self._links, *grip, *(s for s, _ in standing)], len(self._links) + len(grip)
+        names = tuple(s.name for s in solids)
+        tested = self._tested(names, movers, may_touch)
+        always, once = np.argwhere(tested), np.zeros((0, 2), np.int64)
+        if judged is not None:
+            if judged.names != names or (judged.judged & ~tested).any():
+                raise ValueError("the covers and FCL were asked about different pairs")
+            left, still = tested & ~judged.judged, self._still(q, len(grip), len(standing))
+            always, once = np.argwhere(left & ~still), np.argwhere(left & still)
+        T_standing = np.array([T for _, T in standing])
+        for first in range(0, len(q), _BATCH):
+            some = np.arange(first, min(first + _BATCH, len(q)))
+            ask = np.c_[np.repeat(some, len(always)), np.tile(always, (len(some), 1))]
+            if first == 0:
+                ask = np.concatenate([ask, np.c_[np.zeros(len(once), np.int64), once]])
+            if judged is not None:
+                part = slice(*np.searchsorted(judged.rows, (first, first + _BATCH)))
+                ask = np.concatenate([ask, np.c_[judged.rows[part], judged.a[part], judged.b[part]]])
+            if len(ask):
+                rows, ask[:, 0] = np.unique(ask[:, 0], return_inverse=True)
+                found = _ask(solids, self._poses(q[rows], len(grip), held), T_standing, ask)
+                if found is not None:
+                    return int(rows[found[0]]), found[1]
         return None
 
+    def _tested(self, names: Sequence[str], movers: int, may_touch: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
+        """Which pairs are tested (movers, solids): links as the robot lists them, what is held against links, movers against the rest."""
+        tested, links = np.zeros((movers, len(names)), np.bool_), len(self._links)
+        tested[self._pairs[:, 0], self._pairs[:, 1]] = True
+        tested[links:, :links] = tested[:, movers:] = True
+        for pair in may_touch:
+            first, second = (np.array([n == name for n in names]) for name in pair)
+            tested[first[:movers, None] & second | second[:movers, None] & first] = False
+        return tested
 
-def _boxes(solids: Sequence[Solid], T: Array) -> tuple[Array, Array]:
-    """Lower and upper corners (N, S, 3) of boxes along the world's axes around S solids at poses T (N, S, 4, 4)."""
-    low = np.array([s.vertices.min(0) for s in solids]).reshape(-1, 3)
-    high = np.array([s.vertices.max(0) for s in solids]).reshape(-1, 3)
-    centre = np.einsum("nsij,sj->nsi", T[..., :3, :3], (low + high) / 2) + T[..., :3, 3]
-    half = np.einsum("nsij,sj->nsi", np.abs(T[..., :3, :3]), (high - low) / 2) + 1e-9
-    return centre - half, centre + half
+    def _still(self, q: Array, grip: int, standing: int) -> NDArray[np.bool_]:
+        """Between which pairs (movers, solids) no joint moves along q (N, J): those that go with the same moving link, or with none."""
+        moves = np.append((q != q[0]).any(0), False)[self.robot.tree.q_index]  # a fixed joint's index is -1
+        goes_with = np.where(self._on_way & moves, np.arange(len(moves)), -1).max(1)
+        goes_with = np.concatenate([goes_with[:-1], np.repeat(goes_with[-1], grip), np.full(standing, -1)])
+        return np.asarray(goes_with[: len(goes_with) - standing, None] == goes_with)
+
+    def _poses(self, q: Array, grip: int, held: Held | None) -> Array:
+        """Poses (N, movers, 4, 4) of the link hulls and the held object's parts at q (N, J), in the world."""
+        T = self.T_world_base @ self.robot.tree.poses(q)[:, self._carriers]
+        T_held = T[:, -1:] @ held.T_hand_body if held is not None else T[:, -1:]
+        return np.concatenate([T[:, :-1], np.repeat(T_held, grip, axis=1)], axis=1)
+
+
+@lru_cache(maxsize=8)
+def _moulds(robot: Robot) -> tuple[Solid, ...]:
+    """The link hulls, which take long to make; each Verdict moves twins of its own."""
+    return tuple(hull_solid(h.link, h.vertices, h.faces) for h in robot.hulls)
+
+
+@lru_cache(maxsize=8)
+def _self_pairs(robot: Robot) -> Int:
+    return robot.self_pairs()
+
+
+@lru_cache(maxsize=8)
+def _ways(robot: Robot) -> tuple[Int, NDArray[np.bool_]]:
+    """The links (H + 1,) that carry the hulls and, at last, what the hand holds; and which links (H + 1, L) lead to each."""
+    tree = robot.tree
+    carriers = [tree.index[name] for name in (*(h.link for h in robot.hulls), "hand")]
+    return np.array(carriers), np.array([np.isin(np.arange(len(tree.names)), tree.path(k)) for k in carriers])
+
+
+def _ask(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> tuple[int, list[Contact]] | None:
+    """What FCL says of rows (n, i, j): solids i and j at configuration n. The first n with contacts, and these, deepest first.
+
+    T (N, M, 4, 4): poses of the first M solids; T_standing (S, 4, 4): of the rest.
+    """
+    movers = T.shape[1]
+    ask = ask[_boxes_meet(solids, T, T_standing, ask)]
+    placed: dict[int, int] = {}  # the configuration for which each solid was moved last
+    found: dict[tuple[str, str], float] = {}
+    first = -1
+    for n, i, j in ask[np.argsort(ask[:, 0], kind="stable")].tolist():
+        if found and n != first:
+            break
+        for k in (i, j):
+            if placed.get(k) != (n if k < movers else 0):
+                solids[k].move(T[n, k] if k < movers else T_standing[k - movers])
+                placed[k] = n if k < movers else 0
+        if (d := depth(solids[i], solids[j])) is not None:
+            names = solids[i].name, solids[j].name
+            first, found[names] = n, max(d, found.get(names, 0.0))
+    return (first, sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)) if found else None
+
+
+def _boxes_meet(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> NDArray[np.bool_]:
+    """Of rows (n, i, j) those where boxes along the world's axes around the two solids overlap; see `_ask`."""
+    movers = T.shape[1]
+    n, i, j = ask.T
+    boxes = np.array([s.box for s in solids])
+    boxes = np.concatenate([np.tile(boxes[:movers], (len(T), 1, 1)), boxes[movers:]])
+    poses = np.concatenate([T.reshape(-1, 4, 4), T_standing])
+    middle = np.einsum("nij,nj->ni", poses[:, :3, :3], boxes[:, 0]) + poses[:, :3, 3]
+    half = np.einsum("nij,nj->ni", np.abs(poses[:, :3, :3]), boxes[:, 1]) + 1e-9
+    one, two = n * movers + i, np.where(j < movers, n * movers + j, len(T) * movers + j - movers)
+    return np.asarray((np.abs(middle[one] - middle[two]) <= half[one] + half[two]).all(-1))
 
 
 def always_touching(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm import Int, Query, make_solids
-from kinematics.lanes import FREE, configs_free, lane_scratch, lane_world, model_of
+from kinematics.arm import Int, Query, Solids, make_solids, stand
+from kinematics.lanes import lane_scratch, lane_world, model_of, open_pairs
 from kinematics.rig import Pieces, Rig, carry, join_rigs, make_pieces
 from kinematics.robot import Robot
 from kinematics.scene import Held, Scene
@@ -84,34 +84,86 @@ def _carriage(robot: Robot, base: bytes) -> Carriage:
     return Carriage(robot, np.frombuffer(base).reshape(4, 4))
 
 
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What the covers say about pairs of solids along a motion.
+
+    names: of the solids: P parts (link hulls in the robot's order, then the pieces of a held object), then what stands (walls, objects).
+    judged (P, P + B): pairs that the covers were asked about, the later of two parts first. At configuration rows[i], in rising order, the
+    judged pair a[i], b[i] may touch; wherever a judged pair is not listed it is apart for certain.
+    """
+
+    names: tuple[str, ...]
+    judged: NDArray[np.bool_]
+    rows: Int
+    a: Int
+    b: Int
+
+
 class Sieve:
-    """Which configurations of a scene's robot the covers prove free, so that FCL need not be asked about them."""
+    """Which pairs of a scene's robot, held object and bodies the covers prove apart, so that FCL need not be asked about them."""
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
         self.carriage = carriage(robot, scene.robot.T_world_base)
+        walls = scene.cabinet.walls()
+        self._stock, owners = make_solids([*walls, *scene.objects])
+        self._owners, self._walls = tuple(owners), [(i, w.T_world_body) for i, w in enumerate(walls)]
+        self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name and i >= len(walls)] for b in scene.objects}
+        self._pieces = lru_cache(maxsize=None)(lambda name: shape_pieces(scene.body(name).shape))
+        self._pairs = _self_pairs(robot)
+        self._fingers = np.isin(self.carriage.links, sorted(robot.fingers))
 
-    def undecided(self, q: Array, poses: Mapping[str, Array], held: Held | None, may_touch: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
-        """Where (N,) among configurations q (N, J) something may touch, besides the pairs in may_touch; the rest is free for certain.
+    def judge(self, q: Array, poses: Mapping[str, Array], held: Held | None, may_touch: Iterable[tuple[str, str]]) -> Judged:
+        """Ask the covers about configurations q (N, J), N > 0, with objects standing at poses, besides the pairs in may_touch.
 
-        The first row is always undecided: pairs that stand still to each other, such as the palm and a held object, are left to it, and so
-        is every row in which the fingers have moved.
+        Not judged, but left to FCL: pairs on one frame of the arm, such as the palm and a held object; the fingers when they move; and
+        everything when a joint that is neither the arm's nor the gripper's is not at home.
         """
-        gripper = q[:, self.robot.gripper_joint]
-        still = gripper == gripper[0]
-        rig, names = self.carriage.rig(float(gripper[0])), self.carriage.links
+        gripper = float(q[0, self.robot.gripper_joint])
+        rig, links = self.carriage.rig(gripper), self.carriage.links
+        own = len(links)
         if held is not None:
-            grip = self.carriage.in_hand(shape_pieces(self.scene.body(held.body).shape), held.T_hand_body)
-            rig, names = join_rigs(rig, grip), names + (held.body,) * len(grip.frame)
-        standing = [replace(self.scene.body(name), T_world_body=T) for name, T in poses.items()]
-        solids, bodies = make_solids([*self.scene.cabinet.walls(), *standing])
-        allowed = {frozenset(pair) for pair in may_touch}
-        check = np.array([[f > 0 and frozenset((a, b)) not in allowed for b in bodies] for a, f in zip(names, rig.frame)], np.uint8)
-        own = len(self.robot.hulls)
-        pairs = [*self.robot.self_pairs(), *((h, i) for h in range(own, len(names)) for i in range(own))]
-        moving = [(a, b) for a, b in pairs if rig.frame[a] != rig.frame[b] and frozenset((names[a], names[b])) not in allowed]
+            grip = self.carriage.in_hand(self._pieces(held.body), held.T_hand_body)
+            rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
+        solids, bodies = self._standing(poses)
+        P, names = len(links), links + bodies
+        judge = np.zeros((P, len(names)), np.bool_)
+        judge[:, P:] = (rig.frame > 0)[:, None]
+        judge[self._pairs[:, 0], self._pairs[:, 1]] = True
+        judge[own:, :own] = True
+        judge[:, :P] &= rig.frame[:, None] != rig.frame
+        for pair in may_touch:
+            first, second = (np.array([n == name for n in names]) for name in pair)
+            judge[first[:P, None] & second | second[:P, None] & first] = False
+        if (q[:, self.robot.gripper_joint] != gripper).any():
+            judge[:own][self._fingers] = False
+            judge[:, :own][:, self._fingers] = False
+        if self._elsewhere(q):
+            judge[:] = False
+        pairs = np.argwhere(judge[:, :P])
         model = model_of(self.carriage.chain, rig)
-        world = lane_world(solids, Query(check, np.array(moving, np.int64).reshape(-1, 2)))
-        free = configs_free(model, world, np.ascontiguousarray(self.robot.arm_q(q)), lane_scratch(model, world)) == FREE
-        free[0] = False
-        return np.asarray(~(free & still))
+        world = lane_world(solids, Query(judge[:, P:].astype(np.uint8), pairs))
+        rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), lane_scratch(model, world))
+        B = len(bodies)
+        against = which < P * B  # else part against part
+        a, b = which // max(B, 1), P + which % max(B, 1)
+        a[~against], b[~against] = pairs[which[~against] - P * B].T
+        return Judged(names, judge, rows, a, b)
+
+    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
+        """The walls and the objects at poses, packed; and the name behind each solid."""
+        at = self._walls + [(i, T) for name, T in poses.items() for i in self._of[name]]
+        solids = stand(self._stock, np.array([i for i, _ in at], np.int64), np.array([T for _, T in at]))
+        return solids, tuple(self._owners[i] for i, _ in at)
+
+    def _elsewhere(self, q: Array) -> bool:
+        """Whether a joint that the carriage takes to be at home is not."""
+        others = np.ones(q.shape[1], np.bool_)
+        others[[*self.robot.arm_joints, self.robot.gripper_joint]] = False
+        return bool((q[:, others] != self.robot.home[others]).any())
+
+
+@lru_cache(maxsize=16)
+def _self_pairs(robot: Robot) -> Int:
+    return robot.self_pairs()

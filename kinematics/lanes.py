@@ -31,7 +31,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinematics.arm import BOX, CYLINDER, Chain, Parts, Query, Solids
+from kinematics.arm import BOX, CYLINDER, Chain, Int, Parts, Query, Solids
 from kinematics.rig import Rig, make_rig
 from kinematics.spheres import Levels
 from kinematics.transforms import Array
@@ -654,23 +654,102 @@ def _edge(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch, pie
 @njit(cache=True, nogil=True)
 def configs_free(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratch) -> NDArray[np.uint8]:
     """FREE, UNDECIDED or TOUCHES for each configuration of Q (N, J), as (N,)."""
-    N, K, J = Q.shape[0], model.T.shape[0], Q.shape[1]
+    N, J = Q.shape[0], Q.shape[1]
     out = np.empty(N, np.uint8)
-    S = scratch.rows
     zero = np.zeros(J)
     _begin(model, world, zero, zero, scratch)
     scratch.travel[:] = 0.0
     for start in range(0, N, 16):
-        n = min(16, N - start)
-        for w in range(16):
-            i = start + min(w, n - 1)
-            for k in range(K):
-                x = model.scale[k] * Q[i, model.q_index[k]] + model.offset[k]
-                S[_X + _U(16 * k + w)] = np.float32(x) if abs(x) <= model.limit[k] else np.float32(0.0)
+        refused = _take(model, Q, start, scratch.rows)
         fail, sure = _batch(model, world, scratch, 0.0, False, True)
-        for w in range(n):
-            out[start + w] = TOUCHES if (sure >> _U(w)) & _U(1) else UNDECIDED if (fail >> _U(w)) & _U(1) else FREE
-            for k in range(K):
-                if not abs(model.scale[k] * Q[start + w, model.q_index[k]] + model.offset[k]) <= model.limit[k]:
-                    out[start + w] = UNDECIDED
+        for w in range(min(16, N - start)):
+            touches, open_ = (sure >> _U(w)) & _U(1), ((fail | refused) >> _U(w)) & _U(1)
+            out[start + w] = UNDECIDED if (refused >> _U(w)) & _U(1) else TOUCHES if touches else UNDECIDED if open_ else FREE
     return out
+
+
+@njit(cache=True, nogil=True)
+def open_pairs(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratch) -> tuple[Int, Int]:
+    """The pairs that the covers do not prove apart at configurations Q (N, J): rows (F,) and pairs (F,), in the order of the rows.
+
+    Pair p · B + b is part p against body b, of those in `check`; pair P · B + i is the i-th of `pairs`. Joint values that `edge_free` would
+    not decide leave every pair of their row open.
+    """
+    N, bodies = Q.shape[0], world.check.size
+    masks = np.zeros(((N + 15) // 16, bodies + world.pairs.shape[0]), np.uint64)
+    count = 0
+    for batch in range(masks.shape[0]):
+        refused = _take(model, Q, 16 * batch, scratch.rows)
+        _open_batch(model, world, scratch.rows, refused, masks[batch])
+        in_use = (_U(1) << _U(min(16, N - 16 * batch))) - _U(1)
+        for i in range(masks.shape[1]):
+            left = masks[batch, i] & in_use
+            masks[batch, i] = left
+            while left != _U(0):
+                left &= left - _U(1)
+                count += 1
+    rows, pairs, n = np.empty(count, np.int64), np.empty(count, np.int64), 0
+    for batch in range(masks.shape[0]):
+        some = _U(0)
+        for i in range(masks.shape[1]):
+            some |= masks[batch, i]
+        for w in range(16):
+            if (some >> _U(w)) & _U(1):
+                for i in range(masks.shape[1]):
+                    if (masks[batch, i] >> _U(w)) & _U(1):
+                        rows[n], pairs[n] = 16 * batch + w, i
+                        n += 1
+    return rows, pairs
+
+
+@_fast
+def _take(M: LaneModel, Q: Array, start: int, S: F32) -> Mask:
+    """Rows _X: joint values of Q from row `start` on, the last one repeated. A bit for each lane with values out of bounds, put to 0."""
+    refused = _U(0)
+    for w in range(16):
+        i = min(start + w, Q.shape[0] - 1)
+        for k in range(M.T.shape[0]):
+            x = M.scale[k] * Q[i, M.q_index[k]] + M.offset[k]
+            within = abs(x) <= M.limit[k]  # not so for NaN
+            S[_X + _U(16 * k + w)] = np.float32(x) if within else np.float32(0.0)
+            if not within:
+                refused |= _U(1) << _U(w)
+    return refused
+
+
+@_fast
+def _open_batch(M: LaneModel, Wd: LaneWorld, S: F32, refused: Mask, out: Index) -> None:
+    """For every pair the lanes of the 16 configurations in rows _X in which it may touch. out: zeros, one a pair."""
+    K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])
+    frames, bounds = _X + _W * K, _X + _W * (_U(13) * K + _U(12))
+    _frames(S, M)
+    for p in range(P):
+        x, y, z = _put(S, frames + _W * _U(12) * M.frame[p], M.bound, p)
+        o = bounds + _W * _U(3) * p
+        store(S, o, x)
+        store(S, o + _W, y)
+        store(S, o + _U(2) * _W, z)
+        for b in range(B):
+            if not Wd.check[p, b]:
+                continue
+            slack = M.slack[p] + Wd.slack[b]
+            r = M.bound[p, 3] + slack
+            near = _near(x, y, z, Wd.ball, b, Wd.ball[b, 3] + r)
+            if near != _U(0):
+                u, v, t = _into_body(Wd.R, b, x - Wd.p[b, 0], y - Wd.p[b, 1], z - Wd.p[b, 2])
+                near, _ = _hits(u, v, t, Wd, b, r, -_ONE)
+            if near != _U(0):
+                near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near)
+            out[p * B + b] = near | refused
+    for i in range(n):
+        a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
+        if M.frame[a] > M.frame[b]:
+            a, b = b, a
+        slack = M.slack[a] + M.slack[b]
+        r = M.bound[a, 3] + M.bound[b, 3] + slack
+        u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * b
+        x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
+        near = below(x * x + y * y + z * z, r * r)
+        if near != _U(0):
+            near, _ = _part_part(S, M, a, b, _ZERO, slack, ~near)
+        out[P * B + i] = near | refused

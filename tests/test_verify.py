@@ -232,9 +232,11 @@ def test_a_planted_contact_of_a_millimetre_is_found(robot: Robot) -> None:
             assert found.body == "crumb"
             planted += 1
             still = replace(crumb, T_world_body=T @ transform(p=[0, 0, 0.003 + 0.0005]))
-            outside += verify(robot, replace(empty, objects=(*empty.objects, still)), [motion(robot, row[None], held)]) is None
+            found = verify(robot, replace(empty, objects=(*empty.objects, still)), [motion(robot, row[None], held)])
+            assert found is None or found.link != hull.link or [h.link for h in robot.hulls].count(hull.link) > 1
+            outside += found is None
     assert planted > 15
-    assert outside > 0.25 * planted  # where no other link lies behind the face
+    assert outside > 10  # elsewhere another link lies behind the face
 
 
 # ------------------------------------------------------------------------------------------------------------------------------ whole plans

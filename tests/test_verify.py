@@ -236,7 +236,7 @@ def test_a_planted_contact_of_a_millimetre_is_found(robot: Robot) -> None:
             assert found is None or found.link != hull.link or [h.link for h in robot.hulls].count(hull.link) > 1
             outside += found is None
     assert planted > 15
-    assert outside > 10  # elsewhere another link lies behind the face
+    assert outside > 5  # elsewhere another link lies behind the face
 
 
 # ------------------------------------------------------------------------------------------------------------------------------ whole plans

@@ -10,7 +10,7 @@ import numpy as np
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
 
-MARGIN_M = 0.001  # between neighbouring pixels an edge may lie this much further out
+MARGIN_M = 0.0003  # between neighbouring pixels an edge may lie this much further out
 LEAST_M = 0.004  # a flat thing gets some thickness
 
 

@@ -20,7 +20,7 @@ from perception.camera import Intrinsics
 from perception.frames import Frame
 from perception.source import DEFAULT, RANGE_M, Camera, robot_depth
 from perception.views import Preview, reduced, sample_poses, sweep_poses
-from perception.voxels import Voxels
+from perception.voxels import FREE, UNKNOWN, Voxels
 from planning.motion.timing import time_stamps
 from planning.motion.workcell import Situation, Workcell
 from planning.plan import Blocked, Motion
@@ -33,6 +33,7 @@ ITERATIONS = 400  # of one RRT-Connect: there are other views
 MOST_UNREACHED = 8  # views that RRT-Connect may fail to reach before the looking ends
 TRAVEL = 0.01  # what a metre of the camera's way costs, as a share of the space
 BODY_MARGIN_M = 0.003  # a voxel this near to an object is the object's
+SKIN_M = 0.012  # and one this near to it is its skin, if it borders on free space: see `unseen`
 NEAR_M = 0.04  # around objects the map counts voxel by voxel, further off in blocks of two
 BLIND = 3  # views in a row that measure nothing, before the looking ends
 
@@ -212,15 +213,30 @@ class Way:
 def unseen(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tuple[Body, ...]:
     """What no motion may enter besides `bodies`: boxes around all space that is not known to be free and that no body explains.
 
+    The one voxel between free space and a body that was seen is the body's skin, not unknown space: a voxel that the body's edge passes
+    close by can't be seen whole from anywhere, for on one side there is the body itself.
     blocks: away from the bodies voxels are counted in cubes of so many, which makes fewer boxes, never smaller ones.
     """
-    which = voxels.blocked(bodies, BODY_MARGIN_M)
+    which = voxels.blocked(bodies, BODY_MARGIN_M) & ~_skin(voxels, bodies)
     if blocks > 1:
         near = np.zeros(which.shape, bool)
         for body in bodies:
             near |= voxels.touched(body, NEAR_M)
         which = which | (_in_blocks(which & ~near, blocks) & ~near)
     return voxels.boxes(which)
+
+
+def _skin(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
+    """The unknown voxels within SKIN_M of a body that have a free neighbour."""
+    near = np.zeros(voxels.state.shape, bool)
+    for body in bodies:
+        near |= voxels.touched(body, SKIN_M)
+    free = np.pad(voxels.state == FREE, 1)
+    beside = np.zeros(voxels.state.shape, bool)
+    for axis in range(3):
+        for shift in (-1, 1):
+            beside |= np.roll(free, shift, axis)[1:-1, 1:-1, 1:-1]
+    return np.asarray(near & beside & (voxels.state == UNKNOWN))
 
 
 def _in_blocks(which: NDArray[np.bool_], k: int) -> NDArray[np.bool_]:

@@ -25,8 +25,8 @@ from planning.plan import Blocked, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, hand_travel, objective, proposals
 from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, unseen
 
-FIRST = Limits(0.985, 0.002, 10)
-AGAIN = Limits(1.0, 0.002, 4)  # after a move: what was hidden behind the object
+FIRST = Limits(0.99, 0.001, 10)
+AGAIN = Limits(1.0, 0.0004, 5)  # after a move: what was hidden behind the object
 HARDER = Limits(1.0, 0.0004, 6)  # when nothing works with what is known
 
 
@@ -166,7 +166,7 @@ def _ready(mind: _Mind, iterations: int, time_budget_s: float | None, moving: St
         bodies = mind.belief.bodies
         scene = replace(mind.blank, objects=bodies)
         motions = Motions(
-            mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen(mind.voxels, bodies)
+            mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen(mind.voxels, bodies, blocks=1)
         )  # fmt: skip
         return motions, State(mind.q, scene.poses())
 

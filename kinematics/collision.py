@@ -117,7 +117,8 @@ def touch(a: Solid, b: Solid) -> float | None:
     """None when two solids are apart, else how deep they penetrate at most, in metres: close for shallow contacts, coarse for deep."""
     import fcl
 
-    if np.linalg.norm(a.at - b.at) > a.radius + b.radius:
+    d = a.at - b.at
+    if d @ d > (a.radius + b.radius) ** 2:
         return None
     if not fcl.collide(a.object, b.object, fcl.CollisionRequest(), fcl.CollisionResult()):
         return None
@@ -189,12 +190,13 @@ class Verdict:
         T_standing = np.array([T for _, T in standing])
         for first in range(0, len(q), _BATCH):
             some = np.arange(first, min(first + _BATCH, len(q)))
-            ask = np.c_[np.repeat(some, len(always)), np.tile(always, (len(some), 1))]
+            asked = [(np.repeat(some, len(always)), *np.tile(always, (len(some), 1)).T)]
             if first == 0:
-                ask = np.concatenate([ask, np.c_[np.zeros(len(once), np.int64), once]])
+                asked.append((np.zeros(len(once), np.int64), *once.T))
             if judged is not None:
                 part = slice(*np.searchsorted(judged.rows, (first, first + _BATCH)))
-                ask = np.concatenate([ask, np.c_[judged.rows[part], judged.a[part], judged.b[part]]])
+                asked.append((judged.rows[part], judged.a[part], judged.b[part]))
+            ask = np.concatenate([np.array(columns) for columns in asked], axis=1).T
             if len(ask):
                 rows, ask[:, 0] = np.unique(ask[:, 0], return_inverse=True)
                 found = _ask(solids, self._poses(q[rows], len(grip), held), T_standing, ask)

@@ -19,7 +19,7 @@ from kinematics.collision import Contact, Verdict
 from kinematics.coverage import Sieve
 from kinematics.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
-from kinematics.shapes import Box, Cylinder
+from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.sampling import RESOLUTION_M, samples
 from planning.motion.verify import hand_poses, verify
@@ -99,7 +99,10 @@ def test_refused_joint_values_leave_every_pair_open(ur5e: Robot) -> None:
 
 def test_the_sieved_verdict_is_the_verdict(robot: Robot) -> None:
     """The same first configuration, the same pairs, the same depths; also at each configuration by itself."""
-    scene = scene_of(robot, *cluttered(np.random.default_rng(8))[5:])
+    bodies = cluttered(np.random.default_rng(8))[5:]
+    angle = ConvexMesh((box_corners(np.array([0.02, 0.03, 0.06])), box_corners(np.array([0.06, 0.03, 0.01])) - (-0.04, 0.0, 0.07)))
+    bodies[0], bodies[3] = replace(bodies[0], shape=angle), replace(bodies[3], shape=angle)
+    scene = scene_of(robot, *bodies)
     verdict, sieve = Verdict(robot, scene), Sieve(robot, scene)
     hits = later = proven = pairs = 0
     for i, (q, held, may) in enumerate(walks(robot, 24, 3)):

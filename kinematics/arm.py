@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from kinematics.compiling import bare
 from kinematics.grouping import GROUP, grouped
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
@@ -198,7 +199,7 @@ def _ball(vertices: Array) -> tuple[Array, float]:
     return centre, float(np.linalg.norm(vertices - centre, axis=1).max())
 
 
-@njit(cache=True, nogil=True)
+@bare
 def forward(chain: Chain, q: Array, frames: Array) -> None:
     """Forward kinematics: q (J,) to frames (K + 1, 4, 4) in the world, written in place; frames[0] is the world itself."""
     for r in range(4):

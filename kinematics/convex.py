@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from kinematics.arm import BOX, CYLINDER
+from kinematics.compiling import bare, inner
 from kinematics.grouping import GROUP
 from kinematics.transforms import Array
 
@@ -57,7 +58,7 @@ def separated_by(
     return bool(gjk(vertices, np.empty((4, 0)), a0, a1, kind, half[0], half[1], half[2], b0, b1, work, margin_m, above, 1e-9) >= above)
 
 
-@njit(cache=True, nogil=True)
+@bare
 def relative(T_a: Array, T_b: Array, work: Array) -> None:
     """Write the frame T_a (4, 4) as seen from T_b (4, 4) into rows 0–2 of work."""
     x, y, z = T_a[0, 3] - T_b[0, 3], T_a[1, 3] - T_b[1, 3], T_a[2, 3] - T_b[2, 3]
@@ -69,7 +70,7 @@ def relative(T_a: Array, T_b: Array, work: Array) -> None:
         work[r, 3] = a * x + b * y + c * z
 
 
-@njit(cache=True, nogil=True)
+@bare
 def box_gap(boxes: Array, a: int, b: int, work: Array) -> float:
     """A cheap lower bound of the distance of two boxes, rows a and b of boxes (·, ≥ 6): half sizes, then centres, each along the axes of
     its own frame; the frames are related by rows 0–2 of work.
@@ -102,7 +103,7 @@ def box_gap(boxes: Array, a: int, b: int, work: Array) -> float:
     return float(np.sqrt(max(in_a, in_b)))
 
 
-@njit(cache=True, nogil=True)
+@bare
 def gjk(
     vertices: Array,
     groups: Array,
@@ -221,7 +222,7 @@ def support(vertices: Array, groups: Array, start: int, stop: int, x: float, y: 
     return int(at)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _nearest(work: Array, n: int) -> tuple[int, float, float, float]:
     """The point nearest to the origin in the simplex of n ≤ 4 points; keeps, in place, the points that carry it, and says how many.
 
@@ -252,7 +253,7 @@ def _nearest(work: Array, n: int) -> tuple[int, float, float, float]:
     return kept, x, y, z
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _beyond(work: Array, i: int, j: int, k: int) -> bool:
     """Whether the origin is on the same side of the face (i, j, 3) as point k, for certain: a flat tetrahedron never says so."""
     ri, rj, rk = np.uint64(3 + i), np.uint64(3 + j), np.uint64(3 + k)
@@ -264,7 +265,7 @@ def _beyond(work: Array, i: int, j: int, k: int) -> bool:
     return bool(side * height > 0.0 and height * height > TOUCHING_M * TOUCHING_M * (nx * nx + ny * ny + nz * nz))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _on_triangle(work: Array, i: int, j: int, k: int) -> tuple[int, float, float, float]:
     """The point of a triangle nearest to the origin, and a bit mask of the corners that carry it."""
     ri, rj, rk = np.uint64(3 + i), np.uint64(3 + j), np.uint64(3 + k)
@@ -294,7 +295,7 @@ def _on_triangle(work: Array, i: int, j: int, k: int) -> tuple[int, float, float
     return mask, x, y, z
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _on_segment(work: Array, i: int, j: int) -> tuple[int, float, float, float]:
     """The point of a segment nearest to the origin, and a bit mask of the ends that carry it."""
     ri, rj = np.uint64(3 + i), np.uint64(3 + j)

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
+from kinematics.compiling import bare, copy_rows, inner
 from kinematics.convex import box_gap, gjk, relative
 from kinematics.rig import Rig, make_rig
 from kinematics.transforms import Array
@@ -143,23 +144,27 @@ def pose(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) 
     )
 
 
-@njit(cache=True, nogil=True)
-def without_still(problem: Problem, scratch: Scratch) -> Problem:
-    """The problem without the pairs that stand still to each other, if they are all apart: looked at once, for all configurations."""
-    pairs = problem.pairs
-    still = pairs[:, 2] == pairs[:, 3]
-    if not still.any():
-        return problem
-    only = Problem(
-        problem.chain, problem.boxes, problem.vertices, problem.groups, pairs[still], problem.reach[still], problem.weight, problem.solid_T,
-        problem.margin_m,
-    )  # fmt: skip
-    if not config_free(only, problem.chain.lower, scratch):
-        return problem
-    return Problem(
-        problem.chain, problem.boxes, problem.vertices, problem.groups, pairs[~still], problem.reach[~still], problem.weight,
-        problem.solid_T, problem.margin_m,
-    )  # fmt: skip
+@bare
+def still_apart(problem: Problem, scratch: Scratch) -> bool:
+    """Whether all pairs that stand still to each other, such as a held object and the palm, are apart, whatever the arm does."""
+    forward(problem.chain, problem.chain.lower, scratch.poses)
+    pairs, margin = problem.pairs, problem.margin_m
+    near = False
+    for n in range(pairs.shape[0]):
+        near = near or (pairs[n, 2] == pairs[n, 3] and _near(problem, scratch, n, margin))
+    return not near
+
+
+@inner
+def _near(problem: Problem, scratch: Scratch, n: int, margin: float) -> bool:
+    """Whether pair n is not further apart than the margin, in doubt it is near."""
+    pairs, boxes, poses = problem.pairs, problem.boxes, scratch.poses
+    if ball_gap(pairs, boxes, poses, n) > margin:
+        return False
+    scratch.counts[1] += 1
+    work, toward, high = scratch.work, scratch.toward, margin * (1 + TOLERANCE)
+    bound = pair_bound(pairs, boxes, problem.vertices, problem.groups, poses, work, toward, n, margin, high, np.inf, TOLERANCE)
+    return bool(bound <= margin)
 
 
 def make_scratch(problem: Problem) -> Scratch:
@@ -185,40 +190,34 @@ def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scrat
     )
 
 
-@njit(cache=True, nogil=True)
+@bare
 def enter(problem: Problem, scratch: Scratch) -> None:
     """Make a scratch that served another problem, as large as this one or larger, as good as new for this one."""
     frames, n = problem.chain.q_index.shape[0] + 1, problem.pairs.shape[0]
-    scratch.poses[frames : frames + problem.solid_T.shape[0]] = problem.solid_T
-    scratch.toward[:n] = 0.0
+    for b in range(problem.solid_T.shape[0]):
+        copy_rows(problem.solid_T[b], scratch.poses[frames + b])
+    for i in range(n):
+        scratch.toward[i, 0] = scratch.toward[i, 1] = scratch.toward[i, 2] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@bare
 def config_free(problem: Problem, q: Array, scratch: Scratch) -> bool:
     """Whether every pair is further apart than the problem's margin at q (J,); in doubt it is not."""
     return bool(first_contact(problem, q, scratch) < 0)
 
 
-@njit(cache=True, nogil=True)
+@bare
 def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
     """The index in problem.pairs of a pair that is not further apart than the margin at q (J,), -1 when there is none."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
-    pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
-    work, toward, margin = scratch.work, scratch.toward, problem.margin_m
-    for n in range(pairs.shape[0]):
-        if ball_gap(pairs, boxes, poses, n) > margin:
-            continue
-        scratch.counts[1] += 1
-        if (
-            pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, margin, margin * (1 + TOLERANCE), np.inf, TOLERANCE)
-            <= margin
-        ):
+    for n in range(problem.pairs.shape[0]):
+        if _near(problem, scratch, n, problem.margin_m):
             return n
     return -1
 
 
-@njit(cache=True, nogil=True)
+@bare
 def first_in_contact(problem: Problem, Q: Array, scratch: Scratch) -> int:
     """The index of the first of configurations Q (N, J) at which something touches, -1 when nothing ever does."""
     for i in range(Q.shape[0]):
@@ -227,7 +226,7 @@ def first_in_contact(problem: Problem, Q: Array, scratch: Scratch) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@bare
 def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch) -> float:
     """A lower bound, at most 5 % low, of the least distance of any pair at q (J,), or cap_m if that is less; 0 when something touches."""
     forward(problem.chain, q, scratch.poses)
@@ -243,7 +242,7 @@ def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch)
     return float(least)
 
 
-@njit(cache=True, nogil=True)
+@bare
 def edge_free(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
     """Whether the arm may move straight from qa to qb (J,).
 
@@ -253,7 +252,7 @@ def edge_free(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
     return bool(edge_contact(problem, qa, qb, scratch) < 0)
 
 
-@njit(cache=True, nogil=True)
+@bare
 def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> int:
     """As `edge_free`: -1 when free, else the index in problem.pairs of a pair that blocks, scratch.where[0] in [0, 1] of the way along."""
     pairs, boxes, vertices, groups = problem.pairs, problem.boxes, problem.vertices, problem.groups
@@ -307,7 +306,7 @@ def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> in
     return -1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def ball_gap(pairs: Int, boxes: Array, poses: Array, n: int) -> float:
     """The distance in metres of the ball around the first body of pair n from the box around the second; negative when it reaches it."""
     m = np.uint64(n)  # unsigned: no look for negative indices
@@ -322,7 +321,7 @@ def ball_gap(pairs: Int, boxes: Array, poses: Array, n: int) -> float:
     return float(np.sqrt(ex * ex + ey * ey + ez * ez) - boxes[a, 6])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def pair_bound(
     pairs: Int,
     boxes: Array,

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from kinematics.arm import Chain, forward
+from kinematics.compiling import bare, copy_row, inner
 from kinematics.transforms import Array
 
 POSITION_TOLERANCE_M = 1e-5
@@ -74,11 +75,11 @@ def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distin
         score[i] = d
     starts = np.argpartition(score, min(tries, N - 1))[:tries]
     found, out = 0, np.empty((tries, J))
-    scratch = np.empty((chain.q_index.shape[0] + 1, 4, 4))
+    frames, work = np.empty((chain.q_index.shape[0] + 1, 4, 4)), np.empty((12 + J, max(6, J)))
     q = np.empty(J)
     for s in starts:
         q[:] = table_q[s]
-        if not descend(chain, T_frame_hand, T, q, scratch, 40):
+        if not descend(chain, T_frame_hand, T, q, frames, work, 40):
             continue
         for j in range(J):  # of two turns that are both inside the limits, the one nearer to `near`
             other = q[j] - np.copysign(2 * np.pi, q[j] - near[j])
@@ -107,25 +108,32 @@ def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distin
     return out[np.argsort(cost)]
 
 
-@njit(cache=True, nogil=True)
-def descend(chain, T_frame_hand, T, q, frames, iterations):  # type: ignore[no-untyped-def]
+def make_work(chain: Chain) -> tuple[Array, Array]:
+    """Memory for `descend`, one thread's: frames (K + 1, 4, 4) and work (12 + J, max(6, J))."""
+    K, J = len(chain.q_index), len(chain.lower)
+    return np.empty((K + 1, 4, 4)), np.empty((12 + J, max(6, J)))
+
+
+@bare
+def descend(chain, T_frame_hand, T, q, frames, work, iterations):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt from q (J,), in place, kept inside the limits. Returns whether it arrived (to the module's tolerances).
 
-    frames (K + 1, 4, 4): scratch.
+    frames, work: scratch, see `make_work`.
     """
     J, K = q.shape[0], chain.q_index.shape[0]
-    e, best = np.empty(6), np.inf
-    jac, A, b, trial = np.empty((6, J)), np.empty((J, J)), np.empty(J), np.empty(J)
+    e, b, trial, D, best = work[0], work[1], work[2], work[3:6], np.inf
+    jac, A = work[6:12], work[12:]
     damping, polish = 1e-3, 0
-    trial[:] = q
+    copy_row(q, trial)
     for _ in range(iterations):
         forward(chain, trial, frames)
-        x, y, z = _residual(frames[K], T_frame_hand, T, e)
+        x, y, z = _residual(frames[K], T_frame_hand, T, e, D)
         cost = 0.0
         for r in range(6):
             cost += e[r] * e[r] * (1.0 if r < 3 else 0.05)
         if cost < best:
-            q[:] = trial
+            for j in range(J):
+                q[j] = trial[j]
             closer = cost < 0.25 * best
             best = cost
             damping = max(damping * 0.2, 1e-9)
@@ -166,7 +174,7 @@ def descend(chain, T_frame_hand, T, q, frames, iterations):  # type: ignore[no-u
                     a += jac[r, i] * jac[r, j] * (1.0 if r < 3 else 0.05)
                 A[i, j] = a
             A[i, i] += damping + 1e-12
-        if not _cholesky_solve(A, b, trial):
+        if not _cholesky_solve(A, b, trial, J):
             return False
         moved = 0.0
         for j in range(J):
@@ -186,14 +194,13 @@ def descend(chain, T_frame_hand, T, q, frames, iterations):  # type: ignore[no-u
     return polish > 0
 
 
-@njit(cache=True, nogil=True)
-def _residual(F, H, T, e):  # type: ignore[no-untyped-def]
-    """Position error and rotation vector (6,) from the hand F @ H to T, in the world; returns the hand's position."""
+@inner
+def _residual(F, H, T, e, D):  # type: ignore[no-untyped-def]
+    """Position error and rotation vector (6,) from the hand F @ H to T, in the world; returns the hand's position. D (3, 3): scratch."""
     x = F[0, 0] * H[0, 3] + F[0, 1] * H[1, 3] + F[0, 2] * H[2, 3] + F[0, 3]
     y = F[1, 0] * H[0, 3] + F[1, 1] * H[1, 3] + F[1, 2] * H[2, 3] + F[1, 3]
     z = F[2, 0] * H[0, 3] + F[2, 1] * H[1, 3] + F[2, 2] * H[2, 3] + F[2, 3]
     e[0], e[1], e[2] = T[0, 3] - x, T[1, 3] - y, T[2, 3] - z
-    D = np.empty((3, 3))
     for r in range(3):
         for c in range(3):
             D[r, c] = 0.0
@@ -214,10 +221,9 @@ def _residual(F, H, T, e):  # type: ignore[no-untyped-def]
     return x, y, z
 
 
-@njit(cache=True, nogil=True)
-def _cholesky_solve(A, b, x):  # type: ignore[no-untyped-def]
-    """Solve A x = b for a symmetric positive matrix given by its lower half, which is overwritten. False when it is singular."""
-    n = b.shape[0]
+@inner
+def _cholesky_solve(A, b, x, n):  # type: ignore[no-untyped-def]
+    """Solve A x = b for a symmetric positive matrix (n, n) given by its lower half, which is overwritten. False when it is singular."""
     for i in range(n):
         for j in range(i + 1):
             a = A[i, j]

@@ -24,14 +24,15 @@ to spare, and the tests compare with float64. For a UR5e this is below 0.1 mm.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar, cast
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.arm import BOX, CYLINDER, Chain, Int, Parts, Query, Solids
+from kinematics.compiling import BARE, Function, bare, inner
 from kinematics.rig import Rig, make_rig
 from kinematics.spheres import Levels
 from kinematics.transforms import Array
@@ -59,18 +60,11 @@ _S3, _S5, _S7, _S9, _S11 = _f(-1 / 6), _f(1 / 120), _f(-1 / 5040), _f(1 / 362880
 _C2, _C4, _C6, _C8, _C10, _C12 = _f(-0.5), _f(1 / 24), _f(-1 / 720), _f(1 / 40320), _f(-1 / 3628800), _f(1 / 479001600)
 
 _COMPILE: Any = njit
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def _fast(function: Function) -> Function:
-    """Compiled without reference counts: nothing in the kernel owns an array, and counting took most of its time."""
-    return cast(Function, _COMPILE(**_OPTIONS)(function))
 
 
 def _inline(function: Function) -> Function:
-    """The same, and a part of whatever calls it."""
-    return cast(Function, _COMPILE(**_OPTIONS, forceinline=True)(function))
+    """Compiled without reference counts, and a part of whatever calls it."""
+    return cast(Function, _COMPILE(**BARE, forceinline=True)(function))
 
 
 # Rows of the scratch array, 16 numbers each: places along the edge, a frame, K joint values; then K + 1 frames of 12, P centres of 3
@@ -189,23 +183,35 @@ def model_of(chain: Chain, rig: Rig) -> LaneModel:
 def lane_world(solids: Solids, query: Query) -> LaneWorld:
     """Pack the bodies and the question about them."""
     B = solids.kind.shape[0]
-    R, p, half = np.empty((B, 9), np.float32), np.empty((B, 3), np.float32), solids.half.astype(np.float32)
-    ball, slack = np.empty((B, 4), np.float32), np.empty(B, np.float32)
+    world = LaneWorld(
+        solids.kind.astype(np.uint64),
+        np.empty((B, 9), np.float32),
+        np.empty((B, 3), np.float32),
+        solids.half.astype(np.float32),
+        solids.plane_start.astype(np.uint64),
+        solids.planes.astype(np.float32),
+        np.empty((B, 4), np.float32),
+        np.empty(B, np.float32),
+        query.check,
+        query.pairs.astype(np.uint64),
+    )
     for b in range(B):
-        T, c = solids.T[b], solids.centre[b]
-        for r in range(3):
-            p[b, r] = T[r, 3]
-            ball[b, r] = c[r]
-            for k in range(3):
-                R[b, 3 * k + r] = T[r, k]
-        ball[b, 3] = solids.radius[b]
-        away = np.sqrt(T[0, 3] ** 2 + T[1, 3] ** 2 + T[2, 3] ** 2) + np.sqrt(c[0] ** 2 + c[1] ** 2 + c[2] ** 2)
-        slack[b] = _RATIO * (away + 2 * solids.radius[b])
-    pairs = query.pairs.astype(np.uint64)
-    return LaneWorld(
-        solids.kind.astype(np.uint64), R, p, half, solids.plane_start.astype(np.uint64), solids.planes.astype(np.float32), ball, slack,
-        query.check, pairs,
-    )  # fmt: skip
+        place_body(world, b, solids.T[b], solids.boxes[b])
+    return world
+
+
+@njit(cache=True, nogil=True)
+def place_body(world: LaneWorld, b: int, T: Array, box: Array) -> None:
+    """Put body b at pose T (4, 4). box (7,): its row of `Solids.boxes`."""
+    squares, from_origin = 0.0, 0.0
+    for r in range(3):
+        centre = T[r, 0] * box[3] + T[r, 1] * box[4] + T[r, 2] * box[5] + T[r, 3]
+        world.p[b, r], world.ball[b, r] = T[r, 3], centre
+        squares, from_origin = squares + centre * centre, from_origin + T[r, 3] * T[r, 3]
+        for k in range(3):
+            world.R[b, 3 * k + r] = T[r, k]
+    world.ball[b, 3] = box[6]
+    world.slack[b] = _RATIO * (np.sqrt(from_origin) + np.sqrt(squares) + 2 * box[6])
 
 
 def lane_scratch(model: LaneModel, world: LaneWorld) -> LaneScratch:
@@ -336,7 +342,7 @@ def _into_body(R: F32, b: U64, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, Lan
     )
 
 
-@_fast
+@bare
 def _frame_into_body(S: F32, T: U64, R: F32, p: F32, b: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from body b."""
     for c in range(_U(4)):
@@ -350,7 +356,7 @@ def _frame_into_body(S: F32, T: U64, R: F32, p: F32, b: U64) -> None:
         store(S, _REL + (c + _U(8)) * _W, w)
 
 
-@_fast
+@bare
 def _frame_into_frame(S: F32, T: U64, A: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from the frame in the rows from A on."""
     for c in range(_U(4)):
@@ -405,7 +411,7 @@ def _near_box(x: Lanes, y: Lanes, z: Lanes, boxes: F32, i: U64, r: Real) -> Mask
     return below(u * u + v * v + t * t, r * r)
 
 
-@_fast
+@inner
 def _part_body(S: F32, M: LaneModel, Wd: LaneWorld, p: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
     """Part p's balls, grown by `grow` (motion) and `slack` (rounding), against body b: lanes that touch, and that do so for certain.
 
@@ -433,7 +439,7 @@ def _part_body(S: F32, M: LaneModel, Wd: LaneWorld, p: U64, b: U64, grow: Real, 
     return fail | sure, sure
 
 
-@_fast
+@inner
 def _part_part(S: F32, M: LaneModel, a: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
     """Part a's balls against part b's, as `_part_body` does it; everything is seen from a's frame."""
     fail, sure = _U(0), _U(0)
@@ -478,7 +484,7 @@ def _both(a: Any, b: Any) -> Any:
     return a + b if a > _ZERO and b > _ZERO else -_ONE
 
 
-@_fast
+@inner
 def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: bool, whole: bool) -> tuple[Mask, Mask]:
     """Test the 16 configurations in rows _X, balls grown for pieces of this width: lanes that touch, and that do so for certain.
 
@@ -546,7 +552,7 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
 # Edges and sets of configurations
 
 
-@_fast
+@inner
 def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) -> float:
     """Joint values at the start, their change and each part's travel; the largest travel comes back, or -1 for a value out of bounds."""
     K, P = M.T.shape[0], M.frame.shape[0]
@@ -571,7 +577,7 @@ def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) ->
     return longest
 
 
-@_fast
+@inner
 def _set_out(S: F32, X: LaneScratch) -> None:
     """Joint values of the 16 places along the edge that row _AT names."""
     for k in range(_U(X.start.shape[0])):
@@ -579,7 +585,7 @@ def _set_out(S: F32, X: LaneScratch) -> None:
         store(S, o, load(S, _AT) * d + a)
 
 
-@_fast
+@bare
 def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch: LaneScratch) -> int:
     """Whether the straight motion from qa (J,) to qb (J,) touches nothing.
 
@@ -590,7 +596,7 @@ def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch:
     return FREE if n == 0 else TOUCHES if n == _CONTACT else UNDECIDED
 
 
-@_fast
+@bare
 def edge_open(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch: LaneScratch, pieces: Array) -> int:
     """What an exact check still has to look at on the motion from qa to qb: n pieces, from pieces[i, 0] to pieces[i, 1] as shares of the
     way, i < n; all the rest is free for certain, and 0 means that everything is. -1: it touches for certain. -2: more than pieces (N, 2)
@@ -599,7 +605,7 @@ def edge_open(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch:
     return _edge(model, world, qa, qb, scratch, pieces, pieces.shape[0])
 
 
-@_fast
+@inner
 def _edge(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch, pieces: Array, most: int) -> int:
     """`edge_open`, but with room for `most` pieces."""
     longest = _begin(M, Wd, qa, qb, X)
@@ -702,7 +708,7 @@ def open_pairs(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratc
     return rows, pairs
 
 
-@_fast
+@bare
 def _take(M: LaneModel, Q: Array, start: int, S: F32) -> Mask:
     """Rows _X: joint values of Q from row `start` on, the last one repeated. A bit for each lane with values out of bounds, put to 0."""
     refused = _U(0)
@@ -717,7 +723,7 @@ def _take(M: LaneModel, Q: Array, start: int, S: F32) -> Mask:
     return refused
 
 
-@_fast
+@bare
 def _open_batch(M: LaneModel, Wd: LaneWorld, S: F32, refused: Mask, out: Index) -> None:
     """For every pair the lanes of the 16 configurations in rows _X in which it may touch. out: zeros, one a pair."""
     K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from kinematics.inverse import descend, make_seeds, solve
+from kinematics.inverse import descend, make_seeds, make_work, solve
 from kinematics.robot import Robot, installed, load, named_robots
 from kinematics.transforms import transform, wxyz_from_rotation
 
@@ -182,9 +182,9 @@ class _Hand:
         """Move the hand by a vector, waypoints 2 cm apart."""
         n = int(np.ceil(np.linalg.norm(by) / 0.02))
         rows, q = [self.q], self.robot.arm_q(self.q).copy()
-        scratch = np.empty((len(self.chain.q_index) + 1, 4, 4))
+        scratch = make_work(self.chain)
         for i in range(1, n + 1):
-            assert descend(self.chain, self.T_frame_hand, transform(SIDEWAYS, self.p + by * i / n), q, scratch, 40), (stage, i)
+            assert descend(self.chain, self.T_frame_hand, transform(SIDEWAYS, self.p + by * i / n), q, *scratch, 40), (stage, i)
             rows.append(self.robot.with_arm(q, self.q[self.robot.gripper_joint]))
         self.p = self.p + by
         body = self.held["body"] if self.held else release

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kinematics.inverse import Seeds, descend, make_seeds, solve
+from kinematics.inverse import Seeds, descend, make_seeds, make_work, solve
 from kinematics.robot import Robot
 from kinematics.transforms import Array, angle_between, rotation_about, transform
 
@@ -89,11 +89,11 @@ def test_same_call_same_answer(solver: Solver) -> None:
 def test_a_start_half_a_turn_away_is_no_trap(ur5e: Robot, turn: float, least: int) -> None:
     """At exactly π the axis of the error is undefined: the descent gets away, though half of the time against a limit."""
     solver, arrived = Solver(ur5e), 0
-    scratch = np.empty((len(solver.chain.q_index) + 1, 4, 4))
+    scratch = make_work(solver.chain)
     for goal in random_arm_q(ur5e, 50):
         T, q = solver.hand(goal), goal.copy()
         q[-1] += turn if goal[-1] + turn <= solver.chain.upper[-1] else -turn
-        if descend(solver.chain, solver.T_frame_hand, T, q, scratch, 60):
+        if descend(solver.chain, solver.T_frame_hand, T, q, *scratch, 60):
             arrived += 1
             assert angle_between(solver.hand(q)[:3, :3], T[:3, :3]) < 1e-4
         assert np.isfinite(q).all()

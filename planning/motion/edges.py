@@ -13,6 +13,7 @@ from numba import njit
 
 from kinematics import exact
 from kinematics.arm import Chain, Query, Solids, make_parts, make_solids
+from kinematics.compiling import bare
 from kinematics.lanes import LaneModel, LaneScratch, LaneWorld, edge_open, lane_model, lane_world, model_of, scratch_for
 from kinematics.rig import Rig
 from kinematics.transforms import Array
@@ -54,23 +55,19 @@ def pose_task(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: fl
     return Task(exact.pose(chain, rig, solids, query, margin_m), model_of(chain, rig), lane_world(solids, query), 1)
 
 
-@njit(cache=True, nogil=True)
-def without_still(task: Task, scratch: exact.Scratch) -> Task:
+def without_still(task: Task, memory: Memory) -> Task:
     """The task without the pairs that stand still to each other, such as a held object and the palm, if they are all apart.
 
     They are looked at here, once for all configurations; their covers overlap, so else every edge would be asked about exactly, all along.
     """
-    problem = exact.without_still(task.exact, scratch)
-    if problem.pairs.shape[0] == task.exact.pairs.shape[0]:
+    problem, world, frame = task.exact, task.world, task.model.frame
+    exact.enter(problem, memory.exact)
+    moving = problem.pairs[:, 2] != problem.pairs[:, 3]
+    if moving.all() or not exact.still_apart(problem, memory.exact):
         return task
-    world, frame = task.world, task.model.frame
-    moving = np.zeros(world.pairs.shape[0], np.bool_)
-    for i in range(world.pairs.shape[0]):
-        moving[i] = frame[world.pairs[i, 0]] != frame[world.pairs[i, 1]]
-    world = LaneWorld(
-        world.kind, world.R, world.p, world.half, world.plane_start, world.planes, world.ball, world.slack, world.check, world.pairs[moving]
-    )
-    return Task(problem, task.model, world, 1)
+    problem = problem._replace(pairs=problem.pairs[moving], reach=problem.reach[moving])
+    world = world._replace(pairs=world.pairs[frame[world.pairs[:, 0]] != frame[world.pairs[:, 1]]])
+    return task._replace(exact=problem, world=world)
 
 
 def make_memory(task: Task) -> Memory:
@@ -89,7 +86,7 @@ def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
     )
 
 
-@njit(cache=True, nogil=True)
+@bare
 def connects(task: Task, qa: Array, qb: Array, memory: Memory) -> bool:
     """Whether the arm may move straight from qa to qb (J,), for certain. Every planner asks this and nothing else."""
     if not task.covered:

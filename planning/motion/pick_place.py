@@ -8,24 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from kinematics.arm import Int
 from kinematics.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Held, Scene, State
 from kinematics.shapes import Shape, bounds
-from kinematics.transforms import Array, inverse, rotation_about, transform
-from planning.grasps import UP, open_width, sample_grasps
+from kinematics.transforms import Array, inverse, transform
+from planning.grasps import open_width, sample_grasps
+from planning.motion import reaching
+from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.timing import time_stamps
-from planning.motion.workcell import Situation, Touch, Workcell
+from planning.motion.workcell import Situation, Touch, Workcell, tasks_of
 from planning.plan import Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
-APPROACH_M = 0.08
-LIFT_M = 0.03
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
 MAX_TRIES = 3  # of those, how many are given to RRT-Connect before the move is given up
-PLACE_TURNS = (0.0, 0.5, -0.5, 1.0, -1.0)  # how far from its natural bearing the hand may turn where it puts an object down, rad
+BRIEFLY = 300  # iterations of RRT-Connect where only labels hang on the answer
+TRIES, PLACE_TRIES = 24, 12  # starts of inverse kinematics where an object is taken, and where it is put down
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,31 @@ class Place:
     T_world_object: Array
 
 
+class _OpenHand(NamedTuple):
+    """The hand before it closes on an object: gripper values, the situation while it is open, and those while the fingers move."""
+
+    opened: float
+    closed: float
+    reaching: Situation
+    closing: tuple[Situation, ...]
+
+
+class _Placing(NamedTuple):
+    """A held object that is put down: for the compiled core, and the names behind its indices."""
+
+    compiled: reaching.Placing
+    lowering: Situation
+    opening: tuple[Situation, ...]
+    retreating: Situation
+    among: Situation
+
+    def seen_at(self, code: int) -> Situation:
+        """The situation in which `reaching.put_down` got to say a code."""
+        if code in (reaching.AT_GRASP, reaching.BACKWARDS):
+            return self.retreating
+        return {reaching.FINGERS: self.opening[0], reaching.REGION: self.among}.get(code, self.lowering)
+
+
 class _Memory:
     """What was found out about one state, so that the many regions of an object don't ask twice."""
 
@@ -56,7 +85,8 @@ class _Memory:
         self.state = state
         self.picks: dict[str, tuple[list[Pick], Blocked]] = {}
         self.transits: dict[Pick, Array | Blocked] = {}
-        self.lowering: dict[Pick, Situation] = {}
+        self.placing: dict[Pick, _Placing] = {}
+        self.carrying: dict[Pick, Situation] = {}
         self.without: dict[str, dict[str, Array]] = {}
 
 
@@ -119,17 +149,15 @@ class Motions:
         picks, why = self.picks(state, name)
         if not picks:
             return why
-        T_to = self.place_pose(name, state.poses[name], region)
-        rest = self._without(state, name)
-        if touch := self.cell.placed(self.scene.body(name), T_to, rest):
+        if touch := self.cell.placed(self.scene.body(name), self.place_pose(name, state.poses[name], region), self._without(state, name)):
             return Blocked("region", name, touch.body)
-        tries = 0
+        centre, tries = self.scene.regions()[region], 0
         for pick in picks:
             unreached = self._recall(state).transits.get(pick)
             if isinstance(unreached, Blocked):
                 why = unreached
                 continue
-            place = self._place(rest, name, pick, T_to[:3, :3], self.scene.regions()[region])
+            place = self._place(state, pick, centre)
             if isinstance(place, Blocked):
                 why = place
                 continue
@@ -137,15 +165,44 @@ class Motions:
             if isinstance(way_in, Blocked):
                 why = way_in
                 continue
-            carrying = self.cell.problem(rest, pick.gripper_closed, held=pick.held)
-            across = self.cell.connect(carrying, pick.lift[-1], place.lower[:1], rng)
+            across = self.cell.connect(self._carrying(state, pick), pick.lift[-1], place.lower[:1], rng)
             if not isinstance(across, Blocked):
-                return self._relocated(state, rest, name, pick, place, way_in, across)
+                return self._relocated(state, self._without(state, name), name, pick, place, way_in, across)
             why = replace(across, stage="transfer")
             tries += 1
             if tries == MAX_TRIES:
                 break
         return why
+
+    def placeable(self, state: State, name: str, regions: Sequence[int] | Int, rng: np.random.Generator) -> NDArray[np.bool_]:
+        """To which of some regions (N,) an object can be carried now: `relocate` with less patience, many at once, without the motions."""
+        picks, _ = self.picks(state, name)
+        cells = self.scene.regions()
+        out = np.zeros(len(regions), np.bool_)
+        if not picks:
+            return out
+        body, rest, T = self.scene.body(name), self._without(state, name), state.poses[name]
+        open_ = [k for k, region in enumerate(regions) if not self.cell.placed(body, self.place_pose(name, T, int(region)), rest)]
+        for pick in picks:
+            if not open_:
+                break
+            if isinstance(self._transit(state, pick, rng), Blocked):
+                continue
+            centres = np.array([cells[int(regions[k])] for k in open_])
+            natural = np.array([self._natural_turn(pick, centre) for centre in centres])
+            compiled = self._placing(state, pick).compiled
+            A = pick.lift.shape[1]
+            ends, codes, T = np.empty((len(open_), A)), np.empty(len(open_), np.int64), np.empty((4, 4))
+            lower, retreat = np.empty((LIFT_STEPS + 1, A)), np.empty((APPROACH_STEPS + 1, A))
+            reaching.put_down_all(
+                self.cell.hand, compiled, state.poses[name][:3, :3], natural, centres, pick.lift[-1], self.cell.memory, lower, retreat, T,
+                ends, codes,
+            )  # fmt: skip
+            self.cell.forget()
+            for k, end, code in zip(open_, ends, codes):
+                out[k] = code == reaching.OK and self.cell.joined(self._carrying(state, pick), pick.lift[-1], end, rng, BRIEFLY)
+            open_ = [k for k in open_ if not out[k]]
+        return out
 
     def picks(self, state: State, name: str, grasps: Sequence[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object that hold up to all checks but RRT-Connect's, the least to turn first; and why others don't.
@@ -166,96 +223,111 @@ class Motions:
             grasps = sample_grasps(body, self.robot.opening, approaches, self.floor_z, toward)
         picks: list[Pick] = []
         why, got_to = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening"), 0
+        cell, hands = self.cell, dict[float, _OpenHand]()
         for grasp in grasps:
-            opened = self.robot.opening.value_at(open_width(grasp.width_m, self.robot.opening))
-            closed = self.robot.opening.value_at(grasp.width_m)
-            reaching = self.cell.problem(state.poses, opened)
+            hand = hands.get(grasp.width_m)
+            if hand is None:
+                hand = hands[grasp.width_m] = self._open_hand(state.poses, name, grasp.width_m)
             solutions = self.cell.ik(grasp.T_world_hand)
-            if len(solutions) == 0 and got_to == 0:
-                why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), _GOT_TO["ik"]
-            for q in solutions:
-                pick = self._pick(state, name, grasp, q, opened, closed, reaching)
-                if isinstance(pick, Pick):
-                    picks.append(pick)
-                elif _GOT_TO[pick.stage] >= got_to:
-                    why, got_to = pick, _GOT_TO[pick.stage]
+            found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
+            free = reaching.ways_in(
+                cell.hand, hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand, solutions, cell.memory, found, said
+            )
+            if len(said) == 0 and got_to == 0:
+                why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), 1
+            for code, pair in said:
+                if code != reaching.OK and 1 + code >= got_to:
+                    named = hand.closing[0] if code == reaching.FINGERS else hand.reaching
+                    why, got_to = self._blocked(_PICKING[code], named, pair, name), 1 + code
+            if free == 0:
+                continue
+            held = Held(name, inverse(grasp.T_world_hand) @ state.poses[name])
+            lifting = self.cell.problem(self._without(state, name), hand.closed, held=held, ignore=[(name, "floor")])
+            for way in found[:free]:
+                up = np.empty((LIFT_STEPS + 1, way.shape[1]))
+                code, pair = reaching.lift(cell.hand, lifting.task, grasp.T_world_hand, way[-1], up, cell.memory)
+                if code == reaching.OK:
+                    picks.append(Pick(grasp, way, up, hand.opened, hand.closed, held))
+                elif 1 + code >= got_to:
+                    why, got_to = self._blocked(_PICKING[code], lifting, pair, name), 1 + code
             if len(picks) >= MAX_PICKS:
                 break
+        cell.forget()
         now = self.robot.arm_q(state.q)
         picks.sort(key=lambda p: float(np.abs(p.approach[0] - now).max()))
         return picks, why
 
-    def _pick(self, state: State, name: str, grasp: Grasp, q: Array, opened: float, closed: float, reaching: Situation) -> Pick | Blocked:
-        """One grasp with one arm configuration: static checks, the straight approach, the closing fingers, the lift."""
-        if touch := self.cell.touch(reaching, q):
-            return _blocked("approach", touch)
-        back = self.cell.straight(reaching, q, grasp.T_world_hand, -APPROACH_M * grasp.T_world_hand[:3, 2])
-        if isinstance(back, Touch):
-            return _blocked("approach", back)
-        if touch := self._fingers(state.poses, name, q, opened, closed):
-            return _blocked("grasp", touch)
-        held = Held(name, inverse(grasp.T_world_hand) @ state.poses[name])
-        rest = self._without(state, name)
-        lifting = self.cell.problem(rest, closed, held=held, ignore=[(name, "floor")])
-        if touch := self.cell.touch(lifting, q):
-            return _blocked("lift", touch)
-        up = self.cell.straight(lifting, q, grasp.T_world_hand, LIFT_M * UP)
-        if isinstance(up, Touch):
-            return _blocked("lift", up)
-        return Pick(grasp, back[::-1], up, opened, closed, held)
+    def _open_hand(self, poses: Mapping[str, Array], name: str, width_m: float) -> _OpenHand:
+        """The situations in which the hand comes to an object of some width and closes on it."""
+        opened = self.robot.opening.value_at(open_width(width_m, self.robot.opening))
+        closed = self.robot.opening.value_at(width_m)
+        return _OpenHand(opened, closed, self.cell.problem(poses, opened), self._moving_fingers(poses, name, opened, closed))
 
-    def _place(self, rest: dict[str, Array], name: str, pick: Pick, R: Array, centre: Array) -> Place | Blocked:
-        """Put the held object down over `centre` (3,), turned from R (3, 3) as suits the hand: static checks and the straight pieces."""
-        body = self.scene.body(name)
-        known = self._memory.lowering
-        if pick not in known:
-            known[pick] = self.cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
-        lowering = known[pick]
-        why = Blocked("ik", "hand", name, detail="the place is out of reach")
-        T_hand_object = pick.held.T_hand_body
-        ahead = pick.grasp.T_world_hand[:3, 2]
-        natural = 0.0
-        if np.hypot(ahead[0], ahead[1]) > 0.3:  # for a level grasp, the hand may come in along the bearing of the place
-            bearing = centre[:2] - self.scene.robot.T_world_base[:2, 3]
-            natural = float(np.arctan2(bearing[1], bearing[0]) - np.arctan2(ahead[1], ahead[0]))
-        ways: list[tuple[float, Array, Array]] = []
-        for turn in PLACE_TURNS:
-            T_object = _standing(body.shape, rotation_about(UP, natural + turn) @ R, centre)
-            if not self.cell.placed(body, T_object, rest):
-                for q in self.cell.ik(T_object @ inverse(T_hand_object), near=pick.lift[-1], tries=12):
-                    ways.append((float(np.abs(q - pick.lift[-1]).max()), q, T_object))
-        ways.sort(key=lambda way: way[0])  # the arm should turn no more than it must
-        for _, q, T_object in ways:
-            T_hand = T_object @ inverse(T_hand_object)
-            if touch := self.cell.touch(lowering, q):
-                why = _blocked("lower", touch)
-                continue
-            standing = {**rest, name: T_object}
-            retreating = self.cell.problem(standing, pick.gripper_open)
-            if touch := self.cell.touch(retreating, q):
-                why = _blocked("lower", touch)
-                continue
-            above = self.cell.straight(lowering, q, T_hand, LIFT_M * UP)
-            if isinstance(above, Touch):
-                why = _blocked("lower", above)
-                continue
-            if touch := self._fingers(standing, name, q, pick.gripper_open, pick.gripper_closed):
-                why = _blocked("release", touch)
-                continue
-            back = self.cell.straight(retreating, q, T_hand, -APPROACH_M * T_hand[:3, 2])
-            if isinstance(back, Touch):
-                why = _blocked("retreat", back)
-                continue
-            return Place(above[::-1], back, T_object)
-        return why
-
-    def _fingers(self, poses: Mapping[str, Array], name: str, q: Array, opened: float, closed: float) -> Touch | None:
-        """What the fingers touch, besides the object, while they move between two gripper values with the arm at q."""
+    def _moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> tuple[Situation, ...]:
+        """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
         ignore = [(pad, name) for pad in self.robot.pads]
-        for value in np.linspace(opened, closed, 4)[1:]:
-            if touch := self.cell.touch(self.cell.problem(poses, float(value), ignore=ignore), q):
-                return touch
-        return None
+        return tuple(
+            self.cell.problem(poses, float(value), ignore=ignore, moving=self.robot.fingers) for value in np.linspace(opened, closed, 4)[1:]
+        )
+
+    def _placing(self, state: State, pick: Pick) -> _Placing:
+        """The situations in which an object that the hand holds is put down, anywhere."""
+        known = self._recall(state).placing
+        if pick not in known:
+            name, rest = pick.held.body, self._without(state, pick.held.body)
+            lowering = self.cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
+            standing = {**rest, name: state.poses[name]}
+            retreating = self.cell.problem(standing, pick.gripper_open)
+            opening = self._moving_fingers(standing, name, pick.gripper_open, pick.gripper_closed)
+            rows = [i - len(self.cell.arm.links) for i, n in enumerate(retreating.names) if n == name]
+            among, named = self.cell.standing(name, rest)
+            tasks = lowering.task, tasks_of(opening), retreating.task
+            compiled = reaching.Placing(*tasks, rows[0], rows[-1] + 1, among, pick.held.T_hand_body)
+            known[pick] = _Placing(compiled, lowering, opening, retreating, named)
+        return known[pick]
+
+    def _place(self, state: State, pick: Pick, centre: Array) -> Place | Blocked:
+        """Put the held object down over `centre` (3,), turned as suits the hand: static checks and the straight pieces.
+
+        The arm should turn no more than it must: first the solutions near the pick's are tried, for every turn of the hand, then all.
+        """
+        name, cell, placing = pick.held.body, self.cell, self._placing(state, pick)
+        R, natural, near, A = state.poses[name][:3, :3], self._natural_turn(pick, centre), pick.lift[-1], pick.lift.shape[1]
+        p, lower, retreat, T = placing.compiled, np.empty((LIFT_STEPS + 1, A)), np.empty((APPROACH_STEPS + 1, A)), np.empty((4, 4))
+        code, pair = reaching.put_down(cell.hand, p, R, natural, centre, near, cell.memory, lower, retreat, T)
+        cell.forget()
+        if code in (reaching.OK, reaching.REGION):
+            return Place(lower, retreat, T) if code == reaching.OK else self._blocked(_PLACING[code], placing.seen_at(code), pair, name)
+        for turn in reaching.PLACE_TURNS:
+            reaching.stand(p.standing.body, R, natural + turn, centre, T)
+            if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
+                T_hand = T @ inverse(pick.held.T_hand_body)
+                for q in cell.ik(T_hand, near=near, tries=PLACE_TRIES):
+                    got, touch = reaching.put_down_at(cell.hand, p, T, T_hand, q, cell.memory, lower, retreat)
+                    if got == reaching.OK:
+                        return Place(lower, retreat, T)
+                    if got >= code:
+                        code, pair = got, touch
+        return self._blocked(_PLACING[code], placing.seen_at(code), pair, name)
+
+    def _natural_turn(self, pick: Pick, centre: Array) -> float:
+        """How far an object turns with the hand: for a level grasp the hand comes in along the bearing of the place, else not at all."""
+        ahead = pick.grasp.T_world_hand[:3, 2]
+        if np.hypot(ahead[0], ahead[1]) <= 0.3:
+            return 0.0
+        bearing = centre[:2] - self.scene.robot.T_world_base[:2, 3]
+        return float(np.arctan2(bearing[1], bearing[0]) - np.arctan2(ahead[1], ahead[0]))
+
+    def _blocked(self, stage: str, situation: Situation, pair: int, name: str) -> Blocked:
+        """What the compiled core found, in words: the stage and the two bodies, or that it was the arm's reach."""
+        if stage == "ik":
+            return Blocked("ik", "hand", name, detail="the place is out of reach")
+        touch = self.cell.name_of(situation, pair)
+        if touch is not None:
+            return Blocked(stage, touch.link, touch.body)
+        if stage == "region":
+            return Blocked("region", name, "floor", detail="it would hang over the front edge")
+        return Blocked(stage, "hand", name, detail="the straight way is not free, or leaves the arm's reach")
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> list[Motion] | Blocked:
         """From where the arm is to the beginning of a pick's approach, the fingers set to its opening first."""
@@ -279,13 +351,19 @@ class Motions:
 
     def _way_out(self, state: State, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
         """From the lifted target to a configuration with its centre well outside the cabinet."""
-        rest = self._without(state, pick.held.body)
-        carrying = self.cell.problem(rest, pick.gripper_closed, held=pick.held)
+        carrying = self._carrying(state, pick)
         goals = self.cell.outside(carrying, pick.held)
         if len(goals) == 0:
             return Blocked("transfer", "hand", pick.held.body, detail="no free configuration holds it outside the cabinet")
         path = self.cell.connect(carrying, pick.lift[-1], goals, rng)
         return replace(path, stage="transfer") if isinstance(path, Blocked) else path
+
+    def _carrying(self, state: State, pick: Pick) -> Situation:
+        """The object in the closed hand, off the floor."""
+        known = self._recall(state).carrying
+        if pick not in known:
+            known[pick] = self.cell.problem(self._without(state, pick.held.body), pick.gripper_closed, held=pick.held)
+        return known[pick]
 
     def _recall(self, state: State) -> _Memory:
         if self._memory.state is not state:
@@ -343,7 +421,15 @@ class Motions:
         return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(may_touch))
 
 
-_GOT_TO = {"ik": 1, "approach": 2, "grasp": 3, "lift": 4}  # the attempt that got furthest tells best why there is none
+_PICKING = {
+    reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
+    reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
+}  # fmt: skip
+_PLACING = {
+    reaching.REACH: "ik", reaching.REGION: "region", reaching.LIFTED: "lower", reaching.AT_GRASP: "lower", reaching.UPWARDS: "lower",
+    reaching.FINGERS: "release", reaching.BACKWARDS: "retreat",
+}  # fmt: skip
+"""What the compiled core's codes are called in a plan."""
 
 
 def _blocked(stage: str, touch: Touch) -> Blocked:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -11,20 +11,17 @@ import numpy as np
 
 from kinematics import exact, inverse
 from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
-from kinematics.collision import gap, shape_solids
 from kinematics.coverage import Carriage, shape_pieces
-from kinematics.rig import join_rigs
+from kinematics.rig import carry, join_rigs
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
-from kinematics.shapes import bounds
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
+from planning.motion.reaching import FREE, HANGS_OVER, Standing, make_hand, stands
 from planning.motion.rrt_connect import plan
 from planning.motion.shortcut import shorten
 from planning.plan import Blocked
 
-STRAIGHT_STEP_M = 0.01  # waypoints of a straight piece; between two of them the hand strays from the line by less than 0.1 mm
-LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
 SHORTCUTS = 60
 OPENINGS = 64  # gripper values for which the packed arm is kept
 
@@ -59,10 +56,7 @@ class Workcell:
     def __init__(self, robot: Robot, scene: Scene, *, iterations: int, time_budget_s: float | None, obstacles: Sequence[Body] = ()) -> None:
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
-        self.obstacles = tuple(obstacles)
-        self.walls = [*scene.cabinet.walls(), *self.obstacles]
-        self._fixed = [(b, shape_solids(b.name, b.shape)) for b in self.obstacles]
-        self._moulds = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
+        self.walls = [*scene.cabinet.walls(), *obstacles]
         self._pieces = {b.name: shape_pieces(b.shape) for b in scene.objects}
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._standing_now: tuple[object, Solids, tuple[str, ...]] | None = None
@@ -70,6 +64,10 @@ class Workcell:
         pairs = (n_links + most) * len(self._rows) + len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
         self._entered: Situation | None = None
+        self._placed: tuple[str, object, Standing, Situation] | None = None
+        self.hand = make_hand(self.arm.chain, self.arm.T_frame_hand)
+        T = scene.cabinet.T_world_cabinet
+        self.front: Array = np.append(T[:3, 0], T[:3, 0] @ T[:3, 3])
 
     def home(self) -> Array:
         """The full configuration (J,) in which the arm waits: the robot's own, or where that touches, one before the cabinet.
@@ -92,11 +90,18 @@ class Workcell:
         return self.robot.arm_q(self.robot.home)
 
     def problem(
-        self, poses: Mapping[str, Array], gripper: float, *, held: Held | None = None, ignore: Iterable[tuple[str, str]] = ()
+        self,
+        poses: Mapping[str, Array],
+        gripper: float,
+        *,
+        held: Held | None = None,
+        ignore: Iterable[tuple[str, str]] = (),
+        moving: Collection[str] | None = None,
     ) -> Situation:
         """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
 
-        The held object may touch the pads, which hold it, and is checked against the rest of the robot.
+        The held object may touch the pads, which hold it, and is checked against the rest of the robot. moving: only these links are asked
+        about, the others having been asked before.
         """
         rig, links = self.arm.rig(gripper), self.arm.links
         solids, bodies = self._standing(poses)
@@ -111,46 +116,47 @@ class Workcell:
         check[rig.frame == 0] = 0  # the base stands still: the final check judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
+        if moving is not None:
+            moves = np.array([link in moving for link in links])
+            check[~moves] = 0
+            pairs = pairs[moves[pairs].any(1)]
         task = pose_task(self.arm.chain, rig, solids, Query(check, pairs), exact.MARGIN_M)
         if held is not None:
-            exact.enter(task.exact, self.memory.exact)
-            task, self._entered = without_still(task, self.memory.exact), None
+            task, self._entered = without_still(task, self.memory), None
         return Situation(task, links + bodies)
+
+    def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
+        """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
+        pieces = self._pieces[name]
+        n = len(pieces.start) - 1
+        rig = carry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
+        solids, bodies = self._standing(poses)
+        check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
+        task = pose_task(self.arm.chain, rig, solids, Query(check, np.zeros((0, 2), np.int64)), exact.MARGIN_M)
+        return Standing(rig, task.exact, self.front), Situation(task, (name,) * n + bodies)
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
-        low, high = bounds(body.shape, np.linalg.inv(self.scene.cabinet.T_world_cabinet) @ T)
-        depth, width, height = self.scene.cabinet.size_m
-        for wall, room in (
-            ("left", width / 2 - high[1]),
-            ("right", low[1] + width / 2),
-            ("back", depth - high[0]),
-            ("ceiling", height - high[2]),
-        ):
-            if room < 2 * exact.MARGIN_M:
-                return Touch(body.name, wall)
-        if low[0] < 0:
+        if self._placed is None or self._placed[0] != body.name or self._placed[1] is not poses:
+            self._placed = (body.name, poses, *self.standing(body.name, poses))
+        _, _, standing, among = self._placed
+        self._entered = None
+        pair = int(stands(standing, T, self.memory))
+        if pair == HANGS_OVER:
             return Touch(body.name, "floor", "it would hang over the front edge")
-        mine, least = [s.move(T) for s in self._moulds[body.name]], 2 * exact.MARGIN_M
-        for name, pose in poses.items():
-            if any(gap(a, b.move(pose), least) < least for b in self._moulds[name] for a in mine):
-                return Touch(body.name, name)
-        for obstacle, solids in self._fixed:
-            if any(gap(a, b.move(obstacle.T_world_body), least) < least for b in solids for a in mine):
-                return Touch(body.name, obstacle.name)
-        return None
+        return None if pair == FREE else self.name_of(among, pair)
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:
         """What touches at the arm's configuration q (A,), or None."""
-        return _named(situation, exact.first_contact(situation.task.exact, q, self.enter(situation).exact))
+        return self.name_of(situation, exact.first_contact(situation.task.exact, q, self.enter(situation).exact))
 
     def edge(self, situation: Situation, qa: Array, qb: Array) -> Touch | None:
         """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
         memory = self.enter(situation)
         if connects(situation.task, qa, qb, memory):
             return None
-        touch = _named(situation, exact.edge_contact(situation.task.exact, qa, qb, memory.exact))
-        return touch or Touch(detail="touches by less than the margin")
+        pair = exact.edge_contact(situation.task.exact, qa, qb, memory.exact)
+        return self.name_of(situation, pair) if pair >= 0 else Touch(detail="touches by less than the margin")
 
     def enter(self, situation: Situation) -> Memory:
         """The memory, made ready for this situation."""
@@ -159,27 +165,14 @@ class Workcell:
             self._entered = situation
         return self.memory
 
+    def forget(self) -> None:
+        """The memory has served others meanwhile."""
+        self._entered = None
+
     def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
         """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home."""
         arm = self.arm
         return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm if near is None else near, tries=tries)
-
-    def straight(self, situation: Situation, q: Array, T_world_hand: Array, by: Array) -> Array | Touch:
-        """Arm waypoints (K, A) that take the hand from T_world_hand, where q puts it, straight by (3,) m; or what blocks."""
-        steps = int(np.ceil(np.linalg.norm(by) / STRAIGHT_STEP_M))
-        way, T = [q], T_world_hand.copy()
-        frames = np.empty((len(self.arm.chain.q_index) + 1, 4, 4))
-        for k in range(1, steps + 1):
-            T[:3, 3] = T_world_hand[:3, 3] + k / steps * by
-            nxt = way[-1].copy()
-            if not inverse.descend(self.arm.chain, self.arm.T_frame_hand, T, nxt, frames, 30):
-                return Touch("hand", None, "the straight way leaves the arm's reach")
-            if np.abs(nxt - way[-1]).max() > LARGEST_TURN:
-                return Touch("hand", None, "the straight way passes a singularity")
-            if touch := self.edge(situation, way[-1], nxt):
-                return touch
-            way.append(nxt)
-        return np.array(way)
 
     def connect(self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator) -> Array | Blocked:
         """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A)."""
@@ -196,6 +189,18 @@ class Workcell:
             touch = self.edge(situation, start, goals[0]) or Touch()
             return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
         return np.asarray(shorten(task, found.path, iterations=SHORTCUTS, seed=seed, memory=memory).path)
+
+    def joined(self, situation: Situation, start: Array, goal: Array, rng: np.random.Generator, iterations: int) -> bool:
+        """Whether there is a path from start to goal (A,), both of them free, found in so many iterations."""
+        task, memory = situation.task, self.enter(situation)
+        return plan(task, start, goal[None], max_iterations=iterations, seed=int(rng.integers(2**31)), memory=memory).path is not None
+
+    def name_of(self, situation: Situation, pair: int) -> Touch | None:
+        """The bodies behind the index of a pair; None behind -1."""
+        if pair < 0:
+            return None
+        a, b = situation.task.exact.pairs[pair, :2]
+        return Touch(situation.names[a], situation.names[b])
 
     def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
@@ -271,8 +276,7 @@ def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
     return np.array(found).reshape(-1, len(home))
 
 
-def _named(situation: Situation, pair: int) -> Touch | None:
-    if pair < 0:
-        return None
-    a, b = situation.task.exact.pairs[pair, :2]
-    return Touch(situation.names[a], situation.names[b])
+def tasks_of(situations: Sequence[Situation]) -> tuple[Task, Task, Task]:
+    """The three tasks behind the situations of a closing or opening hand."""
+    a, b, c = situations
+    return a.task, b.task, c.task

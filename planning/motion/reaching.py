@@ -1,0 +1,308 @@
+"""Taking hold of an object and putting one down, without RRT-Connect: end poses, straight pieces, fingers. Compiled, whole.
+
+Each function tries one thing after the other, the cheapest first, and says how far it got: OK, or the stage at which it was blocked, with
+the pair of bodies that touched (an index into that task's pairs, -1 when it was the arm's reach).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kinematics import exact
+from kinematics.arm import Chain, Int
+from kinematics.compiling import bare, copy_row, copy_rows, inner
+from kinematics.inverse import descend, make_work
+from kinematics.lanes import place_body
+from kinematics.rig import Rig
+from kinematics.transforms import Array
+from planning.motion.edges import Memory, Task, connects
+
+LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
+APPROACH_M = 0.08
+LIFT_M = 0.03
+APPROACH_STEPS, LIFT_STEPS = 8, 3  # waypoints every centimetre: between two of them the hand strays from the line by less than 0.1 mm
+PLACE_GAP_M = 2 * exact.MARGIN_M  # what a placed object keeps from all others
+PLACE_TURNS = (0.0, 0.5, -0.5, 1.0, -1.0)  # how far from its natural bearing the hand may turn where it puts an object down, rad
+OK, REACH, REGION, AT_GRASP, BACKWARDS, FINGERS, LIFTED, UPWARDS = 0, 1, 2, 3, 4, 5, 6, 7
+"""How far it got: all is well; no solution of inverse kinematics; the object would not stand free; the arm at the end pose; the straight
+way between end pose and free space with an open hand; the closing or opening fingers; the arm at the end pose with the object in the hand;
+the straight way up or down with it."""
+
+
+FREE, HANGS_OVER = -2, -1
+
+
+class Hand(NamedTuple):
+    """The arm's hand, T_frame_hand (4, 4) in the chain's last frame; one thread's memory: frames and work for `inverse.descend`,
+    T (2, 4, 4), by (3,)."""
+
+    chain: Chain
+    T_frame_hand: Array
+    frames: Array
+    work: Array
+    T: Array
+    by: Array
+
+
+def make_hand(chain: Chain, T_frame_hand: Array) -> Hand:
+    """A hand with memory for one thread."""
+    return Hand(chain, T_frame_hand, *make_work(chain), np.empty((2, 4, 4)), np.empty(3))
+
+
+class Standing(NamedTuple):
+    """An object against all that it must stand free of: its pieces as a part of the world, and the pairs of them and the others.
+
+    front (4,): the direction into the cabinet, and where along it the floor begins, which it must not hang over.
+    """
+
+    body: Rig
+    problem: exact.Problem
+    front: Array
+
+
+class Placing(NamedTuple):
+    """Putting a held object down: the tasks with it in the hand, and with it standing, its solids being rows first:last of those worlds.
+
+    lowering: in the hand, which is closed; opening (3): it stands, fingers on their way open; retreating: it stands, the hand is open.
+    standing: the object among the others. T_hand_body (4, 4).
+    """
+
+    lowering: Task
+    opening: tuple[Task, Task, Task]
+    retreating: Task
+    first: int
+    last: int
+    standing: Standing
+    T_hand_body: Array
+
+
+@inner
+def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Array, memory: Memory) -> tuple[bool, int]:
+    """Take the hand from T_world_hand, where way[0] puts it, straight back along its own z, by_m < 0, or up, by_m > 0: the waypoints in
+    way (n, A).
+
+    Whether it is free, and if not, the pair that touches; -1 when the arm can't follow or passes a singularity, or when the contact lies
+    between two waypoints.
+    """
+    T, steps = hand.T[0], way.shape[0] - 1
+    copy_rows(T_world_hand, T)
+    for r in range(3):
+        hand.by[r] = by_m * T_world_hand[r, 2] if by_m < 0.0 else (by_m if r == 2 else 0.0)
+    for k in range(1, steps + 1):
+        for r in range(3):
+            T[r, 3] = T_world_hand[r, 3] + k / steps * hand.by[r]
+        copy_row(way[k - 1], way[k])
+        if not descend(hand.chain, hand.T_frame_hand, T, way[k], hand.frames, hand.work, 30):
+            return False, -1
+        for j in range(way.shape[1]):
+            if abs(way[k, j] - way[k - 1, j]) > LARGEST_TURN:
+                return False, -1
+        if not connects(task, way[k - 1], way[k], memory):
+            return False, int(exact.first_contact(task.exact, way[k], memory.exact))
+    return True, -1
+
+
+@bare
+def ways_in(
+    hand: Hand,
+    reaching: Task,
+    closing: tuple[Task, Task, Task],
+    T_world_hand: Array,
+    solutions: Array,
+    memory: Memory,
+    found: Array,
+    said: Int,
+) -> int:
+    """The ways to close the hand at a pose (4, 4), where solutions (S, A) put it: how many are free.
+
+    reaching: the hand open; closing (3): the fingers on their way, what they hold allowed. found (S, n, A): waypoints of the free ones,
+    from before the object to it. said (S, 2): how far each solution got, and the pair that touched.
+    """
+    n, last = 0, found.shape[1] - 1
+    for s in range(solutions.shape[0]):
+        way = found[n]
+        said[s, 0], said[s, 1] = AT_GRASP, touching(reaching, solutions[s], memory)
+        if said[s, 1] >= 0:
+            continue
+        copy_row(solutions[s], way[0])
+        said[s, 0] = BACKWARDS
+        free, said[s, 1] = straight(hand, reaching, T_world_hand, -APPROACH_M, way, memory)
+        if not free:
+            continue
+        said[s, 0], said[s, 1] = FINGERS, fingers(closing, solutions[s], memory)
+        if said[s, 1] >= 0:
+            continue
+        said[s, 0] = OK
+        for k in range((last + 1) // 2):
+            for j in range(way.shape[1]):
+                way[k, j], way[last - k, j] = way[last - k, j], way[k, j]
+        n += 1
+    return n
+
+
+@bare
+def lift(hand: Hand, lifting: Task, T_world_hand: Array, q: Array, way: Array, memory: Memory) -> tuple[int, int]:
+    """Take a held object straight up from where q (A,) puts the hand, T_world_hand (4, 4): waypoints in way (n, A)."""
+    pair = touching(lifting, q, memory)
+    if pair >= 0:
+        return LIFTED, pair
+    copy_row(q, way[0])
+    free, pair = straight(hand, lifting, T_world_hand, LIFT_M, way, memory)
+    return (OK if free else UPWARDS), pair
+
+
+@inner
+def touching(task: Task, q: Array, memory: Memory) -> int:
+    """The pair of a task that touches at q (A,), or -1; the memory is made ready for the task."""
+    exact.enter(task.exact, memory.exact)
+    return int(exact.first_contact(task.exact, q, memory.exact))
+
+
+@inner
+def fingers(tasks: tuple[Task, Task, Task], q: Array, memory: Memory) -> int:
+    """What touches while the fingers move, the arm being at q (A,): a pair of the tasks, which all have the same pairs, or -1."""
+    for task in tasks:
+        pair = touching(task, q, memory)
+        if pair >= 0:
+            return pair
+    return -1
+
+
+@bare
+def put_down(
+    hand: Hand, p: Placing, R: Array, natural: float, centre: Array, near: Array, memory: Memory, lower: Array, retreat: Array,
+    T_body: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Put the held object down with its middle over `centre` (3,) on the floor, turned from R (3, 3) by `natural` rad about the vertical,
+    or by that and one of PLACE_TURNS, the arm turning little from `near` (A,). How far it got, and the pair that touched.
+
+    lower (n, A): the waypoints down, retreat (m, A): those back, T_body (4, 4): where the object stands then.
+    """
+    said, pair = REGION, FREE
+    for turn in PLACE_TURNS:
+        stand(p.standing.body, R, natural + turn, centre, T_body)
+        touch = stands(p.standing, T_body, memory)
+        if touch != FREE:
+            if said == REGION:
+                pair = touch
+            continue
+        copy_row(near, lower[0])
+        hand_at(T_body, p.T_hand_body, hand.T[1])
+        code, touch = REACH, -1
+        if descend(hand.chain, hand.T_frame_hand, hand.T[1], lower[0], hand.frames, hand.work, 30):
+            code, touch = put_down_at(hand, p, T_body, hand.T[1], lower[0], memory, lower, retreat)
+            if code == OK:
+                return OK, -1
+        if said == REGION or code > said:
+            said, pair = code, touch
+    return said, pair
+
+
+@bare
+def put_down_at(
+    hand: Hand, p: Placing, T_body: Array, T_hand: Array, q: Array, memory: Memory, lower: Array, retreat: Array
+) -> tuple[int, int]:
+    """Put the held object down at T_body (4, 4), the hand being at T_hand (4, 4) with the arm at q (A,). See `put_down`."""
+    pair = touching(p.lowering, q, memory)
+    if pair >= 0:
+        return LIFTED, pair
+    for b in range(p.first, p.last):
+        move_body(p.retreating, b, T_body)
+    pair = touching(p.retreating, q, memory)
+    if pair >= 0:
+        return AT_GRASP, pair
+    exact.enter(p.lowering.exact, memory.exact)
+    copy_row(q, retreat[0])
+    copy_row(q, lower[0])
+    free, pair = straight(hand, p.lowering, T_hand, LIFT_M, lower, memory)
+    if not free:
+        return UPWARDS, pair
+    last = lower.shape[0] - 1
+    for k in range((last + 1) // 2):
+        for j in range(lower.shape[1]):
+            lower[k, j], lower[last - k, j] = lower[last - k, j], lower[k, j]
+    for task in p.opening:
+        for b in range(p.first, p.last):
+            move_body(task, b, T_body)
+    pair = fingers(p.opening, retreat[0], memory)
+    if pair >= 0:
+        return FINGERS, pair
+    exact.enter(p.retreating.exact, memory.exact)
+    free, pair = straight(hand, p.retreating, T_hand, -APPROACH_M, retreat, memory)
+    return (OK if free else BACKWARDS), pair
+
+
+@bare
+def put_down_all(
+    hand: Hand, p: Placing, R: Array, natural: Array, centres: Array, near: Array, memory: Memory, lower: Array, retreat: Array,
+    T_body: Array, ends: Array, codes: Int,
+) -> None:  # fmt: skip
+    """`put_down` over each of centres (N, 3): where each lowering begins, ends (N, A), and how far each got, codes (N,)."""
+    for i in range(centres.shape[0]):
+        codes[i], _ = put_down(hand, p, R, natural[i], centres[i], near, memory, lower, retreat, T_body)
+        copy_row(lower[0], ends[i])
+
+
+@bare
+def stands(s: Standing, T_body: Array, memory: Memory) -> int:
+    """FREE when the object stands free at T_body (4, 4), HANGS_OVER the front edge, or else the pair of its problem that is too close."""
+    problem, scratch = s.problem, memory.exact
+    exact.enter(problem, scratch)
+    copy_rows(T_body, scratch.poses[0])
+    v, least = s.body.vertices, np.inf
+    for i in range(v.shape[1]):
+        x = 0.0
+        for r in range(3):
+            x += s.front[r] * (T_body[r, 0] * v[0, i] + T_body[r, 1] * v[1, i] + T_body[r, 2] * v[2, i] + T_body[r, 3])
+        least = min(least, x)
+    if least < s.front[3]:
+        return HANGS_OVER
+    pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
+    for n in range(pairs.shape[0]):
+        if exact.ball_gap(pairs, boxes, poses, n) < PLACE_GAP_M:
+            bound = exact.pair_bound(
+                pairs, boxes, vertices, groups, poses, scratch.work, scratch.toward, n, PLACE_GAP_M, 1.02 * PLACE_GAP_M, np.inf, 0.02
+            )
+            if bound < PLACE_GAP_M:
+                return int(n)
+    return FREE
+
+
+@inner
+def move_body(task: Task, b: int, T: Array) -> None:
+    """Put solid b of a task at pose T (4, 4); `exact.enter` it afterwards."""
+    problem = task.exact
+    row = problem.boxes.shape[0] - problem.solid_T.shape[0] + b
+    copy_rows(T, problem.solid_T[b])
+    place_body(task.world, b, T, problem.boxes[row])
+
+
+@bare
+def stand(body: Rig, R: Array, turn: float, centre: Array, T: Array) -> None:
+    """Pose T (4, 4) of a body turned from R (3, 3) about the vertical: its box's middle over `centre` (3,), its bottom on that height."""
+    co, si = np.cos(turn), np.sin(turn)
+    for c in range(3):
+        T[0, c] = co * R[0, c] - si * R[1, c]
+        T[1, c] = si * R[0, c] + co * R[1, c]
+        T[2, c] = R[2, c]
+        T[3, c] = 0.0
+    T[3, 3] = 1.0
+    v = body.vertices
+    for r in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(v.shape[1]):
+            x = T[r, 0] * v[0, i] + T[r, 1] * v[1, i] + T[r, 2] * v[2, i]
+            low, high = min(low, x), max(high, x)
+        T[r, 3] = centre[r] - ((low + high) / 2 if r < 2 else low)
+
+
+@inner
+def hand_at(T_body: Array, H: Array, T_hand: Array) -> None:
+    """Where the hand is, T_hand (4, 4), when it holds the object at T_body (4, 4): T_body · H⁻¹ with H = T_hand_body."""
+    for r in range(4):
+        for c in range(3):
+            T_hand[r, c] = T_body[r, 0] * H[c, 0] + T_body[r, 1] * H[c, 1] + T_body[r, 2] * H[c, 2]
+    for r in range(4):
+        T_hand[r, 3] = T_body[r, 3] - (T_hand[r, 0] * H[0, 3] + T_hand[r, 1] * H[1, 3] + T_hand[r, 2] * H[2, 3])

@@ -115,7 +115,7 @@ def make_work(chain: Chain) -> tuple[Array, Array]:
 
 
 @bare
-def descend(chain, T_frame_hand, T, q, frames, work, iterations):  # type: ignore[no-untyped-def]
+def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array, work: Array, iterations: int) -> bool:
     """Levenberg-Marquardt from q (J,), in place, kept inside the limits. Returns whether it arrived (to the module's tolerances).
 
     frames, work: scratch, see `make_work`.
@@ -195,7 +195,7 @@ def descend(chain, T_frame_hand, T, q, frames, work, iterations):  # type: ignor
 
 
 @inner
-def _residual(F, H, T, e, D):  # type: ignore[no-untyped-def]
+def _residual(F: Array, H: Array, T: Array, e: Array, D: Array) -> tuple[float, float, float]:
     """Position error and rotation vector (6,) from the hand F @ H to T, in the world; returns the hand's position. D (3, 3): scratch."""
     x = F[0, 0] * H[0, 3] + F[0, 1] * H[1, 3] + F[0, 2] * H[2, 3] + F[0, 3]
     y = F[1, 0] * H[0, 3] + F[1, 1] * H[1, 3] + F[1, 2] * H[2, 3] + F[1, 3]
@@ -222,7 +222,7 @@ def _residual(F, H, T, e, D):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _cholesky_solve(A, b, x, n):  # type: ignore[no-untyped-def]
+def _cholesky_solve(A: Array, b: Array, x: Array, n: int) -> bool:
     """Solve A x = b for a symmetric positive matrix (n, n) given by its lower half, which is overwritten. False when it is singular."""
     for i in range(n):
         for j in range(i + 1):

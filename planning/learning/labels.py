@@ -90,7 +90,7 @@ def label(
     for i in _asked(blocks, can, objects, rng):
         at = np.flatnonzero(fits[i])
         feasible[i] = 0
-        feasible[i, at] = placeable(motions, state, names[i], at, rng)
+        feasible[i, at] = motions.placeable(state, names[i], at, rng)
     hand = T @ scene.grasp.T_world_hand
     boxes = {name: object_box(Body(name, scene.body(name).shape, T @ pose)) for name, pose in state.poses.items()}
     return Row(
@@ -150,11 +150,6 @@ def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator
         if not isinstance(motions.cell.connect(reaching, q, pick.approach[:1], rng), Blocked):
             return True
     return False
-
-
-def placeable(motions: Motions, state: State, name: str, regions: Sequence[int] | Counts, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """To which of some regions (N,) an object can be carried now, truly: pick, transfer, place and retreat are found."""
-    return np.array([not isinstance(motions.relocate(state, name, int(r), rng), Blocked) for r in regions], np.bool_)
 
 
 def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: Ways) -> tuple[Counts, Counts]:

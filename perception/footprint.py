@@ -10,13 +10,13 @@ import numpy as np
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
 
-MARGIN_M = 0.0003  # between neighbouring pixels an edge may lie this much further out
 LEAST_M = 0.004  # a flat thing gets some thickness
 
 
-def upright_solid(points: Array, margin_m: float = MARGIN_M) -> tuple[Shape, Array]:
+def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
     """The smallest upright box or cylinder around points (N, 3) and their feet on the plane z = 0, and its pose (4, 4) there.
 
+    margin_m: how much larger it is on every side; none, for grasps leave fractions of a millimetre.
     Raises: ValueError when there are no points.
     """
     if len(points) == 0:

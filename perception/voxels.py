@@ -108,9 +108,9 @@ class Voxels:
             return inside
         return np.ones(x.shape, bool)
 
-    def forget(self, which: NDArray[np.bool_]) -> Voxels:
-        """The map with the voxels in `which` (X, Y, Z) unknown again."""
-        return replace(self, state=np.where(which, np.uint8(UNKNOWN), self.state))
+    def marked(self, which: NDArray[np.bool_], state: int) -> Voxels:
+        """The map with the voxels in `which` (X, Y, Z) set to a state, from other knowledge than a picture: what an arm has moved."""
+        return replace(self, state=np.where(which, np.uint8(state), self.state))
 
     def blocked(self, bodies: Sequence[Body] = (), margin_m: float = 0.0) -> NDArray[np.bool_]:
         """The voxels (X, Y, Z) that no motion may enter: not free, and not explained by one of `bodies`, which stand for themselves."""

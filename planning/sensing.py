@@ -29,8 +29,8 @@ SHARE, LEAST, MAX_VIEWS = 0.97, 0.003, 8
 CHOICES = ("gain", "random", "sweep")
 CANDIDATES = 600  # camera poses that are tried; about half of them can be reached in an empty cabinet
 BRANCHES = 2  # arm configurations that are kept for one of them
-ITERATIONS = 400  # of one RRT-Connect: there are other views
-MOST_UNREACHED = 8  # views that RRT-Connect may fail to reach before the looking ends
+ITERATIONS = 1000  # of one RRT-Connect: there are other views
+MOST_UNREACHED = 16  # views that RRT-Connect may fail to reach before the looking ends
 TRAVEL = 0.01  # what a metre of the camera's way costs, as a share of the space
 BODY_MARGIN_M = 0.003  # a voxel this near to an object is the object's
 SKIN_M = 0.012  # and one this near to it is its skin, if it borders on free space: see `unseen`
@@ -217,7 +217,7 @@ def unseen(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tuple[Bod
     close by can't be seen whole from anywhere, for on one side there is the body itself.
     blocks: away from the bodies voxels are counted in cubes of so many, which makes fewer boxes, never smaller ones.
     """
-    which = voxels.blocked(bodies, BODY_MARGIN_M) & ~_skin(voxels, bodies)
+    which = voxels.blocked(bodies, BODY_MARGIN_M) & ~skin(voxels, bodies)
     if blocks > 1:
         near = np.zeros(which.shape, bool)
         for body in bodies:
@@ -226,7 +226,7 @@ def unseen(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tuple[Bod
     return voxels.boxes(which)
 
 
-def _skin(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
+def skin(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
     """The unknown voxels within SKIN_M of a body that have a free neighbour."""
     near = np.zeros(voxels.state.shape, bool)
     for body in bodies:

@@ -18,12 +18,12 @@ from perception.belief import Belief, believe, observation
 from perception.camera import DepthNoise
 from perception.frames import Frame
 from perception.source import Camera, synthetic_camera
-from perception.voxels import unknown_voxels
+from perception.voxels import FREE, UNKNOWN, unknown_voxels
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.verify import hand_poses, verify
 from planning.plan import Blocked, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, hand_travel, objective, proposals
-from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, unseen
+from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, skin, unseen
 
 FIRST = Limits(0.99, 0.001, 10)
 AGAIN = Limits(1.0, 0.0004, 5)  # after a move: what was hidden behind the object
@@ -81,11 +81,12 @@ class _Mind:
         return looked
 
     def moved(self, name: str, T_world_body: Array, q: Array) -> None:
-        """An object has been put down: its old surface says nothing any more, and where it stands is its own."""
+        """An object has been put down: the room that it took is free now, and where it stands is its own."""
         body = self.belief.body(name)
         assert body is not None
         self.tracked[name] = replace(body, T_world_body=T_world_body)
-        self.voxels = self.voxels.forget(self.voxels.touched(self.tracked[name], BODY_MARGIN_M))
+        left = self.voxels.touched(body, BODY_MARGIN_M) | skin(self.voxels, [body])
+        self.voxels = self.voxels.marked(left, FREE).marked(self.voxels.touched(self.tracked[name]), UNKNOWN)
         bodies = tuple(self.tracked.get(b.name, b) for b in self.belief.bodies)
         self.belief, self.q = replace(self.belief, bodies=bodies, voxels=self.voxels), q
 

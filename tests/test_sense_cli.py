@@ -1,0 +1,58 @@
+"""`retrieve sense` and `plan --sense`: files in, files out, the same whoever took the pictures, and bad input in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from retrieve_cli.errors import InputError
+from retrieve_cli.plan import run as plan
+from retrieve_cli.sense import parse_box, run
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from retrieve_cli.gen import run as gen
+
+    file = tmp_path_factory.mktemp("sense") / "scenes.jsonl"
+    gen(n=1, seed=71, robot=None, hand_frame=None, gripper_joint=None, spec="paper", out=file)
+    return file
+
+
+def sensed(scenes: Path, out: Path, **more: object) -> dict[str, object]:
+    given = {"views": None, "from_views": None, "max_views": 6, "share": 0.95, "noise": False, "by": "mask", "target_box": None, "seed": 0}
+    run(scenes=scenes, out=out, **{**given, **more})  # type: ignore[arg-type]
+    document: dict[str, object] = json.loads(out.read_text())
+    return document
+
+
+def test_what_is_observed_is_written_and_recorded_views_give_the_same(scenes: Path, tmp_path: Path) -> None:
+    first = sensed(scenes, tmp_path / "a.jsonl", views=tmp_path / "views")
+    truth = json.loads(scenes.read_text())
+    seen = first.pop("observation")
+    assert first == truth
+    assert isinstance(seen, dict)
+    assert {o["name"] for o in seen["objects"]} == {o["name"] for o in truth["objects"]}
+    assert len(seen["regions"]) == truth["regions"]["n"] ** 2
+    assert seen["views"][-1]["known"] == seen["known"] > 0.8
+    assert (tmp_path / "views" / "000000" / "cloud.ply").is_file()
+    again = sensed(scenes, tmp_path / "b.jsonl", from_views=tmp_path / "views")["observation"]
+    assert isinstance(again, dict)
+    assert len(again["views"]) == len(seen["views"])
+    assert abs(again["known"] - seen["known"]) < 0.02  # depths are whole tenths of a millimetre in files
+    assert {o["name"] for o in again["objects"]} == {o["name"] for o in seen["objects"]}
+
+
+def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
+    for text in ("1,2,3", "a,b,c,d,e,f", "0,0,0,1,1,-1", "0,0,0,1,1,nan"):
+        with pytest.raises(InputError, match="six numbers"):
+            parse_box(text)
+    with pytest.raises(InputError, match="no such folder"):
+        sensed(scenes, tmp_path / "c.jsonl", from_views=tmp_path / "nowhere")
+    with pytest.raises(InputError, match="--noise is for --sense"):
+        plan(
+            scenes=scenes, policy="local", rule="deep", seed=0, iterations=None, time_budget_s=None, max_moves=5, robot=None,
+            hand_frame=None, gripper_joint=None, html=None, strict=False, out=None, noise=True,
+        )  # fmt: skip

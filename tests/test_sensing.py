@@ -1,0 +1,152 @@
+"""Active sensing: every scene that can be seen is seen, nothing unseen is entered, and each odd case ends with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kinematics.robot import Robot
+from kinematics.scene import Body, RobotRef, Scene
+from kinematics.shapes import Box, Cylinder
+from kinematics.transforms import Array, rotation_about, transform
+from perception.belief import believe, observation
+from perception.footprint import upright_solid
+from perception.frames import Frame
+from perception.source import DEFAULT, synthetic_camera
+from perception.voxels import FREE, UNKNOWN, unknown_voxels
+from planning.motion.pick_place import Motions
+from planning.motion.verify import verify
+from planning.policies import make_policy
+from planning.problems import generate, load_spec
+from planning.sensing import Limits, Looked, look_around, unseen
+from planning.unseen import Simulated, retrieve_unseen
+
+
+@pytest.fixture(scope="module")
+def scene(ur5e: Robot) -> Scene:
+    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 71, 0)
+
+
+def look(robot: Robot, scene: Scene, **more: object) -> Looked:
+    blank = replace(scene, objects=())
+    camera = more.pop("camera", None) or synthetic_camera(robot, scene, scene.poses())
+    q = Motions(robot, blank).start().q
+    rng = np.random.default_rng(0)
+    return look_around(blank, robot, camera, q, unknown_voxels(scene.cabinet), rng, **more)  # type: ignore[arg-type]
+
+
+def test_a_scene_is_seen_in_few_views_and_the_arm_touches_nothing(ur5e: Robot, scene: Scene) -> None:
+    seen = look(ur5e, scene)
+    assert seen.voxels.known > 0.9
+    assert 2 <= len(seen.views) <= 8
+    assert [share for _, share in seen.views] == sorted(share for _, share in seen.views)
+    assert verify(ur5e, scene, seen.motions) is None
+    again = look(ur5e, scene)
+    np.testing.assert_array_equal(seen.voxels.state, again.voxels.state)
+
+
+def test_the_objects_are_found_as_they_are(ur5e: Robot, scene: Scene) -> None:
+    seen = look(ur5e, scene, limits=Limits(1.0, 0.001, 10))
+    blank = replace(scene, objects=())
+    belief = believe(blank, seen.frames, seen.voxels)
+    assert {b.name for b in belief.bodies} == {b.name for b in scene.objects}
+    for body in belief.bodies:
+        true = scene.body(body.name)
+        assert type(body.shape) is type(true.shape)
+        np.testing.assert_allclose(body.T_world_body[:3, 3], true.T_world_body[:3, 3], atol=0.004)
+    regions = observation(blank, ur5e.home, belief).regions
+    assert regions.shape == (scene.regions_n**2, 4)
+    assert 0.5 < regions[:, 3].mean() <= 1
+    dark = observation(blank, ur5e.home, replace(belief, bodies=(), voxels=unknown_voxels(scene.cabinet))).regions
+    assert (dark[:, 3] == 0).all()
+
+
+def test_a_sealed_corner_stays_unknown_and_is_not_entered(ur5e: Robot, scene: Scene) -> None:
+    plate = Body("plate", Box(np.array([0.01, 0.86, 0.49])), scene.cabinet.T_world_cabinet @ transform(p=[0.3, 0, 0.246]))
+    shut = replace(scene, objects=(plate,), target="plate")
+    seen = look(ur5e, shut, limits=Limits(0.97, 0.003, 6))
+    assert (seen.voxels.state[32:, :, :46] == UNKNOWN).all()
+    hidden = Body("hidden", Box(np.array([0.2, 0.86, 0.46])), scene.cabinet.T_world_cabinet @ transform(p=[0.44, 0, 0.24]))
+    assert verify(ur5e, replace(shut, objects=(plate, hidden)), seen.motions) is None
+
+
+def test_an_empty_cabinet_is_known_soon(ur5e: Robot, scene: Scene) -> None:
+    seen = look(ur5e, replace(scene, objects=()))
+    assert seen.reason.endswith("% of the space is known")
+    assert believe(replace(scene, objects=()), seen.frames, seen.voxels).boxes == {}
+
+
+def _fixed(depth: Array) -> object:
+    none = np.full(depth.shape, -1, np.int32)
+    return lambda T, q: Frame(depth.astype(np.float32), none, (), DEFAULT, T, None)
+
+
+def test_no_pixel_noise_alone_and_a_covered_camera_end_with_a_reason(ur5e: Robot, scene: Scene) -> None:
+    shape = (DEFAULT.height, DEFAULT.width)
+    nothing = look(ur5e, scene, camera=_fixed(np.zeros(shape)))
+    assert nothing.voxels.known == 0
+    assert "can be reached" in nothing.reason or "measured nothing" in nothing.reason
+    noise = look(ur5e, scene, camera=_fixed(np.random.default_rng(0).uniform(0.2, 1.5, shape)))
+    assert noise.reason
+    assert verify(ur5e, scene, noise.motions) is None
+    inside = look(ur5e, scene, camera=_fixed(np.full(shape, 0.0)), limits=Limits(0.97, 0.0, 8))
+    assert inside.reason
+    assert inside.voxels.known == 0
+
+
+def test_limits_hold(ur5e: Robot, scene: Scene) -> None:
+    assert len(look(ur5e, scene, limits=Limits(1.0, 0.0, 3)).views) == 3
+    assert len(look(ur5e, scene, limits=Limits(0.1, 0.0, 8)).views) == 1
+    assert look(ur5e, scene, limits=Limits(1.0, 0.0, 0)).reason == "no view was allowed"
+    with pytest.raises(ValueError, match="gain, random, sweep"):
+        look(ur5e, scene, choose="best")
+
+
+def test_the_unseen_boxes_hold_all_that_is_not_free(scene: Scene) -> None:
+    voxels = unknown_voxels(scene.cabinet)
+    rng = np.random.default_rng(0)
+    voxels = voxels.marked(rng.random(voxels.state.shape) < 0.9, FREE)
+    fine, coarse = (sum(float(np.prod(b.shape.half * 2)) for b in unseen(voxels, (), blocks)) for blocks in (1, 2))  # type: ignore[union-attr]
+    left = float((voxels.state != FREE).sum()) * voxels.voxel_m3
+    assert left <= fine + 1e-9
+    assert fine <= coarse
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_solid_holds_its_points_and_knows_cans_from_cartons(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    half, yaw = rng.uniform(0.02, 0.05, 2), rng.uniform(0, 3)
+    angle = rng.uniform(0, 2 * np.pi, 3000)
+    if seed % 2:
+        flat = half[0] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    else:
+        flat = rng.uniform(-1, 1, (3000, 2))
+        flat = half * flat / np.abs(flat).max(1, keepdims=True) @ rotation_about((0, 0, 1), yaw)[:2, :2].T
+    points = np.c_[flat + np.array([0.3, 0.1]), rng.uniform(0, 0.2, 3000)]
+    shape, T = upright_solid(points)
+    local = (points - T[:3, 3]) @ T[:3, :3]
+    if seed % 2:
+        assert isinstance(shape, Cylinder)
+        assert abs(shape.radius_m - half[0]) < 2e-3
+        assert np.hypot(local[:, 0], local[:, 1]).max() <= shape.radius_m + 1e-9
+    else:
+        assert isinstance(shape, Box)
+        assert (np.abs(local[:, :2]) <= shape.half[:2] + 1e-3).all()
+
+
+def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None:
+    truth = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 31, 2)
+    plan = retrieve_unseen(
+        Simulated(ur5e, truth, truth.poses()), lambda m: make_policy("local", m), name="local", rng=np.random.default_rng([0, 4, 2])
+    )
+    assert plan.verified
+    assert any(m.stage == "look" for m in plan.motions)
+    assert verify(ur5e, truth, plan.motions) is None
+    lost = replace(truth, objects=tuple(b for b in truth.objects if b.name != truth.target))
+    unfound = retrieve_unseen(
+        Simulated(ur5e, lost, lost.poses()), lambda m: make_policy("local", m), name="local", rng=np.random.default_rng(0), max_moves=0
+    )
+    assert not unfound.success
+    assert "not found" in str(unfound.reason)

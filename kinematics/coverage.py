@@ -39,6 +39,7 @@ def shape_covers(shape: Shape) -> tuple[Levels, ...]:
             return tuple(levels(part) for part in shape.parts)
 
 
+@lru_cache(maxsize=256)
 def shape_pieces(shape: Shape) -> Pieces:
     """A shape's convex parts and their covers, ready to be taken in the hand."""
     return make_pieces(convex_parts(shape), shape_covers(shape))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from kinematics.arm import Chain, forward
 from kinematics.compiling import bare, copy_row, inner
@@ -22,10 +23,10 @@ _TABLE = 8192
 
 
 class Seeds(NamedTuple):
-    """Configurations (N, J) and their hand poses (N, 4, 4) in the world: where the search for solutions starts."""
+    """Where the search for solutions starts: configurations (N, J), and the first three rows of their hand poses in the world, T (12, N)."""
 
     q: Array
-    T: Array
+    T: NDArray[np.float32]
 
 
 def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
@@ -34,7 +35,7 @@ def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
     q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
     T = np.empty((n, 4, 4))
     _hand_poses(chain, T_frame_hand, q, T)
-    return Seeds(q, T)
+    return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32))
 
 
 def solve(
@@ -64,16 +65,8 @@ def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, out: Array) -> None
 @njit(cache=True, nogil=True)
 def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distinct):  # type: ignore[no-untyped-def]
     """See `solve`; callable from compiled code."""
-    J, N = table_q.shape[1], table_q.shape[0]
-    score = np.empty(N)
-    for i in range(N):
-        d = 0.0
-        for r in range(3):
-            d += (table_T[i, r, 3] - T[r, 3]) ** 2
-            for c in range(3):
-                d += 0.02 * (table_T[i, r, c] - T[r, c]) ** 2  # 0.02 m² weighs a half turn (8) like 0.4 m
-        score[i] = d
-    starts = np.argpartition(score, min(tries, N - 1))[:tries]
+    J = table_q.shape[1]
+    starts = _nearest(table_T, T, min(tries, table_q.shape[0]))
     found, out = 0, np.empty((tries, J))
     frames, work = np.empty((chain.q_index.shape[0] + 1, 4, 4)), np.empty((12 + J, max(6, J)))
     q = np.empty(J)
@@ -106,6 +99,28 @@ def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distin
         for j in range(J):
             cost[f] += (out[f, j] - near[j]) ** 2
     return out[np.argsort(cost)]
+
+
+@njit(cache=True, nogil=True)
+def _nearest(table: NDArray[np.float32], T: Array, most: int) -> NDArray[np.int64]:
+    """The columns of a table of poses (12, N) nearest to the pose T (4, 4), the nearest first."""
+    N = table.shape[1]
+    score = np.zeros(N, np.float32)
+    for i in range(12):
+        r, c = i // 4, i % 4
+        weight, wanted = np.float32(1.0 if c == 3 else 0.02), np.float32(T[r, c])  # 0.02 m² weighs a half turn (8) like 0.4 m
+        for n in range(N):
+            d = table[i, n] - wanted
+            score[n] += weight * d * d
+    best, far = np.zeros(most, np.int64), np.full(most, np.inf, np.float32)
+    for n in range(N):
+        if score[n] < far[most - 1]:
+            k = most - 1
+            while k > 0 and far[k - 1] > score[n]:
+                best[k], far[k] = best[k - 1], far[k - 1]
+                k -= 1
+            best[k], far[k] = n, score[n]
+    return best
 
 
 def make_work(chain: Chain) -> tuple[Array, Array]:

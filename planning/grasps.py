@@ -7,7 +7,7 @@ upright pose when the hand holds it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +101,7 @@ def closing_directions(shape: Shape, T: Array) -> list[float]:
     return sorted({round(y % np.pi, 6) % round(np.pi, 6) for y in yaws})
 
 
-def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor_z: float, toward: float) -> list[Grasp]:
+def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor_z: float, toward: float) -> Iterator[Grasp]:
     """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
@@ -109,7 +109,7 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
     """
     low, high = bounds(body.shape, body.T_world_body)
     middle, height = (low + high) / 2, high[2] - low[2]
-    candidates: list[tuple[float, Grasp]] = []
+    candidates: list[tuple[float, Array, Array, Array, float]] = []
     for yaw in closing_directions(body.shape, body.T_world_body):
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         for kind in approaches:
@@ -124,11 +124,12 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
                     turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
                     reach = float(np.abs(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))) if kind != "downward" else 0.0
                     for rank, z in enumerate(levels):
-                        grasp = _antipodal(body, opening, np.array([middle[0], middle[1], z]), u, R, reach * np.cos(pitch))
-                        if grasp is not None:
-                            candidates.append((turn + 0.5 * pitch + 0.3 * rank, grasp))
-    candidates.sort(key=lambda c: c[0])
-    return [g for _, g in candidates]
+                        point = np.array([middle[0], middle[1], z])
+                        candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, reach * np.cos(pitch)))
+    for _, point, u, R, reach in sorted(candidates, key=lambda c: c[0]):
+        grasp = _antipodal(body, opening, point, u, R, reach)
+        if grasp is not None:
+            yield grasp
 
 
 def _level(kind: str, low: float, high: float, floor_z: float, share: float) -> float | None:

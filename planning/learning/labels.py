@@ -22,7 +22,7 @@ from planning.learning.swept import arm_balls, footprint, lowest, make_floor, me
 from planning.motion.pick_place import MAX_TRIES, Motions
 from planning.plan import Blocked
 
-PATHS = 32
+PATHS = 16
 NOT_ASKED = 255
 
 Bytes = NDArray[np.uint8]
@@ -144,12 +144,7 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
 
 def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator) -> bool:
     """Whether an object can be picked now: some grasp holds up to the static checks, and the arm gets there from where it is."""
-    q = motions.robot.arm_q(state.q)
-    for pick in motions.picks(state, name)[0][:MAX_TRIES]:
-        reaching = motions.cell.problem(state.poses, pick.gripper_open)
-        if not isinstance(motions.cell.connect(reaching, q, pick.approach[:1], rng), Blocked):
-            return True
-    return False
+    return any(motions.reachable(state, pick, rng) for pick in motions.picks(state, name)[0][:MAX_TRIES])
 
 
 def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: Ways) -> tuple[Counts, Counts]:

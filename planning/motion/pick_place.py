@@ -6,7 +6,7 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -85,6 +85,7 @@ class _Memory:
         self.state = state
         self.picks: dict[str, tuple[list[Pick], Blocked]] = {}
         self.transits: dict[Pick, Array | Blocked] = {}
+        self.reachable: dict[Pick, bool] = {}
         self.placing: dict[Pick, _Placing] = {}
         self.carrying: dict[Pick, Situation] = {}
         self.without: dict[str, dict[str, Array]] = {}
@@ -186,7 +187,7 @@ class Motions:
         for pick in picks:
             if not open_:
                 break
-            if isinstance(self._transit(state, pick, rng), Blocked):
+            if not self.reachable(state, pick, rng):
                 continue
             centres = np.array([cells[int(regions[k])] for k in open_])
             natural = np.array([self._natural_turn(pick, centre) for centre in centres])
@@ -204,7 +205,15 @@ class Motions:
             open_ = [k for k in open_ if not out[k]]
         return out
 
-    def picks(self, state: State, name: str, grasps: Sequence[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
+    def reachable(self, state: State, pick: Pick, rng: np.random.Generator) -> bool:
+        """Whether the arm gets from where it is to the beginning of a pick's approach, sought briefly."""
+        known = self._recall(state).reachable
+        if pick not in known:
+            moving = self.cell.problem(state.poses, pick.gripper_open)
+            known[pick] = self.cell.joined(moving, self.robot.arm_q(state.q), pick.approach[0], rng, BRIEFLY)
+        return known[pick]
+
+    def picks(self, state: State, name: str, grasps: Iterable[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object that hold up to all checks but RRT-Connect's, the least to turn first; and why others don't.
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
@@ -214,7 +223,7 @@ class Motions:
             found[name] = self._find_picks(state, name, grasps)
         return found[name]
 
-    def _find_picks(self, state: State, name: str, grasps: Sequence[Grasp] | None) -> tuple[list[Pick], Blocked]:
+    def _find_picks(self, state: State, name: str, grasps: Iterable[Grasp] | None) -> tuple[list[Pick], Blocked]:
         body = replace(self.scene.body(name), T_world_body=state.poses[name])
         if grasps is None:
             to_body = body.T_world_body[:2, 3] - self.scene.robot.T_world_base[:2, 3]

@@ -23,7 +23,7 @@ _TABLE = 8192
 
 
 class Seeds(NamedTuple):
-    """Where the search for solutions starts: configurations (N, J), and the first three rows of their hand poses in the world, T (12, N)."""
+    """Where the search for solutions starts: configurations (N, J) and the first three rows of their hand poses in the world, T (12, N)."""
 
     q: Array
     T: NDArray[np.float32]

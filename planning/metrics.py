@@ -9,24 +9,34 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import comb, sqrt
+from typing import NamedTuple
 
-import numpy as np
-
-from planning.plan import Plan
+from planning.intervals import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
+from planning.plan import PLACE_OUT_OF_REACH, Blocked, Plan
+from planning.retrieval import MAX_MOVES
 
 MEASURES = ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
 """The fields of `Episode` that are averaged: objects moved, times of choosing and of motion planning, length of the hand's way, eq. 1."""
 
-Z_95 = 1.959963984540054
-RESAMPLES = 4000
+KINDS = ("selection", "pick", "region", "place", "retrieve", "look", "verify")
+"""Why a scene stays unsolved (`failure`), in the order in which a move gets there."""
+
+SHARES = (0.1, 0.5, 0.9, 0.95)
+"""Of which the quantiles of times are given."""
+
+RULES = ("deep", "region", "strict")
+"""Of the retrieval loop, in the order in which reports give them."""
+
+_PICK = frozenset({"ik", "grasp", "transit", "approach", "lift"})
+_PLACE = frozenset({"transfer", "lower", "release", "retreat"})
 
 
 @dataclass(frozen=True)
 class Episode:
     """What is counted of one plan.
 
-    moved: relocations carried out; reason: the stage that stopped it, None for a success; blocked: the stages of failed attempts.
+    moved: relocations carried out; reason: the stage that stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a
+    success; blocked: the stages of failed attempts.
     """
 
     scene: str
@@ -40,7 +50,13 @@ class Episode:
     hand_travel_m: float
     value: float
     reason: str | None
+    kind: str | None
     blocked: tuple[str, ...]
+
+    @property
+    def whole_time_s(self) -> float:
+        """From a scene to its verified plan: choosing, motion planning and the exact check."""
+        return self.planning_time_s + self.motion_time_s
 
     @staticmethod
     def of(plan: Plan) -> Episode:
@@ -57,33 +73,56 @@ class Episode:
             hand_travel_m=plan.hand_travel_m,
             value=plan.value,
             reason=None if plan.success else plan.reason.stage if plan.reason else "unknown",
+            kind=None if plan.success else failure(plan),
             blocked=tuple(move.reason.stage for move in plan.moves if not move.done and move.reason),
         )
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Mean and standard deviation (of the sample; None when n < 2) of n values."""
+def failure(plan: Plan) -> str:
+    """Why a plan failed, one of `KINDS`.
 
-    mean: float
-    sd: float | None
-    n: int
+    verify: the exact check refused its motions. look: the target was not found. Else the plan ends in a state where the target can't be
+    taken, and what counts is how far the attempts got in that state. pick: no proposed object could be taken hold of; region: one could,
+    but all its proposed places were taken; place: one was free, but the object could not be carried there. Where nothing was attempted,
+    retrieve: all moves that are allowed were made, and the target is still blocked; selection: the policy proposed nothing.
+    """
+    if plan.reason is not None and plan.reason.stage in ("verify", "look"):
+        return plan.reason.stage
+    last = max((i for i, move in enumerate(plan.moves) if move.done), default=-1)
+    got_to = [_attempt_kind(move.reason) for move in plan.moves[last + 1 :] if move.reason]
+    if got_to:
+        return max(got_to, key=KINDS.index)
+    return "retrieve" if _steps(plan) >= MAX_MOVES else "selection"
 
 
-@dataclass(frozen=True)
-class Share:
-    """k of n, with the 95 % Wilson interval: low and high as shares."""
+def _steps(plan: Plan) -> int:
+    """How many steps of the loop a plan's moves took: a lost one is an attempt (strict), or those on one object (region)."""
+    if plan.rule == "strict":
+        return len(plan.moves)
+    done = sum(move.done for move in plan.moves)
+    if plan.rule != "region":
+        return done
+    lost = [a for a, b in zip(plan.moves, (*plan.moves[1:], None)) if not a.done and (b is None or a.object != b.object)]
+    return done + len(lost)
 
-    k: int
-    n: int
-    low: float
-    high: float
+
+def _attempt_kind(why: Blocked) -> str:
+    """What stopped one attempt to move an object: pick, region or place; selection for what the policy itself refused."""
+    if why.stage == "region":
+        return "region"
+    if why.stage in _PLACE or why.detail == PLACE_OUT_OF_REACH:
+        return "place"
+    return "pick" if why.stage in _PICK else "selection"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One planner under one rule. by_moves: successes by number of objects moved; failed_at and blocked_at: counts by stage.
+    """One planner under one rule.
 
+    by_moves: successes by number of objects moved. by_objects: success by number of objects in the scene, empty where that is not known.
+    failures: unsolved scenes by `KINDS`; failed_at: by the stage that blocks the target; blocked_at: failed attempts by stage.
+    planning_s: quantiles (`SHARES`) over all scenes of the time of choosing; whole_s: over successes of the time to a verified plan;
+    solved_s: that time of each success, in ascending order.
     unverified: successes whose motions did not pass the exact check; repeated: plans for a scene that was counted before.
     """
 
@@ -93,20 +132,15 @@ class Row:
     over_successes: Mapping[str, Spread | None]
     over_all: Mapping[str, Spread | None]
     by_moves: Mapping[int, int]
+    by_objects: Mapping[int, Share]
+    failures: Mapping[str, int]
     failed_at: Mapping[str, int]
     blocked_at: Mapping[str, int]
+    planning_s: tuple[float, ...]
+    whole_s: tuple[float, ...]
+    solved_s: tuple[float, ...]
     unverified: int
     repeated: int
-
-
-@dataclass(frozen=True)
-class Difference:
-    """The mean of a − b over n scenes, with its 95 % interval."""
-
-    mean: float
-    low: float
-    high: float
-    n: int
 
 
 @dataclass(frozen=True)
@@ -144,32 +178,19 @@ class PaperRow:
         return {m: getattr(self, m, None) for m in MEASURES}
 
 
-def wilson(k: int, n: int) -> Share:
-    """The share k / n with its 95 % Wilson score interval (E. B. Wilson, JASA 22, 1927); [0, 1] when n = 0."""
-    if n == 0:
-        return Share(0, 0, 0.0, 1.0)
-    p, zz = k / n, Z_95**2
-    centre, half = (p + zz / (2 * n)) / (1 + zz / n), Z_95 * sqrt(p * (1 - p) / n + zz / (4 * n * n)) / (1 + zz / n)
-    return Share(k, n, 0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)
-
-
-def spread(values: Sequence[float]) -> Spread | None:
-    """Mean and sample standard deviation; None of nothing."""
-    if not values:
-        return None
-    return Spread(float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else None, len(values))
-
-
-def rows(episodes: Iterable[Episode]) -> list[Row]:
-    """One row for every (policy, rule), in the order of Table I."""
+def rows(episodes: Iterable[Episode], objects: Mapping[str, int] | None = None) -> list[Row]:
+    """One row for every (policy, rule): rule by rule, in the order of Table I. objects: how many each scene has, the target among them."""
     groups: dict[tuple[str, str], list[Episode]] = {}
     for e in episodes:
         groups.setdefault((e.policy, e.rule), []).append(e)
-    return [_row(*key, groups[key]) for key in sorted(groups, key=_rank)]
+    return [_row(*key, groups[key], objects or {}) for key in sorted(groups, key=_rank)]
 
 
-def _row(policy: str, rule: str, episodes: Sequence[Episode]) -> Row:
+def _row(policy: str, rule: str, episodes: Sequence[Episode], objects: Mapping[str, int]) -> Row:
     solved = [e for e in episodes if e.success]
+    counts = Counter(objects[e.scene] for e in episodes if e.scene in objects)
+    solved_with = Counter(objects[e.scene] for e in solved if e.scene in objects)
+    failures, whole_s = Counter(e.kind for e in episodes), sorted(e.whole_time_s for e in solved)
     return Row(
         policy=policy,
         rule=rule,
@@ -177,8 +198,13 @@ def _row(policy: str, rule: str, episodes: Sequence[Episode]) -> Row:
         over_successes={m: spread([getattr(e, m) for e in solved]) for m in MEASURES},
         over_all={m: spread([getattr(e, m) for e in episodes]) for m in MEASURES},
         by_moves=dict(sorted(Counter(e.moved for e in solved).items())),
+        by_objects={n: wilson(solved_with[n], counts[n]) for n in sorted(counts)},
+        failures={kind: failures[kind] for kind in KINDS if failures[kind]},
         failed_at=dict(Counter(e.reason for e in episodes if e.reason).most_common()),
         blocked_at=dict(Counter(stage for e in episodes for stage in e.blocked).most_common()),
+        planning_s=quantiles([e.planning_time_s for e in episodes], SHARES),
+        whole_s=quantiles(whole_s, SHARES),
+        solved_s=tuple(whole_s),
         unverified=sum(not e.verified for e in solved),
         repeated=len(episodes) - len({e.scene for e in episodes}),
     )
@@ -212,41 +238,28 @@ def _pair(a: tuple[str, str], b: tuple[str, str], episodes: Sequence[tuple[Episo
         neither=neither,
         success=newcombe(both, only_a, only_b, neither),
         p=mcnemar(only_a, only_b),
-        measures={m: _bootstrap([getattr(x, m) - getattr(y, m) for x, y in solved]) for m in MEASURES},
+        measures={m: bootstrap([getattr(x, m) - getattr(y, m) for x, y in solved]) for m in MEASURES},
     )
 
 
-def newcombe(both: int, only_a: int, only_b: int, neither: int) -> Difference:
-    """The difference of two paired shares with its 95 % interval: method 10 of R. G. Newcombe, Statistics in Medicine 17, 1998.
+class Headline(NamedTuple):
+    """One planner over another under one rule, in points of success."""
 
-    It joins the Wilson intervals of both shares by their correlation, and holds for few scenes and for shares near 0 and 1.
-    """
-    n = both + only_a + only_b + neither
-    a, b = wilson(both + only_a, n), wilson(both + only_b, n)
-    pa, pb = a.k / n, b.k / n
-    product = a.k * (n - a.k) * b.k * (n - b.k)
-    excess = both * neither - only_a * only_b
-    phi = 0.0 if product == 0 else (max(excess - n / 2, 0) if excess > 0 else excess) / sqrt(product)
-    below, above = (pa - a.low, b.high - pb), (a.high - pa, pb - b.low)
-    low, high = (sqrt(max(x * x - 2 * phi * x * y + y * y, 0.0)) for x, y in (below, above))
-    return Difference(pa - pb, pa - pb - low, pa - pb + high, n)
+    rule: str
+    first: str
+    second: str
+    points: Difference
 
 
-def mcnemar(only_a: int, only_b: int) -> float:
-    """How likely a split of the scenes that just one planner solved would be at least so uneven by chance: exact, two-sided."""
-    n = only_a + only_b
-    return min(1.0, sum(comb(n, i) for i in range(min(only_a, only_b) + 1)) / 2 ** (n - 1)) if n else 1.0
-
-
-def _bootstrap(differences: Sequence[float]) -> Difference | None:
-    """Percentile bootstrap of the mean, with a fixed seed: the same plans give the same report."""
-    n = len(differences)
-    if n < 2:
-        return None
-    values = np.array(differences, float)
-    means = values[np.random.default_rng(0).integers(n, size=(RESAMPLES, n))].mean(1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return Difference(float(values.mean()), float(low), float(high), n)
+def headlines(pairs: Iterable[Pair], ours: str = "neural", others: Sequence[str] = ("random", "local")) -> list[Headline]:
+    """How much better `ours` does than each of the others, under each rule."""
+    found = []
+    for p in pairs:
+        (first, rule), (second, other_rule) = p.a, p.b
+        if rule == other_rule and first == ours and second in others:
+            d = p.success
+            found.append(Headline(rule, first, second, Difference(100 * d.mean, 100 * d.low, 100 * d.high, d.n)))
+    return found
 
 
 PAPER = tuple(
@@ -263,6 +276,12 @@ PAPER = tuple(
 """Table I, and the row that its source has commented out (rrt)."""
 
 
-def _rank(key: tuple[str, str]) -> tuple[int, str, str]:
+def _rank(key: tuple[str, str]) -> tuple[int, str, int, str]:
+    policy, rule = key
     order = [row.policy for row in PAPER]
-    return (order.index(key[0]) if key[0] in order else len(order), *key)
+    return (
+        RULES.index(rule) if rule in RULES else len(RULES),
+        rule,
+        order.index(policy) if policy in order else len(order),
+        policy,
+    )

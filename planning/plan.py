@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from kinematics.scene import Held
 from kinematics.transforms import Array
 
+PLACE_OUT_OF_REACH = "the place is out of reach"
+"""The detail that tells a place's stage "ik" from a grasp's."""
+
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
 
 

@@ -353,13 +353,19 @@ def plan(
 @app.command()
 def report(
     plans: Annotated[list[Path] | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="A .md, .csv, .tex, .html or .json file.", metavar="FILE")] = None,
+    scenes: Annotated[
+        list[Path] | None,
+        typer.Option("--scenes", help="The scenes that the plans were made for: adds success by number of objects.", metavar="FILE"),
+    ] = None,
+    out: Annotated[
+        list[Path] | None, typer.Option("-o", "--out", help="A .md, .csv, .tex, .html or .json file, or several.", metavar="FILE")
+    ] = None,
     as_json: AsJson = False,
 ) -> Job:
-    """Success, moves, times and travel of plans, beside the paper's Table I."""
+    """Success, moves, times and travel of plans, beside the paper's Table I, and why the others failed."""
     from retrieve_cli import report as command
 
-    return partial(command.run, plans=plans or [], out=out, as_json=as_json)
+    return partial(command.run, plans=plans or [], scenes=scenes or [], out=out or [], as_json=as_json)
 
 
 @app.command()

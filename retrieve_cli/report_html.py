@@ -1,18 +1,18 @@
-"""The report as one page that needs nothing else: a chart of success with its intervals, and the tables."""
+"""The report as one page that needs nothing else: a chart of success with its intervals, the curves, and the tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from itertools import pairwise
 
-from planning.metrics import PAPER, Row, Share
+from planning.intervals import Share
+from planning.metrics import PAPER, Row
+from retrieve_cli.report_plots import by_objects, by_time
+from retrieve_cli.report_tables import Report, Table, is_figures
 
-if TYPE_CHECKING:
-    from retrieve_cli.report import Table
-
-LABEL, PLOT, VALUE, BAND, TOP = 170, 560, 150, 34, 34
-"""Widths of the chart's three columns, the height of a bar with its gap, and the room for the axis, in SVG units."""
+LABEL, PLOT, VALUE, BAND, TOP, RULE_GAP = 170, 560, 150, 30, 34, 14
+"""Widths of the chart's three columns, the height of a bar with its gap, the room for the axis, and between rules, in SVG units."""
 
 CSS = """
 :root { --ink: #1d2733; --quiet: #66727f; --line: #e3e7ec; --page: #f6f7f9; --card: #fff; --bar: #3b74b9; --paper: #d9822b; }
@@ -43,14 +43,33 @@ svg text.soft, svg tspan.soft { fill: var(--quiet); font-size: 12px; }
   background: var(--bar); border-radius: 2px; }
 .key .diamond::before { background: var(--paper); transform: rotate(45deg) scale(.75); }
 .key .whisker::before { background: var(--ink); height: 2px; vertical-align: 4px; }
+.key .line::before { background: none; border-top: 3px solid var(--ink); border-radius: 0; width: 20px; height: 0; vertical-align: 4px; }
+.key .dash::before { border-top-style: dashed; }
+svg.panels { max-width: none; min-width: 720px; }
+svg text.rule { font-weight: 600; }
+svg + .scroll, .scroll + .scroll { margin-top: 14px; }
+summary { cursor: pointer; color: var(--quiet); font-size: .9rem; }
+details[open] summary { margin-bottom: 10px; }
 ul { margin: 0; padding-left: 20px; }
 @media print { body { background: #fff; } section { break-inside: avoid; } }
 """
 
 
-def page(tables: Sequence[Table], rows: Sequence[Row], remarks: Sequence[str]) -> str:
+PLOTS: dict[str, Callable[[Sequence[Row]], str]] = {"objects": by_objects, "times": by_time}
+"""By the key of the table that they stand above."""
+
+FOLDED = {"objects": "in figures", "times": "in figures", "pairs": "all pairs"}
+LONG = 12
+"""By their keys, the tables that are folded away when they have more rows than that, and the words to open them."""
+
+
+def page(report: Report, tables: Sequence[Table]) -> str:
     """The whole document."""
-    sections = [_section("Success", "", _chart(rows)), *(_section(t.title, f"{t.note[0].upper()}{t.note[1:]}.", _table(t)) for t in tables)]
+    rows, remarks = report.rows, report.remarks
+    sections = [_section("Success", "", _chart(rows))]
+    for t in tables:
+        plot = PLOTS[t.key](rows) + "\n" if t.key in PLOTS else ""
+        sections.append(_section(t.title, f"{t.note[0].upper()}{t.note[1:]}.", plot + _table(t)))
     if remarks:
         sections.append(_section("Remarks", "", "<ul>" + "".join(f"<li>{escape(r)}</li>" for r in remarks) + "</ul>"))
     return (
@@ -80,8 +99,6 @@ def _section(title: str, note: str, content: str) -> str:
 
 
 def _table(table: Table) -> str:
-    from retrieve_cli.report import is_figures
-
     classes = [' class="n"' if is_figures(table, i) else "" for i in range(len(table.columns))]
     head = "".join(f"<th{c}>{escape(name)}</th>" for c, name in zip(classes, table.columns))
     body = "\n".join(
@@ -90,19 +107,23 @@ def _table(table: Table) -> str:
         + "</tr>"
         for i, row in enumerate(table.rows)
     )
-    return f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
+    whole = f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
+    fold = table.key in FOLDED and len(table.rows) > LONG
+    return f"<details><summary>{FOLDED[table.key]}</summary>\n{whole}\n</details>" if fold else whole
 
 
 def _chart(rows: Sequence[Row]) -> str:
     """Horizontal bars with 95 % intervals; a diamond where the paper's planner stands (its rows belong beside the rule deep)."""
-    height = TOP + BAND * len(rows) + 6
+    gaps = [sum(a.rule != b.rule for a, b in pairwise(rows[: i + 1])) for i in range(len(rows))]
+    tops = [TOP + BAND * i + RULE_GAP * gap for i, gap in enumerate(gaps)]
+    height = tops[-1] + BAND + 6
     paper = {p.policy: p.success for p in PAPER}
     grid = "".join(
         f'<line x1="{_x(s):.1f}" y1="{TOP - 6}" x2="{_x(s):.1f}" y2="{height - 4}" stroke="#e3e7ec"/>'
         f'<text class="soft" x="{_x(s):.1f}" y="{TOP - 14}" text-anchor="middle">{100 * s:.0f} %</text>'
         for s in (0, 0.2, 0.4, 0.6, 0.8, 1.0)
     )
-    bars = "".join(_bar(r, TOP + BAND * i, paper.get(r.policy) if r.rule == "deep" else None) for i, r in enumerate(rows))
+    bars = "".join(_bar(r, top, paper.get(r.policy) if r.rule == "deep" else None) for r, top in zip(rows, tops))
     words = "; ".join(f"{r.policy} {r.rule}: {r.success.k} of {r.success.n}" for r in rows)
     marked = any(r.policy in paper and r.rule == "deep" for r in rows)
     key = '<div class="key"><span>retrieved</span><span class="whisker">95 % Wilson interval</span>'

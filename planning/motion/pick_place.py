@@ -23,7 +23,7 @@ from planning.motion import reaching
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.timing import time_stamps
 from planning.motion.workcell import Situation, Touch, Workcell, tasks_of
-from planning.plan import Blocked, Motion
+from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
@@ -330,7 +330,7 @@ class Motions:
     def _blocked(self, stage: str, situation: Situation, pair: int, name: str) -> Blocked:
         """What the compiled core found, in words: the stage and the two bodies, or that it was the arm's reach."""
         if stage == "ik":
-            return Blocked("ik", "hand", name, detail="the place is out of reach")
+            return Blocked("ik", "hand", name, detail=PLACE_OUT_OF_REACH)
         touch = self.cell.name_of(situation, pair)
         if touch is not None:
             return Blocked(stage, touch.link, touch.body)

@@ -19,7 +19,7 @@ from kinematics.spheres import Levels, box_levels, cylinder_levels, levels
 from kinematics.transforms import Array
 from kinematics.tree import carried
 
-OPENINGS = 64  # gripper values for which the rig is kept
+OPENINGS = 32  # gripper values for which the rig is kept
 
 
 @lru_cache(maxsize=16)
@@ -58,16 +58,21 @@ class Carriage:
         frames, T = self._carried(float(robot.home[robot.gripper_joint]))
         hand = robot.tree.index["hand"]
         self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
-        self.rig = lru_cache(maxsize=OPENINGS)(self._rig)
+        self._rigs: dict[float, Rig] = {}
 
     def _carried(self, gripper: float) -> tuple[Int, Array]:
         q = self.robot.with_arm(np.zeros(len(self.robot.arm_joints)), gripper)
         return carried(self.robot.tree.joints, q, *self._carriers)
 
-    def _rig(self, gripper: float) -> Rig:
+    def rig(self, gripper: float) -> Rig:
         """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
-        frames, T = self._carried(gripper)
-        return carry(self.chain, self.pieces, frames[self._link], T[self._link])
+        known = self._rigs
+        if gripper not in known:
+            if len(known) == OPENINGS:
+                known.pop(next(iter(known)))  # the oldest
+            frames, T = self._carried(gripper)
+            known[gripper] = carry(self.chain, self.pieces, frames[self._link], T[self._link])
+        return known[gripper]
 
     def in_hand(self, pieces: Pieces, T_hand_body: Array) -> Rig:
         """A held object, alone."""

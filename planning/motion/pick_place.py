@@ -6,6 +6,7 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -28,6 +29,7 @@ from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion
 ITERATIONS = 3000  # of one RRT-Connect
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
 MAX_TRIES = 3  # of those, how many are given to RRT-Connect before the move is given up
+KEPT = 8  # states that are remembered
 BRIEFLY = 300  # iterations of RRT-Connect where only labels hang on the answer
 TRIES, PLACE_TRIES = 24, 12  # starts of inverse kinematics where an object is taken, and where it is put down
 
@@ -81,7 +83,7 @@ class _Placing(NamedTuple):
 class _Memory:
     """What was found out about one state, so that the many regions of an object don't ask twice."""
 
-    def __init__(self, state: State | None) -> None:
+    def __init__(self, state: State) -> None:
         self.state = state
         self.picks: dict[str, tuple[list[Pick], Blocked]] = {}
         self.transits: dict[Pick, Array | Blocked] = {}
@@ -118,7 +120,7 @@ class Motions:
         self.robot, self.scene = robot, scene
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles)
         self.floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
-        self._memory = _Memory(None)
+        self._memories: deque[_Memory] = deque(maxlen=KEPT)
 
     def start(self) -> State:
         """The scene's first state, the arm at home before the cabinet. Raises ValueError when the robot can't stand or wait there."""
@@ -374,10 +376,21 @@ class Motions:
             known[pick] = self.cell.problem(self._without(state, pick.held.body), pick.gripper_closed, held=pick.held)
         return known[pick]
 
+    @property
+    def state(self) -> State:
+        """The state that was asked about last. Raises: ValueError before the first question."""
+        if not self._memories:
+            raise ValueError("nothing was asked about any state yet")
+        return self._memories[-1].state
+
     def _recall(self, state: State) -> _Memory:
-        if self._memory.state is not state:
-            self._memory = _Memory(state)
-        return self._memory
+        if self._memories and self._memories[-1].state is state:
+            return self._memories[-1]
+        found = next((memory for memory in self._memories if memory.state is state), None)
+        if found is not None:
+            self._memories.remove(found)
+        self._memories.append(found or _Memory(state))
+        return self._memories[-1]
 
     def _without(self, state: State, name: str) -> dict[str, Array]:
         """The poses of the objects besides one."""

@@ -9,6 +9,7 @@ from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
 from planning.policies.neural import Views, make_neural_object, make_neural_region
 from planning.policies.random import random_object, random_region
+from planning.policies.search import Plans, make_search_object, make_search_region
 from planning.retrieval import Policy
 
 NetworkOf = Callable[[], Model]  # a policy that asks no network never calls it
@@ -17,6 +18,11 @@ NetworkOf = Callable[[], Model]  # a policy that asks no network never calls it
 def _local(motions: Motions, network: NetworkOf) -> Policy:
     lines = Lines(motions)
     return Policy(make_local_object(lines), make_local_region(lines))
+
+
+def _search(motions: Motions, network: NetworkOf) -> Policy:
+    plans = Plans(motions)
+    return Policy(make_search_object(plans), make_search_region(plans))
 
 
 def _neural(motions: Motions, network: NetworkOf) -> Policy:
@@ -38,6 +44,7 @@ POLICIES: dict[str, Callable[[Motions, NetworkOf], Policy]] = {
     "neural": _neural,
     "osnet-only": _osnet_only,
     "rpnet-only": _rpnet_only,
+    "search": _search,
 }
 
 

@@ -22,6 +22,7 @@ from planning.learning.swept import arm_balls, footprint, lowest, make_floor, me
 from planning.motion.pick_place import MAX_TRIES, Motions
 from planning.plan import Blocked
 
+ITERATIONS = 500  # of the searches in the emptied cabinet: those that succeed need a few dozen
 PATHS = 16
 NOT_ASKED = 255
 
@@ -129,7 +130,7 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
         if i in straight:  # the straight way is what every search tries first: it would be found again
             times[straight[i]] += 1
             continue
-        way = motions.cell.connect(empty, start, picks[i].approach[:1], rng)
+        way = motions.cell.connect(empty, start, picks[i].approach[:1], rng, ITERATIONS)
         if isinstance(way, Blocked):
             if i not in reached:
                 left.remove(i)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -28,9 +29,10 @@ from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
+ENOUGH_GRASPS = 24  # after so many, the first in the most natural order, any that was found will do
 MAX_TRIES = 3  # of those, how many are given to RRT-Connect before the move is given up
 KEPT = 8  # states that are remembered
-BRIEFLY = 300  # iterations of RRT-Connect where only labels hang on the answer
+BRIEFLY, BRIEF_PICKS = 300, 4  # iterations of RRT-Connect, and grasps tried, where only labels hang on the answer
 TRIES, PLACE_TRIES = 24, 12  # starts of inverse kinematics where an object is taken, and where it is put down
 
 
@@ -186,11 +188,9 @@ class Motions:
             return out
         body, rest, T = self.scene.body(name), self._without(state, name), state.poses[name]
         open_ = [k for k, region in enumerate(regions) if not self.cell.placed(body, self.place_pose(name, T, int(region)), rest)]
-        for pick in picks:
+        for pick in islice((pick for pick in picks if self.reachable(state, pick, rng)), BRIEF_PICKS):
             if not open_:
                 break
-            if not self.reachable(state, pick, rng):
-                continue
             centres = np.array([cells[int(regions[k])] for k in open_])
             natural = np.array([self._natural_turn(pick, centre) for centre in centres])
             compiled = self._placing(state, pick).compiled
@@ -235,7 +235,7 @@ class Motions:
         picks: list[Pick] = []
         why, got_to = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening"), 0
         cell, hands = self.cell, dict[float, _OpenHand]()
-        for grasp in grasps:
+        for tried, grasp in enumerate(grasps, 1):
             hand = hands.get(grasp.width_m)
             if hand is None:
                 hand = hands[grasp.width_m] = self._open_hand(state.poses, name, grasp.width_m)
@@ -261,7 +261,7 @@ class Motions:
                     picks.append(Pick(grasp, way, up, hand.opened, hand.closed, held))
                 elif 1 + code >= got_to:
                     why, got_to = self._blocked(_PICKING[code], lifting, pair, name), 1 + code
-            if len(picks) >= MAX_PICKS:
+            if len(picks) >= MAX_PICKS or (picks and tried >= ENOUGH_GRASPS):
                 break
         cell.forget()
         now = self.robot.arm_q(state.q)

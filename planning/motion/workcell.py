@@ -15,6 +15,7 @@ from kinematics.coverage import Carriage, shape_pieces
 from kinematics.rig import carry, join_rigs
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
+from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
 from planning.motion.reaching import FREE, HANGS_OVER, Standing, make_hand, stands
@@ -57,10 +58,9 @@ class Workcell:
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
         self.walls = [*scene.cabinet.walls(), *obstacles]
-        self._pieces = {b.name: shape_pieces(b.shape) for b in scene.objects}
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._standing_now: tuple[object, Solids, tuple[str, ...]] | None = None
-        n_links, most = len(self.arm.links), max((len(p.start) - 1 for p in self._pieces.values()), default=0)
+        n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
         pairs = (n_links + most) * len(self._rows) + len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
         self._entered: Situation | None = None
@@ -108,7 +108,7 @@ class Workcell:
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
-            grip = self.arm.in_hand(self._pieces[held.body], held.T_hand_body)
+            grip = self.arm.in_hand(shape_pieces(self.scene.body(held.body).shape), held.T_hand_body)
             rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
@@ -127,7 +127,7 @@ class Workcell:
 
     def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
         """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
-        pieces = self._pieces[name]
+        pieces = shape_pieces(self.scene.body(name).shape)
         n = len(pieces.start) - 1
         rig = carry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
         solids, bodies = self._standing(poses)
@@ -174,14 +174,18 @@ class Workcell:
         arm = self.arm
         return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm if near is None else near, tries=tries)
 
-    def connect(self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator) -> Array | Blocked:
-        """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A)."""
+    def connect(
+        self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
+    ) -> Array | Blocked:
+        """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A); iterations: a budget of its own."""
         seed = int(rng.integers(2**31))
         if touch := self.touch(situation, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
         task, memory = situation.task, self.enter(situation)
-        most = self.iterations if self.time_budget_s is None else 2**62
-        found = plan(task, start, goals, max_iterations=most, time_budget_s=self.time_budget_s, seed=seed, memory=memory)
+        most = iterations or (self.iterations if self.time_budget_s is None else 2**62)
+        found = plan(
+            task, start, goals, max_iterations=most, time_budget_s=None if iterations else self.time_budget_s, seed=seed, memory=memory
+        )
         if found.path is None:
             touch = self.touch(situation, goals[0])
             if touch:

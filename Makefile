@@ -1,14 +1,38 @@
-# Two commands do all the set-up on a machine with Python 3.11 to 3.13, make and git: `make demo` and `make test`.
+# `make demo` and `make test` do all the set-up on a machine with Python 3.11 to 3.13, make and git.
+# `make weights` makes the networks again that ship, `make table` the table of all planners; both go on where they were stopped.
 
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+RETRIEVE ?= $(BIN)/retrieve
+WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test bench clean
+# The recipe of the weights that ship. SCALE=0.01 takes a hundredth of the scenes, ends in minutes, and ships nothing.
+SCALE ?= 1
+ROBOTS ?= ur5e panda
+LABEL_SCENES ?= 30000
+LABEL_SPECS ?= paper paper-any paper paper-any shelf
+LABEL_OBJECTS ?= 3
+LABEL_SEED_ur5e ?= 101
+LABEL_SEED_panda ?= 102
+EPOCHS ?= 30
+WIDTH ?= 96
+TRAIN_SEED ?= 0
+THREADS ?= 2
+DEVICE ?= auto
+
+# The table. TABLE_SCENES=1000 gives tighter intervals. Times are truest with WORKERS=1.
+TABLE_SEED ?= 20261122
+TABLE_SCENES ?= 100
+TABLE_SPECS ?= paper paper-any
+POLICIES ?= random local osnet-only rpnet-only neural search
+RULES ?= deep region strict
+
+.PHONY: demo test bench weights table clean
 
 demo: $(VENV)/ready
-	$(BIN)/retrieve demo --out out
+	$(RETRIEVE) demo --out out
 
 test: $(VENV)/ready
 	$(BIN)/ruff check .
@@ -17,6 +41,50 @@ test: $(VENV)/ready
 
 bench: $(VENV)/ready
 	$(BIN)/python benchmarks/motion.py
+
+# Weights: labels of generated scenes, then training; out/weights-SCALE/ROBOT/ holds the labels and the model ---------------------------
+
+MADE := out/weights-$(SCALE)
+SHIPPED := planning/learning/weights
+scenes := $(shell awk 'BEGIN { n = int($(LABEL_SCENES) * $(SCALE) + 0.5); print n < 8 ? 8 : n }')
+
+weights: $(ROBOTS:%=$(MADE)/%/model/config.json)
+ifeq ($(SCALE),1)
+	for robot in $(ROBOTS); do \
+		mkdir -p $(SHIPPED)/$$robot && \
+		cp $(MADE)/$$robot/model/config.json $(MADE)/$$robot/model/*.safetensors $(SHIPPED)/$$robot/ || exit 1; \
+	done
+endif
+
+$(MADE)/%/model/config.json: | $(VENV)/ready
+	mkdir -p $(MADE)/$*
+	$(RETRIEVE) label -n $(scenes) --seed $(or $(LABEL_SEED_$*),103) --robot $* $(LABEL_SPECS:%=--spec %) --objects $(LABEL_OBJECTS) \
+		--workers $(WORKERS) -o $(MADE)/$*/labels
+	$(RETRIEVE) train $(MADE)/$*/labels -o $(MADE)/$*/model --epochs $(EPOCHS) --width $(WIDTH) --seed $(TRAIN_SEED) \
+		--threads $(THREADS) --device $(DEVICE) $$(test -z "$$(ls -A $(MADE)/$*/model/checkpoint 2>/dev/null)" || echo --resume)
+
+# Table: scenes, plans of every policy under every rule, a report for each spec; what is up to date is not planned again ----------------
+
+TABLE := out/table
+PLANNED := $(TABLE)/$(TABLE_SEED)-$(TABLE_SCENES)
+SOURCES := $(shell find kinematics perception planning -name '*.py' -o -name '*.toml' -o -path '$(SHIPPED)/*' -type f)
+SCENES := $(TABLE_SPECS:%=$(PLANNED)/%/scenes.jsonl)
+PLANS := $(foreach spec,$(TABLE_SPECS),$(foreach rule,$(RULES),$(POLICIES:%=$(PLANNED)/$(spec)/%.$(rule).jsonl)))
+
+table: $(PLANS)
+	for spec in $(TABLE_SPECS); do \
+		$(RETRIEVE) report $(foreach rule,$(RULES),$(POLICIES:%=$(PLANNED)/$$spec/%.$(rule).jsonl)) \
+			--scenes $(PLANNED)/$$spec/scenes.jsonl -o $(TABLE)/$$spec.md -o $(TABLE)/$$spec.html -o $(TABLE)/$$spec.csv || exit 1; \
+	done
+	for spec in $(TABLE_SPECS); do echo; echo "Spec $$spec"; echo; cat $(TABLE)/$$spec.md; done
+
+$(SCENES): $(PLANNED)/%/scenes.jsonl: $(SOURCES) | $(VENV)/ready
+	mkdir -p $(@D)
+	$(RETRIEVE) gen -n $(TABLE_SCENES) --seed $(TABLE_SEED) --spec $* --workers $(WORKERS) -o $@
+
+$(PLANS): $(SOURCES) | $(SCENES)
+	$(RETRIEVE) plan $(@D)/scenes.jsonl --policy $(word 1,$(subst ., ,$(@F))) --rule $(word 2,$(subst ., ,$(@F))) \
+		--workers $(WORKERS) -o $@
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

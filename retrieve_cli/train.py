@@ -114,7 +114,7 @@ def _write_model(
     for name, result in results.items():
         with replacing(out / f"{name}.safetensors") as part:
             part.write_bytes(save({k: v.contiguous() for k, v in result.weights.items()}))
-        shapes[name] = {k: list(v.shape) for k, v in result.weights.items()}
+        shapes[name] = {k: list(v.shape) for k, v in sorted(result.weights.items())}
     _draw_curves(out / "loss.png", results)
     about = {
         "settings": asdict(settings),

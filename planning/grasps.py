@@ -15,7 +15,7 @@ import numpy as np
 from kinematics.gripper import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
-from kinematics.transforms import Array, inverse, rotation_about, transform
+from kinematics.transforms import Array, inverse, transform
 
 FRICTION_ANGLE = np.radians(10)
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
@@ -117,10 +117,8 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
             levels = sorted(heights, key=lambda z: abs(z - low[2] - 0.6 * height))
             for pitch in PITCHES[kind]:
                 for side in (1.0, -1.0):
-                    ahead = rotation_about(UP, np.pi / 2 * side) @ u
-                    approach = np.cos(pitch) * ahead - np.sin(pitch) * UP
-                    y = np.cross(approach, UP if pitch < 1.5 else -ahead)
-                    R = np.stack([np.cross(y / np.linalg.norm(y), approach), y / np.linalg.norm(y), approach], -1)
+                    ahead = side * np.array([-u[1], u[0], 0.0])
+                    R = _level_hand(ahead, pitch)
                     turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
                     reach = float(np.abs(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))) if kind != "downward" else 0.0
                     for rank, z in enumerate(levels):
@@ -130,6 +128,17 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
         grasp = _antipodal(body, opening, point, u, R, reach)
         if grasp is not None:
             yield grasp
+
+
+def _level_hand(ahead: Array, pitch: float) -> Array:
+    """Rotation (3, 3) of a hand that looks along `ahead` (3,), level, and down by `pitch`: it closes level, its x is up, or ahead if it
+    looks straight down."""
+    co, si = np.cos(pitch), np.sin(pitch)
+    a, b = float(ahead[0]), float(ahead[1])
+    y = (b, -a) if pitch < 1.5 else (-b, a)  # approach × up, or ahead × approach
+    z = (co * a, co * b, -si)
+    x = (y[1] * z[2], -y[0] * z[2], y[0] * z[1] - y[1] * z[0])
+    return np.array([[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], 0.0, z[2]]])
 
 
 def _level(kind: str, low: float, high: float, floor_z: float, share: float) -> float | None:

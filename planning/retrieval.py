@@ -14,6 +14,7 @@ import numpy as np
 
 from kinematics.robot import Robot
 from kinematics.scene import Scene
+from kinematics.transforms import Array
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
 from planning.motion.verify import hand_poses, verify
@@ -133,13 +134,14 @@ def retrieve(
 
 def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:
     """Length in metres of the hand's path, measured along chords of at most `step` rad (or m) in any joint."""
-    total = 0.0
+    rows = list[Array]()
     for motion in motions:
         for a, b in zip(motion.q[:-1], motion.q[1:]):
             n = max(1, int(np.ceil(np.abs(b - a).max() / step)))
-            points = hand_poses(robot, scene, a + np.arange(n + 1)[:, None] / n * (b - a))[:, :3, 3]
-            total += float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    return total
+            rows.append(a + np.arange(n + 1)[:, None] / n * (b - a))  # motions follow one another without a gap
+    if not rows:
+        return 0.0
+    return float(np.linalg.norm(np.diff(hand_poses(robot, scene, np.concatenate(rows))[:, :3, 3], axis=0), axis=1).sum())
 
 
 def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:

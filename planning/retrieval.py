@@ -102,13 +102,18 @@ def retrieve(
             break
         steps += 1
         why: Blocked | None = Blocked("select", detail="the policy proposes no object and region")
+        out_of_reach = set[str]()
         for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking):
+            if object_name in out_of_reach:
+                continue  # another region would not help
             with moving:
                 moved = motions.relocate(state, object_name, region, rng)
             T_from = state.poses[object_name]
             if isinstance(moved, Blocked):
                 failed.add((object_name, region))
                 moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, moved))
+                if not motions.picks(state, object_name)[0]:
+                    out_of_reach.add(object_name)
                 continue
             on_step(f"moved {object_name} to region {region}")
             moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))

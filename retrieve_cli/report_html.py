@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from planning.intervals import Share
 from planning.metrics import PAPER, Row
-from retrieve_cli.report_plots import by_objects, by_time
+from retrieve_cli.report_plots import CEILING, by_objects, by_time
 from retrieve_cli.report_tables import Report, Table, is_figures
 
 LABEL, PLOT, VALUE, BAND, TOP, RULE_GAP = 170, 560, 150, 30, 34, 14
@@ -81,16 +81,24 @@ def page(report: Report, tables: Sequence[Table]) -> str:
 
 
 def _lead(rows: Sequence[Row]) -> str:
-    best = max(rows, key=lambda r: r.success.k / max(r.success.n, 1))
+    ceiling = max((r for r in rows if r.policy in CEILING), key=_share_of, default=None)
+    others = [r for r in rows if r.policy not in CEILING] or rows
+    best = max(others, key=_share_of)
     total = sum(r.success.n for r in rows)
     name = escape(f"{best.policy} {best.rule}")
-    among = f"The best of {len(rows)} planners" if len(rows) > 1 else "The planner"
+    among = f"The best of {len(others)} planners" if len(others) > 1 else "The planner"
     s = best.success
     plans = "1 plan" if total == 1 else f"{total} plans"
+    above = f" Search, the ceiling, did so in {ceiling.success.k} of {ceiling.success.n}." if ceiling and ceiling is not best else ""
     return (
         f"{plans} for taking a blocked target out of a cabinet. {among}, <b>{name}</b>, retrieved it in "
         f"<b>{s.k} of {s.n}</b> scenes, that is {100 * s.k / max(s.n, 1):.0f} % (95 % interval {100 * s.low:.0f} to {100 * s.high:.0f} %)."
+        f"{above}"
     )
+
+
+def _share_of(r: Row) -> float:
+    return r.success.k / max(r.success.n, 1)
 
 
 def _section(title: str, note: str, content: str) -> str:

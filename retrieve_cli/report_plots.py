@@ -21,7 +21,7 @@ COLOURS = {
     "search": "#1d2733",
 }
 OTHERS = ("#b98a1d", "#2a97a8", "#7a5c3a", "#6b7f2a")
-DASHED = ("search",)  # the ceiling, not a competitor
+CEILING = ("search",)  # drawn dashed: it shows what can be solved, and is no competitor
 
 Point = tuple[float, float]
 
@@ -43,7 +43,7 @@ class Panel:
 def legend(rows: Sequence[Row]) -> str:
     """Which colour is whose, in the order of the table."""
     names = list(dict.fromkeys(r.policy for r in rows))
-    kinds = {name: "line dash" if name in DASHED else "line" for name in names}
+    kinds = {name: "line dash" if name in CEILING else "line" for name in names}
     return (
         '<div class="key">'
         + "".join(f'<span class="{kinds[n]}" style="--ink:{_colour(n, names)}">{escape(n)}</span>' for n in names)
@@ -154,4 +154,4 @@ def _colour(policy: str, names: Sequence[str]) -> str:
 
 
 def _dash(policy: str) -> str:
-    return ' stroke-dasharray="6 4"' if policy in DASHED else ""
+    return ' stroke-dasharray="6 4"' if policy in CEILING else ""

@@ -330,6 +330,16 @@ def test_the_page_stands_alone_and_escapes() -> None:
     assert "http" not in html
 
 
+def test_search_is_the_ceiling_not_the_winner() -> None:
+    found = [Episode.of(plan_from_json(documents.plan(f"{i}", p, success=p == "search"))) for i in range(2) for p in ("search", "local")]
+    html = to_html(collect(found))
+    assert "The planner, <b>local deep</b>, retrieved it in <b>0 of 2</b> scenes" in html
+    assert "Search, the ceiling, did so in 2 of 2." in html
+    alone = to_html(collect(found[::2]))
+    assert "The planner, <b>search deep</b>, retrieved it in <b>2 of 2</b> scenes" in alone
+    assert "ceiling" not in alone
+
+
 def test_tex_escapes() -> None:
     strange = documents.plan(policy="a_b{50%}\\", rule="deep")
     assert r"a\_b\{50\%\}\textbackslash{} deep" in WRITERS[".tex"](collect([Episode.of(plan_from_json(strange))]))

@@ -19,7 +19,7 @@ HEADINGS = {
 }
 NOTHING = "–"
 RARE = ("look", "verify")  # kinds of failure with a column only where there are some
-WITHIN_S = (0.1, 0.3, 1, 3, 10)
+WITHIN_S = (0.1, 1, 10)
 
 
 @dataclass(frozen=True)

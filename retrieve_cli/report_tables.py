@@ -217,12 +217,13 @@ def _difference(d: Difference | None, scale: float = 1, digits: int | None = Non
     if d is None:
         return NOTHING
     n = _decimals(max(abs(d.low), abs(d.high))) if digits is None else digits
-    return f"{scale * d.mean:+.{n}f} [{scale * d.low:+.{n}f}, {scale * d.high:+.{n}f}]"
+    mean, low, high = (round(scale * v, n) + 0.0 for v in (d.mean, d.low, d.high))  # no minus before a zero
+    return f"{mean:+.{n}f} [{low:+.{n}f}, {high:+.{n}f}]"
 
 
 def _decimals(value: float) -> int:
     """Two digits after the point, and more where the value is small: two that count, up to a microsecond."""
-    return 2 if value == 0 else min(6, max(2, 1 - floor(log10(abs(value)))))
+    return 2 if abs(value) < 1e-6 else min(6, max(2, 1 - floor(log10(abs(value)))))
 
 
 def is_figures(table: Table, column: int) -> bool:

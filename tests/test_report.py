@@ -29,6 +29,7 @@ from retrieve_cli.report_forms import WRITERS, to_csv, to_html, to_json
 from retrieve_cli.report_plots import time_axis
 
 GOLDEN = Path(__file__).parent / "golden"
+TINY = {"random": 4e-16, "local": 0.0}
 COUNTS = st.integers(0, 40)
 OBJECTS = {f"0-{i:06d}": 4 + i // 2 for i in range(6)}
 
@@ -343,6 +344,14 @@ def test_search_is_the_ceiling_not_the_winner() -> None:
 def test_tex_escapes() -> None:
     strange = documents.plan(policy="a_b{50%}\\", rule="deep")
     assert r"a\_b\{50\%\}\textbackslash{} deep" in WRITERS[".tex"](collect([Episode.of(plan_from_json(strange))]))
+
+
+def test_no_difference_is_plain_zero() -> None:
+    """Sums of the same ways in another order differ in their last bits."""
+    found = [
+        Episode.of(plan_from_json({**documents.plan(f"{i}", p), "hand_travel_m": 1.5 + tiny})) for i in range(3) for p, tiny in TINY.items()
+    ]
+    assert "| +0.00 [+0.00, +0.00] |\n" in WRITERS[".md"](collect(found))
 
 
 def test_markdown_escapes() -> None:

@@ -112,15 +112,21 @@ class Plans:
         self.motions = motions
         self._next: list[Choice] = []
         self._seen: Observation | None = None
+        self._in_vain: State | None = None
 
     def of(self, seen: Observation, rng: np.random.Generator) -> list[Choice]:
         if seen is not self._seen:
             moved = self._seen is not None and bool(self._next) and _stands_at(seen, *self._next[0])
             self._next = self._next[1:] if moved else []
             self._seen = seen
-            if not self._next:
+            if not self._next and not self._hopeless(self.motions.state):
                 self._next = search(self.motions, self.motions.state, rng)
+                self._in_vain = None if self._next else self.motions.state
         return self._next
+
+    def _hopeless(self, state: State) -> bool:
+        """Whether a search from this very state found nothing: the loop asks again at every step that it has."""
+        return state is self._in_vain
 
 
 def _stands_at(seen: Observation, name: str, region: int) -> bool:

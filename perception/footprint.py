@@ -5,12 +5,18 @@ Both contain every point, so neither promises more room than was seen; which of 
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
 
 LEAST_M = 0.004  # a flat thing gets some thickness
+DIRECTIONS, COARSE = 180, 10  # in so many directions the outermost point is sought; one in so many at first
+NOTHING_M, FAR_M = 1e-6, 1e-9  # how far a point may lie outside of the outline, and of the circle, and count as on it
+BLOCK = 4096
 
 
 def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
@@ -34,9 +40,7 @@ def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
 
 def _hull(points: Array) -> Array:
     """The corners (K, 2) of the convex hull, counter-clockwise (Andrew's monotone chain on the outermost point of every direction)."""
-    angle = np.arange(180) * (2 * np.pi / 180)
-    directions = np.stack([np.cos(angle), np.sin(angle)])
-    extreme = points[np.unique((points @ directions).argmax(0))]
+    extreme = points[_outermost(points)]
     order = extreme[np.lexsort((extreme[:, 1], extreme[:, 0]))]
     chains = []
     for side in (order, order[::-1]):
@@ -47,6 +51,33 @@ def _hull(points: Array) -> Array:
             chain.append(p)
         chains += chain[:-1]
     return np.array(chains if chains else order[:1])
+
+
+def _outermost(points: Array) -> NDArray[np.int64]:
+    """Which of the points (N, 2) lie furthest out in some direction. What lies within the polygon of the first few is not asked again."""
+    angle = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
+    directions = np.stack([np.cos(angle), np.sin(angle)], -1)
+    rough = _furthest(points, directions[::COARSE])
+    corners = points[rough[np.append(True, np.diff(rough) != 0)]]
+    x, y = points.T.copy()
+    out = np.zeros(len(points), bool)
+    for (cx, cy), (dx, dy) in zip(corners, np.roll(corners, -1, axis=0) - corners):
+        out |= dx * (y - cy) - dy * (x - cx) < -NOTHING_M * np.hypot(dx, dy)
+    out[rough] = True
+    rows = np.flatnonzero(out)
+    return np.unique(rows[_furthest(points[rows], directions)])
+
+
+def _furthest(points: Array, directions: Array) -> NDArray[np.int64]:
+    """For each direction (D, 2) the index of the point (N, 2) that lies furthest along it."""
+    columns = points.T.copy()
+    most, at = np.full(len(directions), -np.inf), np.zeros(len(directions), np.int64)
+    for first in range(0, len(points), BLOCK):  # in pieces that stay in the processor's cache
+        along = directions @ columns[:, first : first + BLOCK]
+        k = along.argmax(1)
+        value = along[np.arange(len(k)), k]
+        at, most = np.where(value > most, first + k, at), np.maximum(value, most)
+    return at
 
 
 def _turn(a: Array, b: Array, c: Array) -> float:
@@ -70,22 +101,24 @@ def _rectangle(outline: Array) -> tuple[Array, Array, float]:
 
 
 def _circle(outline: Array) -> tuple[Array, float]:
-    """Centre (2,) and radius of the least circle around points (K, 2) (Welzl 1991, as three nested loops)."""
-    centre, r = outline[0], 0.0
-    far = 1e-9
-    for i, p in enumerate(outline):
-        if np.linalg.norm(p - centre) <= r + far:
-            continue
-        centre, r = p, 0.0
-        for j, a in enumerate(outline[:i]):
-            if np.linalg.norm(a - centre) <= r + far:
-                continue
-            centre, r = (p + a) / 2, float(np.linalg.norm(p - a)) / 2
-            for b in outline[:j]:
-                if np.linalg.norm(b - centre) > r + far:
-                    centre = _through(p, a, b)
-                    r = float(np.linalg.norm(p - centre))
-    return centre, r
+    """Centre (2,) and radius of the least circle around points (K, 2).
+
+    It grows from the points on its rim and the one that is furthest out (after Welzl 1991, Gärtner 1999).
+    """
+    rim, centre, r = outline[:1], outline[0], 0.0
+    while True:
+        off = np.hypot(*(outline - centre).T)
+        if off.max() <= r + FAR_M:
+            return centre, r
+        p, best = outline[off.argmax()], (np.inf, centre, rim)
+        for others in (c for n in (1, 2) for c in combinations(rim, n)):
+            middle = (p + others[0]) / 2 if len(others) == 1 else _through(p, *others)
+            radius = float(np.linalg.norm(p - middle))
+            if radius < best[0] and np.hypot(*(rim - middle).T).max() <= radius + FAR_M:
+                best = (radius, middle, np.array([p, *others]))
+        if best[0] <= r:
+            return centre, float(off.max())  # rounding: it grows no more
+        r, centre, rim = best
 
 
 def _through(a: Array, b: Array, c: Array) -> Array:

@@ -68,15 +68,26 @@ class Preview:
     """What views would reveal of a map. The bounds and weights it keeps belong to one cabinet and one list of poses.
 
     poses (C, 4, 4): T_world_camera. own (C, h, w): where the robot's own body is in each picture, of the size of `reduced(intrinsics)`.
-    least_m: the camera's least depth.
+    least_m: the camera's least depth. focus (X, Y, Z): what voxels count besides their own share of the space, in the same unit.
     """
 
-    def __init__(self, voxels: Voxels, poses: Array, intrinsics: Intrinsics, own: NDArray[np.bool_], least_m: float) -> None:
+    def __init__(
+        self,
+        voxels: Voxels,
+        poses: Array,
+        intrinsics: Intrinsics,
+        own: NDArray[np.bool_],
+        least_m: float,
+        focus: Array | None = None,
+    ) -> None:
         self.poses, self.least_m, self.own = poses, least_m, own
         self.fine, self.coarse = reduced(intrinsics), reduced(intrinsics, FINE * COARSE)
         i, j, k = np.indices(voxels.state.shape)
-        self.places = np.argwhere((i + 2 * j + 3 * k) % SPARSE == 0)
-        self.weight = np.ones(len(self.places))
+        sparse = (i + 2 * j + 3 * k) % SPARSE == 0
+        self.unit = 1.0 / np.count_nonzero(sparse)  # what one of the sparse voxels stands for, as a share of the space
+        extra = np.zeros(sparse.shape) if focus is None else focus
+        self.places = np.argwhere(sparse | (extra > 0))
+        self.weight = (sparse + extra / self.unit)[tuple(self.places.T)]
         self.bound: Array | None = None
 
     def best(self, voxels: Voxels, cost: Array, usable: Callable[[int], bool]) -> tuple[int, float] | None:
@@ -114,13 +125,13 @@ class Preview:
         grid.pyramid(depth, levels)
         seen = np.empty(len(now.rows), np.uint8)
         total = grid.revealed(now.points, now.weight, now.voxels.step, T, levels, *f, seen)
-        return float(total) / len(self.places), seen
+        return float(total) * self.unit, seen
 
     def _at_most(self, now: _Moment, index: int) -> float:
         height, width, k = self.coarse.height, self.coarse.width, COARSE
         own = np.asarray(self.own[index, : height * k, : width * k].reshape(height, k, width, k).any((1, 3)))
         depth, T, f = self._depth(now, index, self.coarse, own)
-        return float(grid.revealed_at_most(now.points, now.weight, T, depth, *f)) / len(self.places)
+        return float(grid.revealed_at_most(now.points, now.weight, T, depth, *f)) * self.unit
 
     def _depth(
         self, now: _Moment, index: int, camera: Intrinsics, own: NDArray[np.bool_]

@@ -40,11 +40,15 @@ BLIND = 3  # views in a row that measure nothing, before the looking ends
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop: the share of the space that is to be known, the least share that a further view must reveal, the most views."""
+    """When to stop: the share of the space that is to be known, the least share that a further view must reveal, the most views.
+
+    travel: what a metre of the camera's way costs, as a share of the space.
+    """
 
     share: float = SHARE
     least: float = LEAST
     views: int = MAX_VIEWS
+    travel: float = TRAVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +88,7 @@ def look_around(
     *,
     bodies: Sequence[Body] = (),
     limits: Limits | None = None,
+    focus: Array | None = None,
     choose: str = "gain",
     noise_1m_m: float = 0.0,
     intrinsics: Intrinsics = DEFAULT,
@@ -92,7 +97,8 @@ def look_around(
     """Take views of the cabinet, the first one where the arm stands, at q (J,).
 
     blank: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
-    choose: "gain", "random" or "sweep". Raises: ValueError when the robot has no camera in its hand, and for another word.
+    focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.focus`. choose: "gain", "random" or "sweep".
+    Raises: ValueError when the robot has no camera in its hand, and for another word.
     """
     limits = limits or Limits()
     if choose not in CHOICES:
@@ -101,7 +107,7 @@ def look_around(
         return Looked((), (), voxels, (), q, "no view was allowed")
     base = blank.robot.T_world_base
     spots = vantages(robot, blank, intrinsics)
-    preview = Preview(voxels, spots.T, intrinsics, spots.own, RANGE_M[0])
+    preview = Preview(voxels, spots.T, intrinsics, spots.own, RANGE_M[0], focus)
     order = _order(choose, spots, blank.cabinet, rng)
     frames: list[Frame] = []
     views: list[tuple[Array, float]] = []
@@ -123,7 +129,7 @@ def look_around(
         if way.blocked is not None:
             reason = f"the arm can't move on: {way.blocked}"
             break
-        chosen = _next(choose, order, preview, voxels, way, done, frame.T_world_camera, limits.least)
+        chosen = _next(choose, order, preview, voxels, way, done, frame.T_world_camera, limits)
         if isinstance(chosen, str):
             reason = chosen
             break
@@ -145,7 +151,7 @@ def _enough(limits: Limits, voxels: Voxels, views: int, blind: int) -> str:
 
 
 def _next(
-    choose: str, order: Sequence[int], preview: Preview, voxels: Voxels, way: Way, done: NDArray[np.bool_], T_now: Array, least: float
+    choose: str, order: Sequence[int], preview: Preview, voxels: Voxels, way: Way, done: NDArray[np.bool_], T_now: Array, limits: Limits
 ) -> tuple[int, Array] | str:
     """The next view and the path (K, A) to it, or why there is none."""
     if choose != "gain":
@@ -153,13 +159,13 @@ def _next(
             if not done[i] and way.reach(i):
                 return i, way.paths[i]
         return "no other view can be reached"
-    cost = TRAVEL * np.linalg.norm(preview.poses[:, :3, 3] - T_now[:3, 3], axis=1) + np.where(done, np.inf, 0.0)
+    cost = limits.travel * np.linalg.norm(preview.poses[:, :3, 3] - T_now[:3, 3], axis=1) + np.where(done, np.inf, 0.0)
     best = preview.best(voxels, cost, way.reach)
     if best is None:
         return "no other view can be reached"
     i, gain = best
-    if gain < least:
-        return f"no view that can be reached would reveal another {100 * least:.1f} %"
+    if gain < limits.least:
+        return f"no view that can be reached would reveal another {100 * limits.least:g} %"
     return i, way.paths[i]
 
 
@@ -217,13 +223,18 @@ def unseen(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tuple[Bod
     close by can't be seen whole from anywhere, for on one side there is the body itself.
     blocks: away from the bodies voxels are counted in cubes of so many, which makes fewer boxes, never smaller ones.
     """
-    which = voxels.blocked(bodies, BODY_MARGIN_M) & ~skin(voxels, bodies)
+    which = dark(voxels, bodies)
     if blocks > 1:
         near = np.zeros(which.shape, bool)
         for body in bodies:
             near |= voxels.touched(body, NEAR_M)
         which = which | (_in_blocks(which & ~near, blocks) & ~near)
     return voxels.boxes(which)
+
+
+def dark(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
+    """The voxels (X, Y, Z) that may hold what nobody has seen: not free, no body's own and not its skin."""
+    return np.asarray(voxels.blocked(bodies, BODY_MARGIN_M) & ~skin(voxels, bodies))
 
 
 def skin(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:

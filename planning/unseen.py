@@ -19,6 +19,7 @@ from perception.camera import DepthNoise
 from perception.frames import Frame
 from perception.source import Camera, synthetic_camera
 from perception.voxels import FREE, UNKNOWN, unknown_voxels
+from planning.focus import wanted
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.verify import hand_poses, verify
 from planning.plan import Blocked, Motion, Move, Plan
@@ -26,8 +27,10 @@ from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, hand_travel, 
 from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, skin, unseen
 
 FIRST = Limits(0.99, 0.001, 10)
-AGAIN = Limits(1.0, 0.0004, 5)  # after a move: what was hidden behind the object
-HARDER = Limits(1.0, 0.0004, 6)  # when nothing works with what is known
+AGAIN = Limits(1.0, 0.0004, 5, 0.001)  # after a move: what was hidden behind the object
+HARDER = Limits(1.0, 0.0004, 3, 0.0)  # when nothing works with what is known: the current view, and two of what is in the way
+PATIENCE = 4  # so often in a row
+HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +73,10 @@ class _Mind:
         self.q = Motions(self.robot, self.blank).start().q
         self.belief = Belief((), {}, self.voxels)
 
-    def look(self, world: Simulated, limits: Limits, on_step: Callable[[str], None]) -> Looked:
+    def look(self, world: Simulated, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
         looked = look_around(
             self.blank, self.robot, world.camera(self.rng), self.q, self.voxels, self.rng,
-            bodies=self.belief.bodies, limits=limits, noise_1m_m=self.noise, on_step=on_step,
+            bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise, on_step=on_step,
         )  # fmt: skip
         self.frames += looked.frames
         self.voxels, self.q = looked.voxels, looked.q
@@ -112,11 +115,11 @@ def retrieve_unseen(
     moves: list[Move] = []
     way: list[Motion] = []
     truth = world.scene
-    mind, limits, harder = _Mind(world, rng), FIRST, False
+    mind, limits, focus, patience = _Mind(world, rng), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
     while True:
         with moving:
-            looked = mind.look(world, limits, on_step)
+            looked = mind.look(world, limits, focus, on_step)
         way += looked.motions
         taken = _try_target(mind, looked, iterations, time_budget_s, rng, moving)
         if not isinstance(taken, Blocked):
@@ -124,8 +127,8 @@ def retrieve_unseen(
             break
         motions, state = _ready(mind, iterations, time_budget_s, moving)
         moved = False
+        hidden: dict[str, int] = {}  # objects that can't be moved for what was not seen, in the order of the policy
         if steps < max_moves and mind.belief.body(truth.target) is not None:
-            steps += 1
             seen = observation(mind.blank, mind.q, mind.belief)
             for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
                 with moving:
@@ -133,6 +136,8 @@ def retrieve_unseen(
                 T_from = world.poses[object_name]
                 if isinstance(done, Blocked):
                     failed.add((object_name, region))
+                    if (done.body or "").startswith(HIDDEN):
+                        hidden[object_name] = hidden.get(object_name, 0) + 1
                     moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
                     continue
                 on_step(f"moved {object_name} to region {region}")
@@ -141,14 +146,19 @@ def retrieve_unseen(
                 moves.append(Move(object_name, region, T_from, world.poses[object_name], True))
                 mind.moved(object_name, done.after.poses[object_name], done.after.q)
                 failed.clear()
-                moved, harder, limits = True, False, AGAIN
+                moved = True
                 break
-            steps -= not moved and not harder
-        if not moved:
-            if harder or (steps == max_moves and not harder and max_moves > 0):
-                break
-            harder, limits = True, HARDER  # look where there is little left to see, and try once more
-            failed.clear()
+        if moved:
+            steps, patience, limits = steps + 1, PATIENCE, AGAIN
+            with moving:
+                focus = wanted(mind.blank, mind.robot, mind.belief)
+            continue
+        with moving:
+            before, focus = focus, wanted(mind.blank, mind.robot, mind.belief, list(hidden)[:2])
+        if patience == 0 or not focus.any() or (before is not None and np.array_equal(before > 0, focus > 0)):
+            break  # the last look has not shown any of what it was to show
+        limits, patience = HARDER, patience - 1  # look where it may help, and try once more
+        failed.clear()
     success, reason, verified = not isinstance(taken, Blocked), taken if isinstance(taken, Blocked) else None, True
     if way:
         with moving:

@@ -15,22 +15,23 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from kinematics.arm import Int, forward
+from kinematics.inverse import descend
 from kinematics.rig import Rig
 from kinematics.robot import Robot
-from kinematics.scene import APPROACHES, Grasp, Scene
+from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.transforms import Array, apply, transform
 from perception.belief import Belief
 from perception.voxels import Voxels
 from planning.grasps import open_width, sample_grasps
-from planning.motion.reaching import APPROACH_M, LIFT_M
+from planning.motion.reaching import APPROACH_M, LARGEST_TURN, LIFT_M
 from planning.motion.workcell import Workcell
 from planning.sensing import dark
 
 GRASPS, SOLUTIONS = 8, 3  # grasps of one object, and arm configurations of one grasp, that are looked at
 BEST = 3  # of these ways, the ones that lack least
 SHARE = 0.05  # what all the voxels of one way count, as a share of the space; the ways behind it count half of it each
-SAMPLES = 5  # configurations on the straight way to a grasp
-CLOSE_RAD = 0.8  # a joint that turns further on the short way in is passing a singularity
+LIFTED_M = 0.002  # room around a lifted object
+SAMPLES = 8  # steps on the straight way to a grasp
 
 
 def wanted(blank: Scene, robot: Robot, belief: Belief, names: Sequence[str] = ()) -> Array:
@@ -40,22 +41,29 @@ def wanted(blank: Scene, robot: Robot, belief: Belief, names: Sequence[str] = ()
     """
     voxels, bodies = belief.voxels, belief.bodies
     cell = Workcell(robot, blank, iterations=1, time_budget_s=None)
-    full = Workcell(robot, _with(blank, belief), iterations=1, time_budget_s=None)
+    full = Workcell(robot, replace(blank, objects=bodies), iterations=1, time_budget_s=None)
     unseen = np.argwhere(dark(voxels, bodies))
     out = np.zeros(voxels.state.shape)
-    for grasps in ([blank.grasp], *(_grasps(blank, robot, belief, name) for name in names)):
-        ways = [way for grasp in grasps for way in _ways(cell, full, grasp, voxels, unseen)]
+    for name in (blank.target, *names):
+        body = belief.body(name)
+        grasps = [blank.grasp] if name == blank.target else _grasps(blank, robot, body)
+        lifted = np.flatnonzero(_above(voxels, body)[tuple(unseen.T)])
+        ways = [(b, np.union1d(rows, lifted)) for g in grasps for b, rows in _ways(cell, full, g, voxels, unseen)]
         for rank, (_, rows) in enumerate(sorted((w for w in ways if len(w[1])), key=lambda w: (w[0], len(w[1])))[:BEST]):
             out[tuple(unseen[rows].T)] += SHARE / 2**rank / len(rows)
     return out
 
 
-def _with(blank: Scene, belief: Belief) -> Scene:
-    return replace(blank, objects=belief.bodies)
+def _above(voxels: Voxels, body: Body | None) -> NDArray[np.bool_]:
+    """The voxels (X, Y, Z) that an object enters when it is lifted."""
+    if body is None:
+        return np.zeros(voxels.state.shape, np.bool_)
+    T = body.T_world_body
+    return voxels.touched(replace(body, T_world_body=transform(T[:3, :3], T[:3, 3] + np.array([0.0, 0.0, LIFT_M]))), LIFTED_M)
 
 
-def _grasps(blank: Scene, robot: Robot, belief: Belief, name: str) -> Iterable[Grasp]:
-    body = belief.body(name)
+def _grasps(blank: Scene, robot: Robot, body: Body | None) -> Iterable[Grasp]:
+    """The most natural grasps of an object; none of one that was not found."""
     if body is None:
         return []
     to_body = body.T_world_body[:2, 3] - blank.robot.T_world_base[:2, 3]
@@ -74,17 +82,28 @@ def _ways(cell: Workcell, full: Workcell, grasp: Grasp, voxels: Voxels, unseen: 
     opened = robot.opening.value_at(open_width(grasp.width_m, robot.opening))
     rig = cell.arm.rig(opened)
     alone, among = cell.problem({}, opened), full.problem(full.scene.poses(), opened)
-    back = transform(p=[0.0, 0.0, -APPROACH_M])
-    up = transform(p=[0.0, 0.0, LIFT_M])
     out = []
     for q in islice((q for q in cell.ik(grasp.T_world_hand) if cell.touch(alone, q) is None), SOLUTIONS):
-        ends = [cell.ik(T, near=q, tries=4)[:1] for T in (grasp.T_world_hand @ back, up @ grasp.T_world_hand)]
-        if any(len(e) == 0 or np.abs(e[0] - q).max() > CLOSE_RAD for e in ends):
+        back = _straight(cell, q, grasp.T_world_hand, -APPROACH_M * grasp.T_world_hand[:3, 2], SAMPLES)
+        up = _straight(cell, q, grasp.T_world_hand, np.array([0.0, 0.0, LIFT_M]), 2)
+        if back is None or up is None:
             continue
-        way = np.concatenate([ends[0][0] + np.linspace(0, 1, SAMPLES)[:, None] * (q - ends[0][0]), ends[1]])
-        blocked = any(full.touch(among, row) is not None for row in way[:SAMPLES])
+        way = np.concatenate([back, up])
+        blocked = any(full.touch(among, row) is not None for row in back)
         out.append((blocked, _swept(cell, rig, way, voxels, unseen)))
     return out
+
+
+def _straight(cell: Workcell, q: Array, T_world_hand: Array, by: Array, steps: int) -> Array | None:
+    """Configurations (steps + 1, A) that carry the hand from T_world_hand, where q (A,) puts it, straight by a vector (3,); or None."""
+    hand, T, way = cell.hand, T_world_hand.copy(), [q]
+    for k in range(1, steps + 1):
+        T[:3, 3] = T_world_hand[:3, 3] + k / steps * by
+        row = way[-1].copy()
+        if not descend(hand.chain, hand.T_frame_hand, T, row, hand.frames, hand.work, 30) or np.abs(row - way[-1]).max() > LARGEST_TURN:
+            return None
+        way.append(row)
+    return np.array(way)
 
 
 def _swept(cell: Workcell, rig: Rig, way: Array, voxels: Voxels, unseen: Int) -> NDArray[np.intp]:

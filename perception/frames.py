@@ -3,7 +3,8 @@
 The layout is that of the BOP benchmark's scenes (Hodaň et al., "BOP: Benchmark for 6D object pose estimation", 2018; bop_toolkit,
 docs/bop_datasets_format.md): FOLDER/000000/ holds scene_camera.json (cam_K, depth_scale, cam_R_w2c, cam_t_w2c in mm, by image number),
 depth/000000.png (16 bits; times depth_scale it is mm), mask_visib/000000_000000.png (image, object) and scene_gt.json (obj_id, by image).
-Ours say the object's `name` in scene_gt.json as well, and mark the robot's own pixels in mask_robot/000000.png.
+Ours say the object's `name` in scene_gt.json as well, mark the robot's own pixels in mask_robot/000000.png, and say in scene_camera.json
+how the robot stood: `robot_q`, a number for every actuated joint.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ class Frame:
 
     depth (H, W): z in metres, 0 where nothing was measured. instance (H, W): which object a pixel shows, -1 for none; None when nobody has
     told objects apart. names: the object that an instance number means. T_world_camera (4, 4): see `perception.camera` for the axes.
-    arm (H, W): pixels of the robot itself; None when there are none.
+    arm (H, W): pixels of the robot itself; None when nobody has marked them. q (J,): how the robot stood, its actuated joints; None when
+    nobody has written that down.
     """
 
     depth: Depth
@@ -56,6 +58,7 @@ class Frame:
     intrinsics: Intrinsics
     T_world_camera: Array
     arm: NDArray[np.bool_] | None = None
+    q: Array | None = None
 
 
 # Writing --------------------------------------------------------------------------------------------------------------------------------
@@ -82,6 +85,7 @@ def write_frames(folder: Path, frames: Sequence[Frame], *, scene: int = 0) -> Pa
             "depth_scale": scale,
             "cam_R_w2c": T[:3, :3].ravel().tolist(),
             "cam_t_w2c": (1e3 * T[:3, 3]).tolist(),
+            **({} if frame.q is None else {"robot_q": frame.q.tolist()}),
         }
         if frame.instance is not None:
             objects[str(i)] = [{"obj_id": k + 1, "name": name} for k, name in enumerate(frame.names)]
@@ -207,8 +211,9 @@ def _frame(home: Path, image: int, camera: Any, objects: Any, masks: bool) -> Fr
     instance, names = _instances(home, image, objects, depth.shape) if masks else (None, ())
     robot = home / "mask_robot" / f"{image:06d}.png"
     arm = _image(robot, depth.shape) > 0 if robot.is_file() else None
+    q = _numbers(camera, "robot_q", None, where) if camera.get("robot_q") is not None else None
     metres = (depth * (scale * 1e-3)).astype(np.float32)
-    return Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm)
+    return Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm, q)
 
 
 def _instances(home: Path, image: int, objects: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
@@ -247,7 +252,8 @@ def _json(file: Path) -> dict[str, Any]:
     return value
 
 
-def _numbers(entry: dict[str, Any], name: str, count: int, where: str) -> Array:
+def _numbers(entry: dict[str, Any], name: str, count: int | None, where: str) -> Array:
+    """So many finite numbers of an entry; of a list of any length, when no count is given."""
     if name not in entry:
         pose = " (the camera's pose is needed, as world to camera, in millimetres)" if name.endswith("w2c") else ""
         raise ValueError(f"{where}: {name} is missing{pose}")
@@ -255,8 +261,9 @@ def _numbers(entry: dict[str, Any], name: str, count: int, where: str) -> Array:
         values = np.atleast_1d(np.array(entry[name], float)).ravel()
     except (TypeError, ValueError):
         values = np.zeros(0)
-    if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(f"{where}: {name} is not {count} finite number{'s' if count > 1 else ''}")
+    if len(values) != (count or len(values) or 1) or not np.isfinite(values).all():
+        what = "a list of finite numbers" if count is None else f"{count} finite number{'s' if count > 1 else ''}"
+        raise ValueError(f"{where}: {name} is not {what}")
     return values
 
 

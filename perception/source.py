@@ -5,7 +5,8 @@ A real camera takes its place by being such a function: it takes a picture, and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -53,7 +54,7 @@ def synthetic_camera(
             depth = noise.apply(depth, rng)
         depth = np.where((depth < RANGE_M[0]) | (depth > RANGE_M[1]), np.float32(0), depth)
         instance = np.where((instance >= 0) & ~arm & (depth > 0), instance, -1).astype(np.int32)
-        return Frame(depth, instance, names, intrinsics, T_world_camera, arm)
+        return Frame(depth, instance, names, intrinsics, T_world_camera, arm, q)
 
     return look
 
@@ -80,6 +81,21 @@ def robot_pixels(robot: Robot, T_world_base: Array, q: Array, frame: Frame) -> N
     grown[:, 1:] |= hit[:, :-1]
     grown[:, :-1] |= hit[:, 1:]
     return grown
+
+
+def marked(robot: Robot, T_world_base: Array, frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """The frames with the robot's own pixels marked, where nobody has marked them and it is known how the robot stood.
+
+    Raises: ValueError when a frame's q is not of this robot.
+    """
+    out = []
+    for i, frame in enumerate(frames):
+        if frame.q is not None and len(frame.q) != len(robot.joint_names):
+            raise ValueError(f"frame {i}: robot_q has {len(frame.q)} numbers, {robot.name} has {len(robot.joint_names)} actuated joints")
+        if frame.arm is None and frame.q is not None:
+            frame = replace(frame, arm=robot_pixels(robot, T_world_base, frame.q, frame))
+        out.append(frame)
+    return tuple(out)
 
 
 @lru_cache(maxsize=8)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -30,6 +31,7 @@ FIRST = Limits(0.99, 0.001, 10)
 AGAIN = Limits(1.0, 0.0004, 5, 0.001)  # after a move: what was hidden behind the object
 HARDER = Limits(1.0, 0.0004, 3, 0.0)  # when nothing works with what is known: the current view, and two of what is in the way
 PATIENCE = 4  # so often in a row
+MOST_HIDDEN = 2  # objects to be moved that a look is aimed at, besides the target
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
 
 
@@ -121,13 +123,14 @@ def retrieve_unseen(
         with moving:
             looked = mind.look(world, limits, focus, on_step)
         way += looked.motions
-        taken = _try_target(mind, looked, iterations, time_budget_s, rng, moving)
+        with moving:
+            motions, state = _ready(mind, iterations, time_budget_s)
+            taken = _try_target(mind, looked, motions, state, rng)
         if not isinstance(taken, Blocked):
             way += world.move(taken)[0]
             break
-        motions, state = _ready(mind, iterations, time_budget_s, moving)
         moved = False
-        hidden: dict[str, int] = {}  # objects that can't be moved for what was not seen, in the order of the policy
+        tried = len(moves)
         if steps < max_moves and mind.belief.body(truth.target) is not None:
             seen = observation(mind.blank, mind.q, mind.belief)
             for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
@@ -136,8 +139,6 @@ def retrieve_unseen(
                 T_from = world.poses[object_name]
                 if isinstance(done, Blocked):
                     failed.add((object_name, region))
-                    if (done.body or "").startswith(HIDDEN):
-                        hidden[object_name] = hidden.get(object_name, 0) + 1
                     moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
                     continue
                 on_step(f"moved {object_name} to region {region}")
@@ -154,7 +155,7 @@ def retrieve_unseen(
                 focus = wanted(mind.blank, mind.robot, mind.belief)
             continue
         with moving:
-            before, focus = focus, wanted(mind.blank, mind.robot, mind.belief, list(hidden)[:2])
+            before, focus = focus, wanted(mind.blank, mind.robot, mind.belief, _hidden(motions, state, moves[tried:]))
         if patience == 0 or not focus.any() or (before is not None and np.array_equal(before > 0, focus > 0)):
             break  # the last look has not shown any of what it was to show
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
@@ -171,25 +172,29 @@ def retrieve_unseen(
     )  # fmt: skip
 
 
-def _ready(mind: _Mind, iterations: int, time_budget_s: float | None, moving: Stopwatch) -> tuple[Motions, State]:
+def _ready(mind: _Mind, iterations: int, time_budget_s: float | None) -> tuple[Motions, State]:
     """Motion planning for what is believed now."""
-    with moving:
-        bodies = mind.belief.bodies
-        scene = replace(mind.blank, objects=bodies)
-        motions = Motions(
-            mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen(mind.voxels, bodies, blocks=1)
-        )  # fmt: skip
-        return motions, State(mind.q, scene.poses())
+    bodies = mind.belief.bodies
+    scene, walls = replace(mind.blank, objects=bodies), unseen(mind.voxels, bodies, blocks=1)
+    motions = Motions(mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls)
+    return motions, State(mind.q, scene.poses())
 
 
-def _try_target(
-    mind: _Mind, looked: Looked, iterations: int, time_budget_s: float | None, rng: np.random.Generator, moving: Stopwatch
-) -> tuple[Motion, ...] | Blocked:
+def _try_target(mind: _Mind, looked: Looked, motions: Motions, state: State, rng: np.random.Generator) -> tuple[Motion, ...] | Blocked:
     """The motions that take the target out, or why there are none."""
     target = mind.blank.target
     if mind.belief.body(target) is None:
         return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
-    motions, state = _ready(mind, iterations, time_budget_s, moving)
-    with moving:
-        taken = motions.retrieve_target(state, rng)
+    taken = motions.retrieve_target(state, rng)
     return taken if isinstance(taken, Blocked) else taken.motions
+
+
+def _hidden(motions: Motions, state: State, failed: Sequence[Move]) -> list[str]:
+    """At most two objects that can't be moved for what was not seen: those tried, else those out of reach, nearest to x_g first."""
+    tried = [m.object for m in failed if m.reason is not None and (m.reason.body or "").startswith(HIDDEN)]
+    if tried:
+        return list(dict.fromkeys(tried))[:MOST_HIDDEN]
+    at = motions.scene.grasp.T_world_hand[:2, 3]
+    near = sorted(state.poses, key=lambda name: float(np.linalg.norm(state.poses[name][:2, 3] - at)))
+    others = ((name, *motions.picks(state, name)) for name in near if name != motions.scene.target)
+    return list(islice((n for n, picks, why in others if not picks and (why.body or "").startswith(HIDDEN)), MOST_HIDDEN))

@@ -45,6 +45,7 @@ def run(
     from kinematics.robot import from_ref
     from perception.belief import believe, observation
     from perception.frames import read_frames, write_frames, write_ply
+    from perception.source import marked
     from planning.sensing import Limits
 
     choose("way to tell objects apart (--by)", by, BY)
@@ -59,7 +60,8 @@ def run(
                     rng = np.random.default_rng([seed, STAGE, index])
                     frames, voxels, reason = look(scene, arm, Limits(share=share, views=max_views), noise, rng)
                 else:
-                    frames = read_frames(from_views, scene=None if _is_one(from_views) else index)
+                    recorded = read_frames(from_views, scene=None if _is_one(from_views) else index)
+                    frames = marked(arm, scene.robot.T_world_base, recorded)
                     voxels, reason = fuse(blank, frames, noise), f"{len(frames)} recorded views"
                 belief = believe(blank, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)
                 if views is not None:

@@ -35,7 +35,7 @@ def frames() -> tuple[Frame, ...]:
         view = raycast(world, pose, CAMERA)
         arm = np.zeros(view.depth.shape, bool)
         arm[-5:] = True
-        out.append(Frame(view.depth, view.instance, NAMES, CAMERA, pose, arm if i else None))
+        out.append(Frame(view.depth, view.instance, NAMES, CAMERA, pose, arm if i else None, np.array([0.1, -2.0, 0.3]) if i else None))
     return tuple(out)
 
 
@@ -54,6 +54,8 @@ def test_frames_come_back_as_they_were(frames: tuple[Frame, ...], tmp_path: Path
             assert np.allclose(a.T_world_camera, b.T_world_camera, atol=1e-9)
             assert (a.arm is None) == (b.arm is None)
             assert a.arm is None or np.array_equal(a.arm, b.arm)
+            assert (a.q is None) == (b.q is None)
+            assert a.q is None or np.array_equal(a.q, b.q)
 
 
 def test_the_layout_is_the_one_that_bop_describes(frames: tuple[Frame, ...], tmp_path: Path) -> None:

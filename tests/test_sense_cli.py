@@ -46,6 +46,35 @@ def test_what_is_observed_is_written_and_recorded_views_give_the_same(scenes: Pa
     assert {o["name"] for o in again["objects"]} == {o["name"] for o in seen["objects"]}
 
 
+def test_the_robot_is_found_in_its_own_pictures_by_how_it_stood(scenes: Path, tmp_path: Path) -> None:
+    def box_sizes(document: dict[str, object]) -> dict[str, list[float]]:
+        seen = document["observation"]
+        assert isinstance(seen, dict)
+        return {o["name"]: o["box"][3:] for o in seen["objects"]}
+
+    views = tmp_path / "views"
+    first = sensed(scenes, tmp_path / "a.jsonl", views=views)
+    marks = list((views / "000000" / "mask_robot").glob("*.png"))
+    assert marks
+    for mark in marks:
+        mark.unlink()
+    again = sensed(scenes, tmp_path / "b.jsonl", from_views=views)
+    seen, found = first["observation"], again["observation"]
+    assert isinstance(seen, dict)
+    assert isinstance(found, dict)
+    assert abs(found["known"] - seen["known"]) < 0.03
+    for name, size in box_sizes(first).items():
+        assert box_sizes(again)[name] == pytest.approx(size, abs=0.02)
+    cameras = views / "000000" / "scene_camera.json"
+    whole = cameras.read_text()
+    cameras.write_text(whole.replace('"robot_q": [', '"robot_q": [0.5, '))
+    with pytest.raises(InputError, match=r"robot_q has .* actuated joints"):
+        sensed(scenes, tmp_path / "c.jsonl", from_views=views)
+    cameras.write_text(whole.replace('"robot_q": [', '"robot_q": ["x", '))
+    with pytest.raises(InputError, match="robot_q is not a list of finite numbers"):
+        sensed(scenes, tmp_path / "c.jsonl", from_views=views)
+
+
 def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
     for text in ("1,2,3", "a,b,c,d,e,f", "0,0,0,1,1,-1", "0,0,0,1,1,nan"):
         with pytest.raises(InputError, match="six numbers"):

@@ -299,8 +299,11 @@ def train(
 def plan(
     scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; stdin if left out or -.", metavar="SCENES")] = None,
     policy: Annotated[
-        str, typer.Option("--policy", help="Who chooses objects and regions: random, local, neural, …", metavar="NAME")
-    ] = "local",
+        str | None,
+        typer.Option(
+            "--policy", help="Who chooses objects and regions: neural (where networks ship, the default), local, …", metavar="NAME"
+        ),
+    ] = None,
     rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
     seed: Seed = 0,
     iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,

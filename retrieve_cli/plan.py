@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ STAGE = 4  # this stage's word in the seeds of random generators
 class Job:
     """How to plan: what a worker needs besides the scene."""
 
-    policy: str
+    policy: str | None  # None: the networks where the robot has some, else the local baseline
     rule: str
     seed: int
     iterations: int | None
@@ -48,7 +48,7 @@ class Item:
 def run(
     *,
     scenes: Path | None,
-    policy: str,
+    policy: str | None,
     rule: str,
     seed: int,
     iterations: int | None,
@@ -71,8 +71,9 @@ def run(
     from planning.learning.model import once_loaded
     from planning.policies import NETWORKS, POLICIES
 
-    choose("policy", policy, POLICIES)
-    if model is not None and policy not in NETWORKS:
+    if policy is not None:
+        choose("policy", policy, POLICIES)
+    if model is not None and policy is not None and policy not in NETWORKS:
         raise InputError(f"plan: --model: the policy {policy} asks no network; {', '.join(NETWORKS)} do")
     if model is not None:
         with blame("plan: --model"):
@@ -128,9 +129,10 @@ def plan_scene(job: Job, item: Item) -> Plan:
         arm = from_ref(item.scene.robot, on_step=say)
         motions = Motions(arm, item.scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
         motions.start()
-        policy = make_policy(job.policy, motions, model=once_loaded(job.model) if job.model else None)
+        name = job.policy or _default_policy(arm.name, job.model)
+        policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None)
     rng = np.random.default_rng([job.seed, STAGE, item.index])
-    return retrieve(item.scene, policy, motions, name=job.policy, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
+    return retrieve(item.scene, policy, motions, name=name, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
 
 
 def sense_and_plan(job: Job, item: Item) -> Plan:
@@ -147,17 +149,33 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
 
     with blame(item.where):
         arm = from_ref(item.scene.robot, on_step=say)
+        name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
         return retrieve_unseen(
             Simulated(arm, item.scene, item.scene.poses(), DepthNoise() if job.noise else None),
-            lambda motions: make_policy(job.policy, motions, model=model),
-            name=job.policy,
+            lambda motions: make_policy(name, motions, model=model),
+            name=name,
             rule=Rule(job.rule),
             max_moves=job.max_moves,
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
             rng=np.random.default_rng([job.seed, STAGE, item.index]),
         )
+
+
+def _default_policy(robot: str, model: str | None) -> str:
+    """The policy when none is asked for: the networks, or for a robot without them the local baseline, which is said."""
+    from planning.learning.model import ships
+
+    if model is not None or ships(robot):
+        return "neural"
+    _say_once(
+        f"no networks ship for the robot {robot}: planning with --policy local (networks of your own: retrieve label, retrieve train)"
+    )
+    return "local"
+
+
+_say_once = lru_cache(say)
 
 
 def _override(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:

@@ -160,9 +160,14 @@ def once_loaded(folder: str) -> Model:
     return from_pretrained(folder)
 
 
+def ships(robot: str) -> bool:
+    """Whether networks ship for a named robot."""
+    return (WEIGHTS / robot / "config.json").is_file()
+
+
 def shipped(robot: str) -> Model:
     """The model that ships for a named robot. Raises ValueError, saying what to do instead, when there is none."""
-    if not (WEIGHTS / robot / "config.json").is_file():
+    if not ships(robot):
         have = sorted(p.name for p in WEIGHTS.iterdir() if (p / "config.json").is_file()) if WEIGHTS.is_dir() else []
         raise ValueError(
             f"no networks ship for the robot {robot} ({'only for ' + ', '.join(have) if have else 'nor for any other'}): name a model of "

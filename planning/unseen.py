@@ -30,6 +30,7 @@ from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, skin, u
 FIRST = Limits(0.99, 0.001, 10)
 AGAIN = Limits(1.0, 0.0004, 5, 0.001)  # after a move: what was hidden behind the object
 HARDER = Limits(1.0, 0.0004, 3, 0.0)  # when nothing works with what is known: the current view, and two of what is in the way
+ONCE = Limits(1.0, 1.0, 1)
 PATIENCE = 4  # so often in a row
 MOST_HIDDEN = 2  # objects to be moved that a look is aimed at, besides the target
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
@@ -157,7 +158,12 @@ def retrieve_unseen(
         with moving:
             before, focus = focus, wanted(mind.blank, mind.robot, mind.belief, _hidden(motions, state, moves[tried:]))
         if patience == 0 or not focus.any() or (before is not None and np.array_equal(before > 0, focus > 0)):
-            break  # the last look has not shown any of what it was to show
+            # the last look has not shown any of what it was to show
+            steps += 1
+            if rule is Rule.DEEP or steps >= max_moves:
+                break
+            limits, focus = ONCE, None  # the step is lost; the policy may have something else to propose
+            continue
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
         failed.clear()
     success, reason, verified = not isinstance(taken, Blocked), taken if isinstance(taken, Blocked) else None, True

@@ -39,8 +39,8 @@ def solver(robot: Robot) -> Solver:
 
 
 def test_seeds_are_hand_poses(solver: Solver) -> None:
-    for q, T in zip(solver.seeds.q[:20], solver.seeds.T):
-        np.testing.assert_allclose(T, solver.hand(q), atol=1e-9)
+    for q, rows in zip(solver.seeds.q[:20], solver.seeds.T.T):
+        np.testing.assert_allclose(rows.reshape(3, 4), solver.hand(q)[:3], atol=1e-6)  # float32
 
 
 def test_solutions_close_within_limits_and_are_distinct(solver: Solver) -> None:

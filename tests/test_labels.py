@@ -308,7 +308,7 @@ def test_a_spoilt_shard_is_written_anew(quick: Quick, tmp_path: Path) -> None:
     [
         (["-n", "5", "--seed", "1"], "holds labels made otherwise: seed was 0, and is 1 now; name a new folder"),
         (["-n", "6"], "scenes was 5, and is 6 now"),
-        (["-n", "5", "--paths", "3"], "paths was 32, and is 3 now"),
+        (["-n", "5", "--paths", "3"], "paths was 16, and is 3 now"),
         (["-n", "5", "--no-vary"], "source was {"),
         (["-n", "5", "--spec", "shelf"], "source was {"),
     ],

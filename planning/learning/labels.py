@@ -22,7 +22,7 @@ from planning.learning.swept import arm_balls, footprint, lowest, make_floor, me
 from planning.motion.pick_place import MAX_TRIES, Motions
 from planning.plan import Blocked
 
-ITERATIONS = 500  # of the searches in the emptied cabinet: those that succeed need a few dozen
+ITERATIONS = 1500  # of a search in the emptied cabinet
 PATHS = 16
 NOT_ASKED = 255
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from planning.plan import Plan
     from retrieve_cli.picture import Film
 
-ROBOT, SPEC, POLICY = "ur5e", "paper", "local"
+ROBOT, SPEC, POLICY = "ur5e", "paper", "neural"
 LOOKS, MOST_LOOKS = 24, 60
 """Scenes that are tried for one in which two different objects must move; and for one with any move at all."""
 CALM_M = 1.5
@@ -94,7 +94,7 @@ def _through(file: Path, scene: Scene) -> Scene:
 
 
 def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:
-    """Just what `retrieve plan --policy local` does with the scene alone in its file."""
+    """Just what `retrieve plan` does with the scene alone in its file."""
     import numpy as np
 
     from planning.motion.pick_place import Motions

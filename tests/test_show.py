@@ -264,7 +264,7 @@ def test_demo_tells_its_story(demo: tuple[Path, str], film: Film) -> None:
 
 def test_demo_can_be_planned_again(demo: tuple[Path, str], film: Film, retrieve: Call, tmp_path: Path) -> None:
     again = tmp_path / "again.jsonl"
-    assert retrieve("plan", demo[0] / "scene.jsonl", "--policy", "local", "--seed", 0, "-o", again)[0] == 0
+    assert retrieve("plan", demo[0] / "scene.jsonl", "--seed", 0, "-o", again)[0] == 0
     plan = next(read_plans(again))[1]
     assert film.plan is not None
     assert [m.q.tolist() for m in plan.motions] == [m.q.tolist() for m in film.plan.motions]

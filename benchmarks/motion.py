@@ -36,7 +36,7 @@ from kinematics.scene import Held, RobotRef, Scene, State
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, apply, inverse, transform
 from planning.grasps import UP, open_width
-from planning.motion.pick_place import APPROACH_M, LIFT_M
+from planning.motion.reaching import APPROACH_M, LIFT_M
 from planning.motion.rrt_connect import plan
 from planning.motion.shortcut import shorten
 from planning.motion.verify import hand_poses, verify

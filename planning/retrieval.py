@@ -123,17 +123,32 @@ def retrieve(
             break
         if why is not None and rule is Rule.DEEP:
             break  # everything that the policy has was tried in this state: another round would be the same
-    success = not isinstance(taken, Blocked)
-    reason = taken if isinstance(taken, Blocked) else None
-    verified = True
+    why = taken if isinstance(taken, Blocked) else None
+    return conclude(motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+
+
+def conclude(
+    robot: Robot,
+    scene: Scene,
+    reason: Blocked | None,
+    moves: Sequence[Move],
+    way: Sequence[Motion],
+    *,
+    name: str,
+    rule: Rule,
+    thinking: Stopwatch,
+    moving: Stopwatch,
+) -> Plan:
+    """The plan that a loop ends with, after the final check. reason: why the target could not be taken, None when it was."""
+    success, verified = reason is None, True
     if way:
         with moving:
-            found = verify(motions.robot, scene, way)
+            found = verify(robot, scene, way)
         if found is not None:
             success, reason, verified = False, found, False
     return Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        hand_travel(motions.robot, scene, way), objective(scene, moves, success), verified,
+        hand_travel(robot, scene, way), objective(scene, moves, success), verified,
     )  # fmt: skip
 
 

@@ -22,9 +22,9 @@ from perception.source import Camera, synthetic_camera
 from perception.voxels import FREE, UNKNOWN, unknown_voxels
 from planning.focus import wanted
 from planning.motion.pick_place import ITERATIONS, Motions
-from planning.motion.verify import hand_poses, verify
+from planning.motion.verify import hand_poses
 from planning.plan import Blocked, Motion, Move, Plan
-from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, hand_travel, objective, proposals
+from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
 from planning.sensing import BODY_MARGIN_M, Limits, Looked, look_around, skin, unseen
 
 FIRST = Limits(0.99, 0.001, 10)
@@ -166,16 +166,8 @@ def retrieve_unseen(
             continue
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
         failed.clear()
-    success, reason, verified = not isinstance(taken, Blocked), taken if isinstance(taken, Blocked) else None, True
-    if way:
-        with moving:
-            found = verify(world.robot, truth, way)
-        if found is not None:
-            success, reason, verified = False, found, False
-    return Plan(
-        truth.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        hand_travel(world.robot, truth, way), objective(truth, moves, success), verified,
-    )  # fmt: skip
+    why = taken if isinstance(taken, Blocked) else None
+    return conclude(world.robot, truth, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
 
 
 def _ready(mind: _Mind, iterations: int, time_budget_s: float | None) -> tuple[Motions, State]:

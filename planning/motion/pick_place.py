@@ -24,7 +24,7 @@ from planning.grasps import open_width, sample_grasps
 from planning.motion import reaching
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.timing import time_stamps
-from planning.motion.workcell import Situation, Touch, Workcell, tasks_of
+from planning.motion.workcell import Situation, Workcell, tasks_of
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
@@ -347,7 +347,7 @@ class Motions:
         if pick not in known:
             for value in np.linspace(gripper, pick.gripper_open, 4)[1:]:
                 if touch := self.cell.touch(self.cell.problem(state.poses, float(value)), q):
-                    known[pick] = _blocked("transit", touch)
+                    known[pick] = Blocked("transit", touch.link, touch.body, detail=touch.detail)
                     break
             else:
                 moving = self.cell.problem(state.poses, pick.gripper_open)
@@ -452,10 +452,6 @@ _PLACING = {
     reaching.FINGERS: "release", reaching.BACKWARDS: "retreat",
 }  # fmt: skip
 """What the compiled core's codes are called in a plan."""
-
-
-def _blocked(stage: str, touch: Touch) -> Blocked:
-    return Blocked(stage, touch.link, touch.body, detail=touch.detail)
 
 
 def _standing(shape: Shape, R: Array, centre: Array) -> Array:

@@ -217,6 +217,17 @@ def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
     return -1
 
 
+@inner
+def frame_contact(problem: Problem, frame: int, T: Array, scratch: Scratch) -> int:
+    """As `first_contact`, but of what one frame of the chain carries against the solids alone, the frame being at T (4, 4)."""
+    copy_rows(T, scratch.poses[frame])
+    frames = problem.chain.q_index.shape[0] + 1
+    for n in range(problem.pairs.shape[0]):
+        if problem.pairs[n, 2] == frame and problem.pairs[n, 3] >= frames and _near(problem, scratch, n, problem.margin_m):
+            return n
+    return -1
+
+
 @bare
 def first_in_contact(problem: Problem, Q: Array, scratch: Scratch) -> int:
     """The index of the first of configurations Q (N, J) at which something touches, -1 when nothing ever does."""

@@ -26,10 +26,12 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from kinematics import cache
-from kinematics.shapes import CYLINDER_SIDES, box_corners, prism
+from kinematics.compiling import inner
+from kinematics.shapes import CYLINDER_SIDES, box_corners
 from kinematics.transforms import Array, apply
 
 Int = NDArray[np.int64]
+Bits = NDArray[np.uint64]
 COARSE_M, FINE_M = 0.020, 0.005
 OnStep = Callable[[str], None]
 
@@ -39,6 +41,7 @@ _ROUNDING_M = 1e-9  # balls are this much smaller in proofs: qhull's planes and 
 _GAMMAS = (0.08, 0.25, 0.5, 0.75, 1.0)
 _CANDIDATES = 900  # surface points that candidate balls are made from
 _GAPS = 250  # counterexamples a round
+_DEEPEST = 400  # tetrahedra that wait in the bisection, at most
 _FRESH_ROUNDS = 10  # so often the set cover starts afresh with the new samples; later rounds only add to it
 
 
@@ -143,15 +146,21 @@ def moved(balls: Levels, T: Array) -> Levels:
 @lru_cache(maxsize=256)
 def box_levels(size_m: tuple[float, float, float], coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
     """Levels of a cuboid about the origin with edges size_m along x, y, z. A millisecond or two; kept in memory."""
-    fan = _hull(box_corners(np.array(size_m, float) / 2)).fan
-    return _grid_levels(fan, box_cover(size_m, coarse_m), box_cover(size_m, fine_m))
+    a, b = _by_size(box_cover(size_m, coarse_m)), box_cover(size_m, fine_m)
+    half = np.array(size_m, float) / 2
+    octant = _hull(box_corners(half / 2) + half / 2).fan
+    linked = _links(octant, a.centres, a.radii - _ROUNDING_M, b.centres, b.radii - _ROUNDING_M) > 0
+    for axis in range(3):  # the balls of one octant are mirrored to the others, and so are their links
+        linked |= linked[np.ix_(_twins(a.centres, axis), _twins(b.centres, axis))]
+    return Levels(a, b, *_csr(linked))
 
 
 @lru_cache(maxsize=256)
 def cylinder_levels(radius_m: float, height_m: float, coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
     """Levels of a cylinder about z through the origin. A millisecond or two; kept in memory."""
-    fan = _hull(prism(radius_m, height_m)).fan
-    return _grid_levels(fan, cylinder_cover(radius_m, height_m, coarse_m), cylinder_cover(radius_m, height_m, fine_m))
+    a, b = _by_size(cylinder_cover(radius_m, height_m, coarse_m)), cylinder_cover(radius_m, height_m, fine_m)
+    far = np.linalg.norm(a.centres[:, None] - b.centres, axis=2)
+    return Levels(a, b, *_csr(far <= a.radii[:, None] + b.radii))  # every point's coarse ball meets its fine one
 
 
 # The hull and its samples
@@ -246,20 +255,23 @@ def _set_cover(centres: Array, radii: Array, samples: Array, fixed: Int) -> Int:
     """Indices of balls that hold every sample that some ball holds, the fixed ones among them."""
     n_balls, n = radii.shape[0], samples.shape[0]
     x, y, z = samples[:, 0].copy(), samples[:, 1].copy(), samples[:, 2].copy()
-    holds = np.empty((n_balls, n), np.uint8)
+    holds, some = np.zeros((n_balls, n // 64 + 1), np.uint64), np.empty(n, np.bool_)
     for i in range(n_balls):
         a, b, c, rr = centres[i, 0], centres[i, 1], centres[i, 2], radii[i] * radii[i]
         for s in range(n):
-            holds[i, s] = 1 if (x[s] - a) * (x[s] - a) + (y[s] - b) * (y[s] - b) + (z[s] - c) * (z[s] - c) <= rr else 0
-    return _weighted(holds, np.ones(n_balls), fixed)[0]
+            some[s] = (x[s] - a) * (x[s] - a) + (y[s] - b) * (y[s] - b) + (z[s] - c) * (z[s] - c) <= rr
+        for s in range(n):
+            if some[s]:
+                holds[i, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
+    return _weighted(holds, n, np.ones(n_balls), fixed)[0]
 
 
 @njit(cache=True, nogil=True)
-def _weighted(holds: NDArray[np.uint8], weights: Array, fixed: Int) -> tuple[Int, int]:
-    """Greedy weighted set cover of the columns of holds (balls, columns), the fixed rows first, less the rows that nobody needs; and
-    how many columns no row holds. A row's gain only ever falls, so only rows that might still win are counted again."""
-    n_balls, n = holds.shape
-    bare = np.ones(n, np.uint8)
+def _weighted(holds: Bits, n: int, weights: Array, fixed: Int) -> tuple[Int, int]:
+    """Greedy weighted set cover of the n columns of holds (balls, words of 64 columns), the fixed rows first, less the rows that nobody
+    needs; and how many columns no row holds. A row's gain only ever falls, so only rows that might still win are counted again."""
+    n_balls, n_words = holds.shape
+    bare = np.full(n_words, np.uint64(0xFFFFFFFFFFFFFFFF), np.uint64)
     gain = np.empty(n_balls, np.int64)
     for i in range(n_balls):
         gain[i] = _common(holds[i], bare)
@@ -283,38 +295,48 @@ def _weighted(holds: NDArray[np.uint8], weights: Array, fixed: Int) -> tuple[Int
         chosen[m] = best
         m += 1
         left -= _common(holds[best], bare)
-        for s in range(n):
-            bare[s] &= 1 - holds[best, s]
-    times = np.zeros(n, np.int64)
+        for s in range(n_words):
+            bare[s] &= ~holds[best, s]
+    later = np.zeros((m + 1, n_words), np.uint64)  # what the rows from t on hold
+    for t in range(m - 1, -1, -1):
+        for s in range(n_words):
+            later[t, s] = later[t + 1, s] | holds[chosen[t], s]
+    held, kept = np.zeros(n_words, np.uint64), 0
     for t in range(m):
-        times += holds[chosen[t]]
-    kept = 0
-    for t in range(m):
-        if np.any((times == 1) & (holds[chosen[t]] == 1)):
+        needed = False
+        for s in range(n_words):
+            needed = needed or holds[chosen[t], s] & ~(held[s] | later[t + 1, s]) != 0
+        if needed:
+            for s in range(n_words):
+                held[s] |= holds[chosen[t], s]
             chosen[kept] = chosen[t]
             kept += 1
-        else:
-            times -= holds[chosen[t]]
     return chosen[:kept].copy(), left
 
 
-@njit(cache=True, nogil=True)
-def _common(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> int:
-    n = np.int32(0)
+@inner
+def _common(a: Bits, b: Bits) -> int:
+    """How many bits two rows have in common."""
+    ones, twos, fours = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333), np.uint64(0x0F0F0F0F0F0F0F0F)
+    n = np.uint64(0)
     for s in range(a.shape[0]):
-        n += np.int32(a[s] & b[s])
+        x = a[s] & b[s]
+        x -= (x >> np.uint64(1)) & ones
+        x = (x & twos) + ((x >> np.uint64(2)) & twos)
+        x = (x + (x >> np.uint64(4))) & fours
+        n += (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
     return int(n)
 
 
 # The proof
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _holds(c: Array, rr: float, x: float, y: float, z: float) -> bool:
     return bool((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2 <= rr)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _one_ball(T: Array, centres: Array, rr: Array, n: int, first: int) -> int:
     """One of the first n balls that holds the tetrahedron T (4, 3), or -1. `first` is tried first: neighbours often share it."""
     for k in range(n):
@@ -331,7 +353,7 @@ def _one_ball(T: Array, centres: Array, rr: Array, n: int, first: int) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _longest(T: Array) -> tuple[int, int, float]:
     a, b, best = 0, 1, -1.0
     for i in range(4):
@@ -342,7 +364,7 @@ def _longest(T: Array) -> tuple[int, int, float]:
     return a, b, best
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _split(stack: Array, top: int, a: int, b: int) -> None:
     """Replace the tetrahedron stack[top] by its halves, at top and top + 1."""
     for r in range(3):
@@ -362,7 +384,7 @@ def _counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, 
     """
     found = np.empty((most, 3))
     n = 0
-    stack = np.empty((400, 4, 3))
+    stack = np.empty((_DEEPEST, 4, 3))
     near, rr = np.empty_like(centres), np.empty_like(radii)
     for root in range(fan.shape[0]):
         if not open_[root]:
@@ -413,7 +435,7 @@ def _nearby(T: Array, centres: Array, radii: Array, near: Array, rr: Array) -> i
     return n
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _in_some(p: Array, centres: Array, rr: Array, n: int) -> bool:
     for i in range(n):  # noqa: SIM110
         if _holds(centres[i], rr[i], p[0], p[1], p[2]):
@@ -424,42 +446,76 @@ def _in_some(p: Array, centres: Array, rr: Array, n: int) -> bool:
 @njit(cache=True, nogil=True)
 def _links(fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array) -> NDArray[np.uint8]:
     """Which coarse ball lists which fine ball (C, F): the same bisection, until a leaf lies in one of each; pairs at hand are preferred."""
-    a_rr, b_rr = coarse_r * coarse_r, fine_r * fine_r
-    linked = np.zeros((a_rr.shape[0], b_rr.shape[0]), np.uint8)
-    stack = np.empty((400, 4, 3))
-    in_a = np.empty(a_rr.shape[0], np.int64)
+    A, B = coarse_r.shape[0], fine_r.shape[0]
+    linked = np.zeros((A, B), np.uint8)
+    stack, near_a, near_b = np.empty((_DEEPEST, 4, 3)), np.empty((_DEEPEST, A), np.int64), np.empty((_DEEPEST, B), np.int64)
+    many, in_a, all_ = np.zeros((2, _DEEPEST), np.int64), np.empty(A, np.int64), np.arange(max(A, B))
     for root in range(fan.shape[0]):
         stack[0] = fan[root]
-        top = 0
-        while top >= 0:
-            T = stack[top]
-            n_a = 0
-            for i in range(a_rr.shape[0]):
-                if _all_in(T, coarse[i], a_rr[i]):
-                    in_a[n_a] = i
-                    n_a += 1
-            fresh_a, fresh_b, known = -1, -1, False
-            if n_a > 0:
-                for j in range(b_rr.shape[0]):
-                    if _all_in(T, fine[j], b_rr[j]):
-                        for k in range(n_a):
-                            if linked[in_a[k], j]:
-                                known = True
-                        if known:
-                            break
-                        fresh_a, fresh_b = in_a[0], j
-            if known or fresh_b >= 0:
-                if not known:
-                    linked[fresh_a, fresh_b] = 1
-                top -= 1
-                continue
-            a, b, _ = _longest(T)
-            _split(stack, top, a, b)
-            top += 1
+        many[0, 0] = _reaching(stack[0], coarse, coarse_r, all_, A, near_a[0])
+        many[1, 0] = _reaching(stack[0], fine, fine_r, all_, B, near_b[0])
+        _link(stack, coarse, coarse_r, fine, fine_r, near_a, near_b, many, in_a, linked)
     return linked
 
 
-@njit(cache=True, nogil=True)
+@inner
+def _link(
+    stack: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array, near_a: Int, near_b: Int, many: Int, in_a: Int,
+    linked: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """The bisection of stack[0]. Each tetrahedron stack[k] comes with the balls that reach it, the first many[:, k] of near_a[k] and
+    near_b[k]: its halves are reached by no others."""
+    top = 0
+    while top >= 0:
+        T = stack[top]
+        n_a = 0
+        for k in range(many[0, top]):
+            i = near_a[top, k]
+            if _all_in(T, coarse[i], coarse_r[i] * coarse_r[i]):
+                in_a[n_a] = i
+                n_a += 1
+        fresh, known = -1, False
+        if n_a > 0:
+            for m in range(many[1, top]):
+                j = near_b[top, m]
+                if _all_in(T, fine[j], fine_r[j] * fine_r[j]):
+                    for k in range(n_a):
+                        known = known or linked[in_a[k], j] > 0
+                    if known:
+                        break
+                    fresh = j
+        if known or fresh >= 0:
+            if not known:
+                linked[in_a[0], fresh] = 1
+            top -= 1
+            continue
+        a, b, _ = _longest(T)
+        _split(stack, top, a, b)
+        for half in (top + 1, top):
+            many[0, half] = _reaching(stack[half], coarse, coarse_r, near_a[top], many[0, top], near_a[half])
+            many[1, half] = _reaching(stack[half], fine, fine_r, near_b[top], many[1, top], near_b[half])
+        top += 1
+
+
+@inner
+def _reaching(T: Array, centres: Array, radii: Array, some: Int, many: int, out: Int) -> int:
+    """Of some balls, `many` indices, those that reach the ball around a tetrahedron's middle: their indices, and how many."""
+    x = (T[0, 0] + T[1, 0] + T[2, 0] + T[3, 0]) / 4
+    y = (T[0, 1] + T[1, 1] + T[2, 1] + T[3, 1]) / 4
+    z = (T[0, 2] + T[1, 2] + T[2, 2] + T[3, 2]) / 4
+    reach = 0.0
+    for i in range(4):
+        reach = max(reach, np.sqrt((T[i, 0] - x) ** 2 + (T[i, 1] - y) ** 2 + (T[i, 2] - z) ** 2))
+    n = 0
+    for k in range(many):
+        i = some[k]
+        if _holds(centres[i], (radii[i] + reach) ** 2, x, y, z):
+            out[n] = i
+            n += 1
+    return n
+
+
+@inner
 def _all_in(T: Array, c: Array, rr: float) -> bool:
     for i in range(4):  # noqa: SIM110
         if not _holds(c, rr, T[i, 0], T[i, 1], T[i, 2]):
@@ -472,7 +528,7 @@ def _by_size(balls: Cover) -> Cover:
     return Cover(balls.centres[order], balls.radii[order], balls.excess_m)
 
 
-def _csr(linked: NDArray[np.uint8]) -> tuple[Int, Int]:
+def _csr(linked: NDArray[np.uint8] | NDArray[np.bool_]) -> tuple[Int, Int]:
     """Row starts (C + 1,) and column indices of a 0-1 matrix (C, F)."""
     return np.concatenate([[0], np.cumsum(linked.sum(1, dtype=np.int64))]).astype(np.int64), np.nonzero(linked)[1].astype(np.int64)
 
@@ -480,10 +536,13 @@ def _csr(linked: NDArray[np.uint8]) -> tuple[Int, Int]:
 # Boxes and cylinders: a weighted set cover of grid cells, in one octant and mirrored
 
 
-def _grid_levels(fan: Array, coarse: Cover, fine: Cover) -> Levels:
-    a = _by_size(coarse)
-    start, child = _csr(_links(fan, a.centres, a.radii - _ROUNDING_M, fine.centres, fine.radii - _ROUNDING_M))
-    return Levels(a, fine, start, child)
+def _twins(centres: Array, axis: int) -> Int:
+    """The index of each ball's mirror image, of balls that are symmetric about the plane across an axis."""
+    mirrored = centres.copy()
+    mirrored[:, axis] *= -1
+    twins = np.empty(len(centres), np.int64)
+    twins[np.lexsort(mirrored.T)] = np.lexsort(centres.T)
+    return twins
 
 
 def box_cover(size_m: tuple[float, float, float], excess_m: float) -> Cover:
@@ -498,7 +557,7 @@ def box_cover(size_m: tuple[float, float, float], excess_m: float) -> Cover:
         radii = (half - centres).min(1) + excess_m
         weights = 2.0 ** (centres > 0).sum(1)
         holds = _cells_held(far[0], far[1], far[2], radii - _SLACK * excess_m)
-        chosen, left = _weighted(holds, weights, np.zeros(0, np.int64))
+        chosen, left = _weighted(holds, far[0].shape[1] * far[1].shape[1] * far[2].shape[1], weights, np.zeros(0, np.int64))
         if left == 0:
             c, r = _mirrored(centres[chosen], radii[chosen])
             return Cover(c, r, excess_m)
@@ -525,7 +584,7 @@ def cylinder_cover(radius_m: float, height_m: float, excess_m: float) -> Cover:
         tall = (cells[1][None] - z[:, None]) ** 2
         tall = np.maximum(tall[:, :-1], tall[:, 1:])
         holds = (flat[:, :, None] + tall[:, None, :] <= ((radii - _SLACK * excess_m) ** 2)[:, None, None]).reshape(len(rho), -1)
-        chosen, left = _weighted(holds.astype(np.uint8), n * (1.0 + (z > 0)), np.zeros(0, np.int64))
+        chosen, left = _weighted(_packed(holds), holds.shape[1], n * (1.0 + (z > 0)), np.zeros(0, np.int64))
         if left == 0:
             rows = []
             for i in chosen:
@@ -559,23 +618,38 @@ def _axis(h: float, step: float) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array) -> NDArray[np.uint8]:
-    """Whether ball (i, j, k) of the lattice holds cell (u, v, w), as (balls, cells)."""
+def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array) -> Bits:
+    """Whether ball (i, j, k) of the lattice holds cell (u, v, w), as (balls, words of 64 cells)."""
     nx, ny, nz = fx.shape[1], fy.shape[1], fz.shape[1]
-    holds = np.zeros((radii.shape[0], nx * ny * nz), np.uint8)
-    for i in range(fx.shape[0]):
-        for j in range(fy.shape[0]):
-            for k in range(fz.shape[0]):
+    holds, one = np.zeros((radii.shape[0], nx * ny * nz // 64 + 1), np.uint64), np.uint64(1)
+    for k in range(fz.shape[0]):
+        middle = int(np.argmin(fz[k]))  # away from it the cells' far sides are only ever further
+        for i in range(fx.shape[0]):
+            for j in range(fy.shape[0]):
                 ball = (i * fy.shape[0] + j) * fz.shape[0] + k
                 rr = radii[ball] ** 2 if radii[ball] > 0 else -1.0
                 for u in range(nx):
                     for v in range(ny):
                         left = rr - fx[i, u] - fy[j, v]
-                        if left >= 0:
-                            at = (u * ny + v) * nz
-                            for w in range(nz):
-                                holds[ball, at + w] = 1 if fz[k, w] <= left else 0
+                        if fz[k, middle] > left:
+                            continue
+                        first, last = middle, middle
+                        while first > 0 and fz[k, first - 1] <= left:
+                            first -= 1
+                        while last + 1 < nz and fz[k, last + 1] <= left:
+                            last += 1
+                        at = (u * ny + v) * nz
+                        for cell in range(at + first, at + last + 1):
+                            holds[ball, cell >> 6] |= one << np.uint64(cell & 63)
     return holds
+
+
+def _packed(holds: NDArray[np.bool_]) -> Bits:
+    """Rows of flags as rows of words, at least one, of 64 flags each."""
+    room = np.zeros((len(holds), 8 * (holds.shape[1] // 64 + 1)), np.uint8)
+    packed = np.packbits(holds, axis=1, bitorder="little")
+    room[:, : packed.shape[1]] = packed
+    return room.view(np.uint64)
 
 
 def _mirrored(centres: Array, radii: Array) -> tuple[Array, Array]:

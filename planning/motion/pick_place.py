@@ -239,13 +239,15 @@ class Motions:
             hand = hands.get(grasp.width_m)
             if hand is None:
                 hand = hands[grasp.width_m] = self._open_hand(state.poses, name, grasp.width_m)
-            solutions = self.cell.ik(grasp.T_world_hand)
-            found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
-            free = reaching.ways_in(
-                cell.hand, hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand, solutions, cell.memory, found, said
-            )
-            if len(said) == 0 and got_to == 0:
-                why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), 1
+            tasks = hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand
+            alone = reaching.hand_way_in(cell.hand, *tasks, cell.memory)
+            free, said, found = 0, np.array([alone]), None
+            if alone[0] == reaching.OK:
+                solutions = self.cell.ik(grasp.T_world_hand)
+                found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
+                free = reaching.ways_in(cell.hand, *tasks, solutions, cell.memory, found, said)
+                if len(said) == 0 and got_to == 0:
+                    why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), 1
             for code, pair in said:
                 if code != reaching.OK and 1 + code >= got_to:
                     named = hand.closing[0] if code == reaching.FINGERS else hand.reaching

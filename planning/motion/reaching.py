@@ -16,7 +16,7 @@ from kinematics.compiling import bare, copy_row, copy_rows, inner
 from kinematics.inverse import descend, make_work
 from kinematics.lanes import place_body
 from kinematics.rig import Rig
-from kinematics.transforms import Array
+from kinematics.transforms import Array, inverse
 from planning.motion.edges import Memory, Task, connects
 
 LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
@@ -35,11 +35,12 @@ FREE, HANGS_OVER = -2, -1
 
 
 class Hand(NamedTuple):
-    """The arm's hand, T_frame_hand (4, 4) in the chain's last frame; one thread's memory: frames and work for `inverse.descend`,
-    T (2, 4, 4), by (3,)."""
+    """The arm's hand, T_frame_hand (4, 4) in the chain's last frame and the other way round; one thread's memory: frames and work for
+    `inverse.descend`, T (3, 4, 4), by (3,)."""
 
     chain: Chain
     T_frame_hand: Array
+    T_hand_frame: Array
     frames: Array
     work: Array
     T: Array
@@ -48,7 +49,7 @@ class Hand(NamedTuple):
 
 def make_hand(chain: Chain, T_frame_hand: Array) -> Hand:
     """A hand with memory for one thread."""
-    return Hand(chain, T_frame_hand, *make_work(chain), np.empty((2, 4, 4)), np.empty(3))
+    return Hand(chain, T_frame_hand, inverse(T_frame_hand), *make_work(chain), np.empty((3, 4, 4)), np.empty(3))
 
 
 class Standing(NamedTuple):
@@ -102,6 +103,38 @@ def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Arra
         if not connects(task, way[k - 1], way[k], memory):
             return False, int(exact.first_contact(task.exact, way[k], memory.exact))
     return True, -1
+
+
+@inner
+def hand_touches(hand: Hand, task: Task, T_world_hand: Array, memory: Memory) -> int:
+    """The pair of a task in which the hand alone, or what it holds, touches something at a pose (4, 4), wherever the arm is; or -1."""
+    T, H = hand.T[2], hand.T_hand_frame
+    for r in range(4):
+        for c in range(4):
+            T[r, c] = 0.0
+            for k in range(4):
+                T[r, c] += T_world_hand[r, k] * H[k, c]
+    return int(exact.frame_contact(task.exact, hand.chain.q_index.shape[0], T, memory.exact))
+
+
+@bare
+def hand_way_in(hand: Hand, reaching: Task, closing: tuple[Task, Task, Task], T_world_hand: Array, memory: Memory) -> tuple[int, int]:
+    """How far the hand alone gets in closing at a pose (4, 4), and the pair that touched: no arm can do better. See `ways_in`."""
+    exact.enter(reaching.exact, memory.exact)
+    T = hand.T[0]
+    copy_rows(T_world_hand, T)
+    for k in range(APPROACH_STEPS + 1):
+        for r in range(3):
+            T[r, 3] = T_world_hand[r, 3] - k / APPROACH_STEPS * APPROACH_M * T_world_hand[r, 2]
+        pair = hand_touches(hand, reaching, T, memory)
+        if pair >= 0:
+            return (AT_GRASP if k == 0 else BACKWARDS), pair
+    for task in closing:
+        exact.enter(task.exact, memory.exact)
+        pair = hand_touches(hand, task, T_world_hand, memory)
+        if pair >= 0:
+            return FINGERS, pair
+    return OK, -1
 
 
 @bare

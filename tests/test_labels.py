@@ -19,7 +19,7 @@ from kinematics.transforms import rotation_about, transform
 from planning.learning import shards
 from planning.learning.labels import NOT_ASKED, Row, find_ways, label, movable
 from planning.learning.states import MOVES, Variety, next_move, rows, varied_scene
-from planning.learning.swept import arm_balls, footprint, lowest, make_floor, meets
+from planning.learning.swept import footprint, meets
 from planning.motion.pick_place import Done, Motions
 from planning.problems import generate, load_spec
 from retrieve_cli import label as command
@@ -44,7 +44,13 @@ def motions(ur5e: Robot, scene: Scene) -> Motions:
 
 @pytest.fixture(scope="module")
 def row(motions: Motions) -> Row:
-    return label(motions, motions.start(), np.random.default_rng(0), paths=12)
+    return labelled(motions, 12)
+
+
+def labelled(motions: Motions, paths: int, objects: int | None = None) -> Row:
+    """The row of a scene's first state."""
+    state, rng = motions.start(), np.random.default_rng(0)
+    return label(motions, state, find_ways(motions, state, rng, paths), rng, objects=objects)
 
 
 # What a row says ------------------------------------------------------------------------------------------------------------------------
@@ -111,16 +117,13 @@ def test_hits_agree_with_the_exact_test_up_to_a_cell(ur5e: Robot, scene: Scene, 
     """Boxes all over the floor: one that a path touches exactly is met; one that is not met even when 2 cm larger, is not touched."""
     ways = find_ways(motions, motions.start(), np.random.default_rng(5), 4)
     size = scene.cabinet.size_m
-    floor = make_floor(size, scene.cabinet.T_world_cabinet)
-    T, chain = scene.cabinet.T_world_cabinet, motions.cell.arm.chain
-    weight = motions.cell.problem({}, ways.gripper).problem.weight
-    lows = lowest(chain, weight, arm_balls(ur5e, scene.robot.T_world_base, ways.gripper), floor, ways.paths)
+    T = scene.cabinet.T_world_cabinet
     rng, verdicts = np.random.default_rng(6), []
     for _ in range(40):
         sides = rng.uniform([0.04, 0.04, 0.08], [0.08, 0.08, 0.25])
         xy, yaw = rng.uniform([0.05, -size[1] / 2 + 0.05], [size[0] - 0.05, size[1] / 2 - 0.05]), rng.uniform(-1.5, 1.5)
         R = rotation_about((0.0, 0.0, 1.0), yaw)
-        met = meets(lows, floor, footprint(Box(sides), R), xy[None])[0]
+        met = meets(ways.lows, ways.floor, footprint(Box(sides), R), xy[None])[0]
         exact = {}
         for grow in (-0.01, 0.03):
             shape = Box(sides + grow)
@@ -148,7 +151,7 @@ def test_without_ways_nothing_blocks(motions: Motions, scene: Scene) -> None:
     """The grasp is turned to come from behind: no way leads there, and the row says so instead of failing."""
     T = scene.grasp.T_world_hand @ transform(rotation_about((1.0, 0.0, 0.0), np.pi))
     behind = Motions(motions.robot, replace(scene, grasp=replace(scene.grasp, T_world_hand=T)))
-    found = label(behind, behind.start(), np.random.default_rng(0), paths=3, objects=0)
+    found = labelled(behind, 3, objects=0)
     assert found.paths == 0
     assert not found.blocks.any()
     assert (found.hits[found.hits != NOT_ASKED] == 0).all()

@@ -18,7 +18,7 @@ from kinematics.exact import MARGIN_M
 from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse
-from planning.learning.swept import arm_balls, footprint, lowest, make_floor, meets
+from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
 from planning.motion.pick_place import MAX_TRIES, Motions
 from planning.plan import Blocked
 
@@ -63,28 +63,28 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """Distinct paths (·, A) to x_g, approach included, how often each was found (D,), and the gripper's value on them."""
+    """Distinct paths (·, A) to x_g, approach included, how often each was found (D,), and the gripper's value on them; floor, lows: how
+    low the arm comes there (see `swept.lowest`). They ignore the other objects, so all states of a scene have them in common."""
 
     paths: tuple[Array, ...]
     times: Counts
     gripper: float
+    floor: Floor
+    lows: F32
 
 
 def label(
-    motions: Motions, state: State, rng: np.random.Generator, *, paths: int = PATHS, objects: int | None = None, number: int = 0
+    motions: Motions, state: State, ways: Ways, rng: np.random.Generator, *, objects: int | None = None, number: int = 0
 ) -> Row:
-    """Label a state in which the target is still blocked.
+    """Label a state in which the target is still blocked, by the ways to x_g that `find_ways` found.
 
-    paths: K. objects: how many objects at most are asked where they could be carried to, the blocking ones first; None for all of them.
-    number: of the state within its scene. Raises: ValueError when paths is not within 1 to 254.
+    objects: how many objects at most are asked where they could be carried to, the blocking ones first; None for all of them.
+    number: of the state within its scene.
     """
-    if not 0 < paths < NOT_ASKED:
-        raise ValueError(f"paths: {paths} is not within 1 to {NOT_ASKED - 1}")
     scene, names = motions.scene, movable(motions.scene)
     T = inverse(scene.cabinet.T_world_cabinet)
     cells = scene.cabinet.regions(scene.regions_n) @ T[:3, :3].T + T[:3, 3]
     fits = np.array([_fits(scene, state, name, cells) for name in names], np.bool_).reshape(len(names), len(cells))
-    ways = find_ways(motions, state, rng, paths)
     blocks, hits = _met(motions, state, names, cells, ways)
     can = np.array([pickable(motions, state, name, rng) for name in names], np.uint8)
     feasible = np.where(can[:, None] == 1, NOT_ASKED, np.uint8(0)) * np.ones((1, len(cells)), np.uint8)
@@ -109,17 +109,20 @@ def movable(scene: Scene) -> tuple[str, ...]:
 
 
 def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> Ways:
-    """Ways from where the arm waits to x_g through the cabinet without the other objects: what `paths` searches find, shortened.
+    """Ways from where the arm waits to x_g through the cabinet without the other objects: what `paths` searches (K) find, shortened.
 
     The searches are spread evenly over the solutions of x_g that the emptied cabinet allows; one that the first search does not reach is
-    given up. No way at all when there is no solution.
+    given up. No way at all when there is no solution. Raises: ValueError when paths is not within 1 to 254.
     """
+    if not 0 < paths < NOT_ASKED:
+        raise ValueError(f"paths: {paths} is not within 1 to {NOT_ASKED - 1}")
     scene = motions.scene
     alone = State(motions.cell.home(), {scene.target: state.poses[scene.target]})
     picks, _ = motions.picks(alone, scene.target, [scene.grasp])
     start, found, times = motions.robot.arm_q(alone.q), list[Array](), list[int]()
+    floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet)
     if not picks:
-        return Ways((), np.zeros(0, np.int64), 0.0)
+        return Ways((), np.zeros(0, np.int64), 0.0, floor, np.zeros((*floor.n, 0), np.float32))
     empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
     left, straight, reached = deque(range(len(picks))), dict[int, int](), set[int]()
     for _ in range(paths):
@@ -140,7 +143,9 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
             straight[i] = len(found)
         found.append(np.concatenate([way, picks[i].approach[1:]]))
         times.append(1)
-    return Ways(tuple(found), np.array(times, np.int64), picks[0].gripper_open)
+    balls = arm_balls(motions.robot, scene.robot.T_world_base, picks[0].gripper_open)
+    lows = lowest(motions.cell.arm.chain, empty.problem.weight, balls, floor, found)
+    return Ways(tuple(found), np.array(times, np.int64), picks[0].gripper_open, floor, lows)
 
 
 def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator) -> bool:
@@ -150,20 +155,13 @@ def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator
 
 def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: Ways) -> tuple[Counts, Counts]:
     """How many of the ways meet each object: where it stands (m,), and over each cell (m, B)."""
-    scene, cell = motions.scene, motions.cell
+    scene, T = motions.scene, inverse(motions.scene.cabinet.T_world_cabinet)
     blocks, hits = np.zeros(len(names), np.int64), np.zeros((len(names), len(cells)), np.int64)
-    if not ways.paths:
-        return blocks, hits
-    T = inverse(scene.cabinet.T_world_cabinet)
-    balls = arm_balls(motions.robot, scene.robot.T_world_base, ways.gripper)
-    floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet)
-    weight = cell.problem({}, ways.gripper).problem.weight
-    lows = lowest(cell.arm.chain, weight, balls, floor, ways.paths)
     for i, name in enumerate(names):
         shape, here = scene.body(name).shape, T @ state.poses[name]
         low, high = bounds(shape, here)
         at = np.concatenate([(low + high)[None, :2] / 2, cells[:, :2]])
-        met = meets(lows, floor, footprint(shape, here[:3, :3]), at) @ ways.times
+        met = meets(ways.lows, ways.floor, footprint(shape, here[:3, :3]), at) @ ways.times
         blocks[i], hits[i] = met[0], met[1:]
     return blocks, hits
 

@@ -13,7 +13,7 @@ import numpy as np
 from kinematics.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
-from planning.learning.labels import PATHS, Row, label, movable
+from planning.learning.labels import PATHS, Row, find_ways, label, movable
 from planning.motion.pick_place import Done, Motions
 from planning.plan import Blocked
 from planning.problems import Spec, generate
@@ -56,11 +56,12 @@ def rows(
     Raises: ValueError when the robot can't stand or wait before this cabinet.
     """
     motions = Motions(robot, scene)
-    state, rng = motions.start(), np.random.default_rng([seed, STAGE, index, 1])
+    state, rng, ways = motions.start(), np.random.default_rng([seed, STAGE, index, 1]), None
     for number in range(moves + 1):
         if not isinstance(motions.retrieve_target(state, rng), Blocked):
             return
-        row = label(motions, state, rng, paths=paths, objects=objects, number=number)
+        ways = ways or find_ways(motions, state, rng, paths)
+        row = label(motions, state, ways, rng, objects=objects, number=number)
         yield row
         done = next_move(motions, state, row, rng) if number < moves else None
         if done is None:

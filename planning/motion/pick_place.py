@@ -241,7 +241,7 @@ class Motions:
                 hand = hands[grasp.width_m] = self._open_hand(state.poses, name, grasp.width_m)
             tasks = hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand
             alone = reaching.hand_way_in(cell.hand, *tasks, cell.memory)
-            free, said, found = 0, np.array([alone]), None
+            free, said, found = 0, np.array([alone]), np.empty((0, 0, 0))
             if alone[0] == reaching.OK:
                 solutions = self.cell.ik(grasp.T_world_hand)
                 found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)

@@ -73,9 +73,7 @@ class Ways:
     lows: F32
 
 
-def label(
-    motions: Motions, state: State, ways: Ways, rng: np.random.Generator, *, objects: int | None = None, number: int = 0
-) -> Row:
+def label(motions: Motions, state: State, ways: Ways, rng: np.random.Generator, *, objects: int | None = None, number: int = 0) -> Row:
     """Label a state in which the target is still blocked, by the ways to x_g that `find_ways` found.
 
     objects: how many objects at most are asked where they could be carried to, the blocking ones first; None for all of them.

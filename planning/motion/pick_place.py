@@ -7,9 +7,10 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import cached_property, partial
+from itertools import count, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from kinematics.shapes import Shape, bounds
 from kinematics.transforms import Array, inverse, transform
 from planning.grasps import open_width, sample_grasps
 from planning.motion import reaching
-from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
+from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS, Standing
 from planning.motion.timing import time_stamps
 from planning.motion.workcell import Situation, Workcell, tasks_of
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion
@@ -57,13 +58,42 @@ class Place:
     T_world_object: Array
 
 
-class _OpenHand(NamedTuple):
-    """The hand before it closes on an object: gripper values, the situation while it is open, and those while the fingers move."""
+class _OpenHand:
+    """The hand before it closes on an object of some width: gripper values, the situation while it is open, and those while the fingers
+    move, the pads allowed to touch the object between them."""
 
-    opened: float
-    closed: float
-    reaching: Situation
-    closing: tuple[Situation, ...]
+    def __init__(self, motions: Motions, poses: Mapping[str, Array], name: str, width_m: float) -> None:
+        opening = motions.robot.opening
+        self.opened, self.closed = opening.value_at(open_width(width_m, opening)), opening.value_at(width_m)
+        self.reaching = motions.cell.problem(poses, self.opened)
+        self._closing = partial(motions.moving_fingers, poses, name, self.opened, self.closed)
+
+    @cached_property
+    def closing(self) -> tuple[Situation, ...]:
+        """Not asked for where the open hand does not even get there."""
+        return self._closing()
+
+
+class _Grasps:
+    """The grasps on an object where it stands, and the arm's solutions for each; both are found when asked for, and once."""
+
+    def __init__(self, found: Iterable[Grasp], ik: Callable[[Array], Array]) -> None:
+        self._rest, self._found, self._ik, self._solutions = iter(found), list[Grasp](), ik, dict[int, Array]()
+
+    def __iter__(self) -> Iterator[tuple[int, Grasp]]:
+        for i in count():
+            if i == len(self._found):
+                grasp = next(self._rest, None)
+                if grasp is None:
+                    return
+                self._found.append(grasp)
+            yield i, self._found[i]
+
+    def solutions(self, i: int) -> Array:
+        """Arm configurations (S, A) for grasp i, the nearest to home first."""
+        if i not in self._solutions:
+            self._solutions[i] = self._ik(self._found[i].T_world_hand)
+        return self._solutions[i]
 
 
 class _Placing(NamedTuple):
@@ -92,6 +122,7 @@ class _Memory:
         self.reachable: dict[Pick, bool] = {}
         self.placing: dict[Pick, _Placing] = {}
         self.carrying: dict[Pick, Situation] = {}
+        self.let_go: dict[tuple[str, float, float], tuple[Situation, tuple[Situation, ...], Standing, Situation]] = {}
         self.without: dict[str, dict[str, Array]] = {}
 
 
@@ -123,6 +154,7 @@ class Motions:
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles)
         self.floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
+        self._known: dict[tuple[str, bytes], _Grasps] = {}
 
     def start(self) -> State:
         """The scene's first state, the arm at home before the cabinet. Raises ValueError when the robot can't stand or wait there."""
@@ -182,29 +214,26 @@ class Motions:
     def placeable(self, state: State, name: str, regions: Sequence[int] | Int, rng: np.random.Generator) -> NDArray[np.bool_]:
         """To which of some regions (N,) an object can be carried now: `relocate` with less patience, many at once, without the motions."""
         picks, _ = self.picks(state, name)
-        cells = self.scene.regions()
         out = np.zeros(len(regions), np.bool_)
         if not picks:
             return out
-        body, rest, T = self.scene.body(name), self._without(state, name), state.poses[name]
-        open_ = [k for k, region in enumerate(regions) if not self.cell.placed(body, self.place_pose(name, T, int(region)), rest)]
+        centres, R = self.scene.regions()[np.asarray(regions, np.int64)], state.poses[name][:3, :3]
+        open_ = np.flatnonzero(self.cell.room_over(name, R, centres, self._without(state, name)))
         for pick in islice((pick for pick in picks if self.reachable(state, pick, rng)), BRIEF_PICKS):
-            if not open_:
+            if not len(open_):
                 break
-            centres = np.array([cells[int(regions[k])] for k in open_])
-            natural = np.array([self._natural_turn(pick, centre) for centre in centres])
-            compiled = self._placing(state, pick).compiled
-            A = pick.lift.shape[1]
+            natural = np.array([self._natural_turn(pick, centre) for centre in centres[open_]])
+            compiled, A = self._placing(state, pick).compiled, pick.lift.shape[1]
             ends, codes, T = np.empty((len(open_), A)), np.empty(len(open_), np.int64), np.empty((4, 4))
             lower, retreat = np.empty((LIFT_STEPS + 1, A)), np.empty((APPROACH_STEPS + 1, A))
             reaching.put_down_all(
-                self.cell.hand, compiled, state.poses[name][:3, :3], natural, centres, pick.lift[-1], self.cell.memory, lower, retreat, T,
-                ends, codes,
-            )  # fmt: skip
+                self.cell.hand, compiled, R, natural, centres[open_], pick.lift[-1], self.cell.memory, lower, retreat, T, ends, codes
+            )
             self.cell.forget()
-            for k, end, code in zip(open_, ends, codes):
-                out[k] = code == reaching.OK and self.cell.joined(self._carrying(state, pick), pick.lift[-1], end, rng, BRIEFLY)
-            open_ = [k for k in open_ if not out[k]]
+            down = np.flatnonzero(codes == reaching.OK)
+            if len(down):
+                out[open_[down]] = self.cell.reached(self._carrying(state, pick), pick.lift[-1], ends[down], rng, BRIEFLY)
+            open_ = open_[~out[open_]]
         return out
 
     def reachable(self, state: State, pick: Pick, rng: np.random.Generator) -> bool:
@@ -212,7 +241,7 @@ class Motions:
         known = self._recall(state).reachable
         if pick not in known:
             moving = self.cell.problem(state.poses, pick.gripper_open)
-            known[pick] = self.cell.joined(moving, self.robot.arm_q(state.q), pick.approach[0], rng, BRIEFLY)
+            known[pick] = bool(self.cell.reached(moving, self.robot.arm_q(state.q), pick.approach[:1], rng, BRIEFLY)[0])
         return known[pick]
 
     def picks(self, state: State, name: str, grasps: Iterable[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
@@ -226,28 +255,24 @@ class Motions:
         return found[name]
 
     def _find_picks(self, state: State, name: str, grasps: Iterable[Grasp] | None) -> tuple[list[Pick], Blocked]:
-        body = replace(self.scene.body(name), T_world_body=state.poses[name])
-        if grasps is None:
-            to_body = body.T_world_body[:2, 3] - self.scene.robot.T_world_base[:2, 3]
-            toward = float(np.arctan2(to_body[1], to_body[0]))
-            approaches = [a for a in APPROACHES if a in self.scene.approaches]
-            grasps = sample_grasps(body, self.robot.opening, approaches, self.floor_z, toward)
+        known = self._grasps(name, state.poses[name]) if grasps is None else _Grasps(grasps, self.cell.ik)
         picks: list[Pick] = []
         why, got_to = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening"), 0
         cell, hands = self.cell, dict[float, _OpenHand]()
-        for tried, grasp in enumerate(grasps, 1):
+        for i, grasp in known:
             hand = hands.get(grasp.width_m)
             if hand is None:
-                hand = hands[grasp.width_m] = self._open_hand(state.poses, name, grasp.width_m)
-            tasks = hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand
-            alone = reaching.hand_way_in(cell.hand, *tasks, cell.memory)
+                hand = hands[grasp.width_m] = _OpenHand(self, state.poses, name, grasp.width_m)
+            alone = reaching.hand_way_in(cell.hand, hand.reaching.task, grasp.T_world_hand, cell.memory)
             free, said, found = 0, np.array([alone]), np.empty((0, 0, 0))
             if alone[0] == reaching.OK:
-                solutions = self.cell.ik(grasp.T_world_hand)
+                solutions = known.solutions(i)
                 found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
-                free = reaching.ways_in(cell.hand, *tasks, solutions, cell.memory, found, said)
-                if len(said) == 0 and got_to == 0:
-                    why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), 1
+                free = reaching.ways_in(
+                    cell.hand, hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand, solutions, cell.memory, found, said
+                )
+            if len(said) == 0 and got_to == 0:
+                why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), 1
             for code, pair in said:
                 if code != reaching.OK and 1 + code >= got_to:
                     named = hand.closing[0] if code == reaching.FINGERS else hand.reaching
@@ -263,20 +288,26 @@ class Motions:
                     picks.append(Pick(grasp, way, up, hand.opened, hand.closed, held))
                 elif 1 + code >= got_to:
                     why, got_to = self._blocked(_PICKING[code], lifting, pair, name), 1 + code
-            if len(picks) >= MAX_PICKS or (picks and tried >= ENOUGH_GRASPS):
+            if len(picks) >= MAX_PICKS or (picks and i + 1 >= ENOUGH_GRASPS):
                 break
         cell.forget()
         now = self.robot.arm_q(state.q)
         picks.sort(key=lambda p: float(np.abs(p.approach[0] - now).max()))
         return picks, why
 
-    def _open_hand(self, poses: Mapping[str, Array], name: str, width_m: float) -> _OpenHand:
-        """The situations in which the hand comes to an object of some width and closes on it."""
-        opened = self.robot.opening.value_at(open_width(width_m, self.robot.opening))
-        closed = self.robot.opening.value_at(width_m)
-        return _OpenHand(opened, closed, self.cell.problem(poses, opened), self._moving_fingers(poses, name, opened, closed))
+    def _grasps(self, name: str, T: Array) -> _Grasps:
+        """The grasps on an object at T, with the scene's approaches; remembered, for most objects stay where they are."""
+        key = (name, T.tobytes())
+        if key not in self._known:
+            body = replace(self.scene.body(name), T_world_body=T)
+            to_body = T[:2, 3] - self.scene.robot.T_world_base[:2, 3]
+            toward = float(np.arctan2(to_body[1], to_body[0]))
+            approaches = [a for a in APPROACHES if a in self.scene.approaches]
+            grasps = sample_grasps(body, self.robot.opening, approaches, self.floor_z, toward)
+            self._known[key] = _Grasps(grasps, self.cell.ik)
+        return self._known[key]
 
-    def _moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> tuple[Situation, ...]:
+    def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> tuple[Situation, ...]:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
         ignore = [(pad, name) for pad in self.robot.pads]
         return tuple(
@@ -289,11 +320,13 @@ class Motions:
         if pick not in known:
             name, rest = pick.held.body, self._without(state, pick.held.body)
             lowering = self.cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
-            standing = {**rest, name: state.poses[name]}
-            retreating = self.cell.problem(standing, pick.gripper_open)
-            opening = self._moving_fingers(standing, name, pick.gripper_open, pick.gripper_closed)
+            let_go, key = self._recall(state).let_go, (name, pick.gripper_open, pick.gripper_closed)
+            if key not in let_go:
+                standing = {**rest, name: state.poses[name]}
+                opening = self.moving_fingers(standing, name, pick.gripper_open, pick.gripper_closed)
+                let_go[key] = self.cell.problem(standing, pick.gripper_open), opening, *self.cell.standing(name, rest)
+            retreating, opening, among, named = let_go[key]
             rows = [i - len(self.cell.arm.links) for i, n in enumerate(retreating.names) if n == name]
-            among, named = self.cell.standing(name, rest)
             tasks = lowering.task, tasks_of(opening), retreating.task
             compiled = reaching.Placing(*tasks, rows[0], rows[-1] + 1, among, pick.held.T_hand_body)
             known[pick] = _Placing(compiled, lowering, opening, retreating, named)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics import exact
 from kinematics.arm import Chain, Int
@@ -118,8 +119,8 @@ def hand_touches(hand: Hand, task: Task, T_world_hand: Array, memory: Memory) ->
 
 
 @bare
-def hand_way_in(hand: Hand, reaching: Task, closing: tuple[Task, Task, Task], T_world_hand: Array, memory: Memory) -> tuple[int, int]:
-    """How far the hand alone gets in closing at a pose (4, 4), and the pair that touched: no arm can do better. See `ways_in`."""
+def hand_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory) -> tuple[int, int]:
+    """How far the open hand alone gets in coming to a pose (4, 4), and the pair that touched: no arm can do better. See `ways_in`."""
     exact.enter(reaching.exact, memory.exact)
     T = hand.T[0]
     copy_rows(T_world_hand, T)
@@ -129,11 +130,6 @@ def hand_way_in(hand: Hand, reaching: Task, closing: tuple[Task, Task, Task], T_
         pair = hand_touches(hand, reaching, T, memory)
         if pair >= 0:
             return (AT_GRASP if k == 0 else BACKWARDS), pair
-    for task in closing:
-        exact.enter(task.exact, memory.exact)
-        pair = hand_touches(hand, task, T_world_hand, memory)
-        if pair >= 0:
-            return FINGERS, pair
     return OK, -1
 
 
@@ -223,11 +219,14 @@ def put_down(
             continue
         copy_row(near, lower[0])
         hand_at(T_body, p.T_hand_body, hand.T[1])
-        code, touch = REACH, -1
-        if descend(hand.chain, hand.T_frame_hand, hand.T[1], lower[0], hand.frames, hand.work, 30):
-            code, touch = put_down_at(hand, p, T_body, hand.T[1], lower[0], memory, lower, retreat)
-            if code == OK:
-                return OK, -1
+        exact.enter(p.lowering.exact, memory.exact)
+        code, touch = LIFTED, hand_touches(hand, p.lowering, hand.T[1], memory)
+        if touch < 0:
+            code = REACH
+            if descend(hand.chain, hand.T_frame_hand, hand.T[1], lower[0], hand.frames, hand.work, 30):
+                code, touch = put_down_at(hand, p, T_body, hand.T[1], lower[0], memory, lower, retreat)
+                if code == OK:
+                    return OK, -1
         if said == REGION or code > said:
             said, pair = code, touch
     return said, pair
@@ -301,6 +300,14 @@ def stands(s: Standing, T_body: Array, memory: Memory) -> int:
             if bound < PLACE_GAP_M:
                 return int(n)
     return FREE
+
+
+@bare
+def stands_over(s: Standing, R: Array, centres: Array, T: Array, memory: Memory, free: NDArray[np.bool_]) -> None:
+    """Over which of centres (N, 3) the object stands free with rotation R (3, 3): free (N,). T (4, 4) is overwritten."""
+    for i in range(centres.shape[0]):
+        stand(s.body, R, 0.0, centres[i], T)
+        free[i] = stands(s, T, memory) == FREE
 
 
 @inner

@@ -27,6 +27,7 @@ STEP = 0.04
 DOMAIN = 60.0
 """Radius, in steps, of the domain that a node gets when it first fails; it shrinks and grows by 30 % down to a tenth of this."""
 FOUND, SPENT, FULL = 1, 0, 2
+_EDGES = 4  # to a goal from others that were reached, before a search is begun
 _CHUNK = 16  # iterations between looks at the clock
 
 
@@ -115,6 +116,26 @@ def plan(
     ahead, back = _climb(trees, 0), _climb(trees, 1)
     path = np.concatenate([trees.q[0, ahead[::-1]], trees.q[1, back]])
     return route(path, "", free[back[-1]], iterations=iterations)
+
+
+def reach(task: Task, start: Array, goals: Array, *, max_iterations: int, seed: int, memory: Memory) -> NDArray[np.bool_]:
+    """To which of goals (G, J) a path leads from start (J,), each edge of which is certified free; the paths themselves are not kept.
+
+    What one goal is reached by serves the others: edges to goals reached before come first, then one search for all that are left, as
+    often as it finds one of them in max_iterations.
+    """
+    found, tried = np.zeros(len(goals), np.bool_), np.zeros((len(goals), len(goals) + 1), np.bool_)
+    if first_contact(task.exact, start, memory.exact) >= 0:
+        return found
+    while True:
+        _spread(task, start, goals, memory, found, tried)
+        left = np.flatnonzero(~found)
+        if len(left) == 0:
+            return found
+        route = plan(task, start, goals[left], max_iterations=max_iterations, seed=seed + len(left), memory=memory)
+        if route.path is None:
+            return found
+        found[left[route.goal]] = True
 
 
 def _plant(start: Array, goals: Array, seed: int) -> Trees:
@@ -220,6 +241,30 @@ def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
                 return FOUND
             near = _add(trees, other, near, target)
     return SPENT
+
+
+@njit(cache=True, nogil=True)
+def _spread(
+    task: Task, start: Array, goals: Array, memory: Memory, found: NDArray[np.bool_], tried: NDArray[np.bool_]
+) -> None:  # fmt: skip
+    """Mark in found (G,) which goals (G, J) an edge leads to from the start or from a goal that was found, the nearest few of these.
+
+    tried (G, G + 1): edges to a goal that were looked at before, from another goal or, in the last column, from the start.
+    """
+    G, weight = goals.shape[0], task.exact.weight
+    for _ in range(_EDGES):
+        for g in range(G):
+            if found[g]:
+                continue
+            near, best = -1, np.inf
+            for h in range(G + 1):
+                if not tried[g, h] and (h == G or found[h]):
+                    d = weighted(weight, goals[h] if h < G else start, goals[g])
+                    if d < best:
+                        near, best = h, d
+            if near >= 0:
+                tried[g, near] = True
+                found[g] = connects(task, goals[near] if near < G else start, goals[g], memory)
 
 
 @njit(cache=True, nogil=True)

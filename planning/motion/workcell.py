@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics import exact, inverse
 from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
@@ -18,8 +19,8 @@ from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
-from planning.motion.reaching import FREE, HANGS_OVER, Standing, make_hand, stands
-from planning.motion.rrt_connect import plan
+from planning.motion.reaching import FREE, HANGS_OVER, Standing, make_hand, stands, stands_over
+from planning.motion.rrt_connect import plan, reach
 from planning.motion.shortcut import shorten
 from planning.plan import Blocked
 
@@ -137,14 +138,25 @@ class Workcell:
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
-        if self._placed is None or self._placed[0] != body.name or self._placed[1] is not poses:
-            self._placed = (body.name, poses, *self.standing(body.name, poses))
-        _, _, standing, among = self._placed
-        self._entered = None
+        standing, among = self._among(body.name, poses)
         pair = int(stands(standing, T, self.memory))
         if pair == HANGS_OVER:
             return Touch(body.name, "floor", "it would hang over the front edge")
         return None if pair == FREE else self.name_of(among, pair)
+
+    def room_over(self, name: str, R: Array, centres: Array, poses: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """Over which of centres (N, 3), its bottom at their height, an object with rotation R (3, 3) stands free: see `placed`."""
+        standing, _ = self._among(name, poses)
+        free = np.empty(len(centres), np.bool_)
+        stands_over(standing, R, centres, np.empty((4, 4)), self.memory, free)
+        return free
+
+    def _among(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
+        """What an object is held against that is to stand among others; the memory will serve it."""
+        if self._placed is None or self._placed[0] != name or self._placed[1] is not poses:
+            self._placed = (name, poses, *self.standing(name, poses))
+        self._entered = None
+        return self._placed[2:]
 
     def touch(self, situation: Situation, q: Array) -> Touch | None:
         """What touches at the arm's configuration q (A,), or None."""
@@ -194,10 +206,10 @@ class Workcell:
             return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
         return np.asarray(shorten(task, found.path, iterations=SHORTCUTS, seed=seed, memory=memory).path)
 
-    def joined(self, situation: Situation, start: Array, goal: Array, rng: np.random.Generator, iterations: int) -> bool:
-        """Whether there is a path from start to goal (A,), both of them free, found in so many iterations."""
-        task, memory = situation.task, self.enter(situation)
-        return plan(task, start, goal[None], max_iterations=iterations, seed=int(rng.integers(2**31)), memory=memory).path is not None
+    def reached(self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
+        """To which of goals (G, A) there is a path from start (A,), each sought in so many iterations."""
+        seed = int(rng.integers(2**31))
+        return reach(situation.task, start, goals, max_iterations=iterations, seed=seed, memory=self.enter(situation))
 
     def name_of(self, situation: Situation, pair: int) -> Touch | None:
         """The bodies behind the index of a pair; None behind -1."""

@@ -73,7 +73,7 @@ def test_what_is_moved_stands_in_its_region_and_nothing_touches(scene: Scene, ur
             T = moved.after.poses[body.name]
             low, high = bounds(body.shape, T)
             assert np.allclose((low + high)[:2] / 2, scene.regions()[region][:2], atol=1e-9)
-            assert low[2] == pytest.approx(motions.floor_z, abs=1e-9)
+            assert low[2] == pytest.approx(motions.scene.cabinet.T_world_cabinet[2, 3], abs=1e-9)
             standing = [replace(b, T_world_body=state.poses[b.name]) for b in scene.objects if b.name != body.name]
             assert apart(replace(body, T_world_body=T), [*standing, *scene.cabinet.walls()[1:]], 0.0009)
             done += 1

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from planning import metrics
 from planning.intervals import Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 from planning.metrics import KINDS, MAX_MOVES, PAPER, Episode, failure
-from planning.plan import PLACE_OUT_OF_REACH
+from planning.plan import PLACE_OUT_OF_REACH, Blocked
 from retrieve_cli.documents import plan_from_json
 from retrieve_cli.errors import InputError
 from retrieve_cli.report import collect, run
@@ -135,11 +135,11 @@ def test_why_a_plan_failed(rule: str, moves: list[dict[str, Any]], stage: str, k
 
 def test_every_stage_that_blocks_an_attempt_has_a_kind() -> None:
     """What motion planning says about moves is counted as pick, region or place, never as the policy's fault."""
-    from planning.motion import pick_place
+    from planning.motion import picking, placing
 
-    stages = {*pick_place._PICKING.values(), *pick_place._PLACING.values(), "transit", "transfer", "grasp"}
+    stages = {*picking.STAGES.values(), *placing.STAGES.values(), "transit", "transfer", "grasp"}
     for stage in stages:
-        assert metrics._attempt_kind(pick_place.Blocked(stage)) in ("pick", "region", "place"), stage
+        assert metrics._attempt_kind(Blocked(stage)) in ("pick", "region", "place"), stage
 
 
 def test_success_by_number_of_objects() -> None:

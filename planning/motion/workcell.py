@@ -22,7 +22,7 @@ from planning.motion.edges import Memory, Task, connects, memory_for, pose_task,
 from planning.motion.reaching import FREE, HANGS_OVER, Standing, make_hand, stands, stands_over
 from planning.motion.rrt_connect import plan, reach
 from planning.motion.shortcut import shorten
-from planning.plan import Blocked
+from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
 SHORTCUTS = 60
 OPENINGS = 64  # gripper values for which the packed arm is kept
@@ -126,6 +126,11 @@ class Workcell:
             task, self._entered = without_still(task, self.memory), None
         return Situation(task, links + bodies)
 
+    def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> tuple[Situation, ...]:
+        """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
+        ignore = [(pad, name) for pad in self.robot.pads]
+        return tuple(self.problem(poses, float(g), ignore=ignore, moving=self.robot.fingers) for g in np.linspace(opened, closed, 4)[1:])
+
     def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
         """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
         pieces = shape_pieces(self.scene.body(name).shape)
@@ -217,6 +222,17 @@ class Workcell:
             return None
         a, b = situation.task.exact.pairs[pair, :2]
         return Touch(situation.names[a], situation.names[b])
+
+    def blocked(self, stage: str, situation: Situation, pair: int, name: str) -> Blocked:
+        """What the compiled core found, in words: the stage and the two bodies, or that it was the arm's reach."""
+        if stage == "ik":
+            return Blocked("ik", "hand", name, detail=PLACE_OUT_OF_REACH)
+        touch = self.name_of(situation, pair)
+        if touch is not None:
+            return Blocked(stage, touch.link, touch.body)
+        if stage == "region":
+            return Blocked("region", name, "floor", detail="it would hang over the front edge")
+        return Blocked(stage, "hand", name, detail="the straight way is not free, or leaves the arm's reach")
 
     def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""

@@ -16,7 +16,8 @@ import numpy as np
 
 from kinematics.scene import State
 from perception.observation import Observation, observe
-from planning.motion.pick_place import Done, Motions, Pick
+from planning.motion.pick_place import Done, Motions
+from planning.motion.picking import Pick
 from planning.plan import Blocked
 from planning.policies.regions import free_regions
 

@@ -1,0 +1,112 @@
+"""Putting a held object down: where it may stand, the arm's solutions, straight ways down and back, all but RRT-Connect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.arm import Int
+from kinematics.transforms import Array, inverse
+from planning.motion import reaching
+from planning.motion.picking import Pick
+from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
+from planning.motion.workcell import Situation, Workcell, tasks_of
+from planning.plan import Blocked
+
+TRIES = 12  # starts of inverse kinematics where an object is put down
+STAGES = {
+    reaching.REACH: "ik", reaching.REGION: "region", reaching.LIFTED: "lower", reaching.AT_GRASP: "lower", reaching.UPWARDS: "lower",
+    reaching.FINGERS: "release", reaching.BACKWARDS: "retreat",
+}  # fmt: skip
+"""What the compiled core's codes are called in a plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A way to put a held object down: arm waypoints of the straight pieces and the object's pose afterwards."""
+
+    lower: Array
+    retreat: Array
+    T_world_object: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LetGo:
+    """The hand once an object stands: the situations while it opens and when it is open, and the object among the others. It is the same
+    for all picks with the same gripper values."""
+
+    opening: tuple[Situation, ...]
+    open: Situation
+    standing: reaching.Standing
+    among: Situation
+
+
+class Placing:
+    """A held object that is put down, anywhere: for the compiled core, with the names behind its indices."""
+
+    def __init__(self, cell: Workcell, pick: Pick, rest: Mapping[str, Array], T_world_object: Array, let_go: LetGo) -> None:
+        """rest: the poses of the other objects; T_world_object (4, 4): of this one when it was picked."""
+        name = pick.held.body
+        self.cell, self.pick, self.R, self.let_go = cell, pick, T_world_object[:3, :3], let_go
+        self.lowering = cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
+        rows = [i - len(cell.arm.links) for i, n in enumerate(let_go.open.names) if n == name]
+        tasks = self.lowering.task, tasks_of(let_go.opening), let_go.open.task
+        self._compiled = reaching.Placing(*tasks, rows[0], rows[-1] + 1, let_go.standing, pick.held.T_hand_body)
+
+    def place(self, centre: Array) -> Place | Blocked:
+        """Put the object down over `centre` (3,), turned as suits the hand: static checks and the straight pieces.
+
+        The arm should turn no more than it must: first the solutions near the pick's are tried, for every turn of the hand, then all.
+        """
+        cell, p, near = self.cell, self._compiled, self.pick.lift[-1]
+        natural, lower, retreat, T = self._natural_turn(centre), *self._waypoints()
+        code, pair = reaching.put_down(cell.hand, p, self.R, natural, centre, near, cell.memory, lower, retreat, T)
+        cell.forget()
+        if code == reaching.OK:
+            return Place(lower, retreat, T)
+        if code != reaching.REGION:
+            for turn in reaching.PLACE_TURNS:
+                reaching.stand(p.standing.body, self.R, natural + turn, centre, T)
+                if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
+                    T_hand = T @ inverse(self.pick.held.T_hand_body)
+                    for q in cell.ik(T_hand, near=near, tries=TRIES):
+                        got, touch = reaching.put_down_at(cell.hand, p, T, T_hand, q, cell.memory, lower, retreat)
+                        if got == reaching.OK:
+                            return Place(lower, retreat, T)
+                        if got >= code:
+                            code, pair = got, touch
+        return cell.blocked(STAGES[code], self._seen_at(code), pair, self.pick.held.body)
+
+    def ends(self, centres: Array) -> tuple[Int, Array]:
+        """Over which of centres (N, 3) the object can be put down by solutions near the pick's: their indices (K,), and the arm's
+        configurations where the ways down begin (K, A)."""
+        natural = np.array([self._natural_turn(centre) for centre in centres])
+        near, (lower, retreat, T) = self.pick.lift[-1], self._waypoints()
+        ends, codes = np.empty((len(centres), len(near))), np.empty(len(centres), np.int64)
+        reaching.put_down_all(
+            self.cell.hand, self._compiled, self.R, natural, centres, near, self.cell.memory, lower, retreat, T, ends, codes
+        )
+        self.cell.forget()
+        down = np.flatnonzero(codes == reaching.OK)
+        return down, ends[down]
+
+    def _waypoints(self) -> tuple[Array, Array, Array]:
+        """Room for the ways down and back, and a pose."""
+        A = self.pick.lift.shape[1]
+        return np.empty((LIFT_STEPS + 1, A)), np.empty((APPROACH_STEPS + 1, A)), np.empty((4, 4))
+
+    def _natural_turn(self, centre: Array) -> float:
+        """How far an object turns with the hand: for a level grasp the hand comes in along the bearing of the place, else not at all."""
+        ahead = self.pick.grasp.T_world_hand[:3, 2]
+        if np.hypot(ahead[0], ahead[1]) <= 0.3:
+            return 0.0
+        bearing = centre[:2] - self.cell.scene.robot.T_world_base[:2, 3]
+        return float(np.arctan2(bearing[1], bearing[0]) - np.arctan2(ahead[1], ahead[0]))
+
+    def _seen_at(self, code: int) -> Situation:
+        """The situation in which `reaching.put_down` got to say a code."""
+        if code in (reaching.AT_GRASP, reaching.BACKWARDS):
+            return self.let_go.open
+        return {reaching.FINGERS: self.let_go.opening[0], reaching.REGION: self.let_go.among}.get(code, self.lowering)

@@ -15,7 +15,8 @@ from perception.frames import Frame
 from perception.fusion import prepare
 from perception.grouping import told_apart
 from perception.observation import Observation
-from perception.segment import grown, match, object_points, standing_box
+from perception.segment import grown, match, object_pixels, standing_box
+from perception.solids import fitted_solid, pixels_of
 from perception.voxels import UNKNOWN, Voxels
 
 FLAG_SHARE, FLAG_HEIGHT_M = 0.95, 0.05  # a region counts as observed when so much of the space up to this height over it is known
@@ -50,17 +51,19 @@ def believe(
     """
     tracked = tracked or {}
     views = prepare([_without(f, tracked) for f in frames] if by == "mask" else list(frames), blank.cabinet)
-    clouds = object_points(views if by == "mask" else told_apart(views))
+    views = views if by == "mask" else told_apart(views)
+    shown = object_pixels(views)
+    clouds = {name: points for name, (points, _) in shown.items()}
     boxes = {name: grown(standing_box(points, blank.cabinet), voxels) for name, points in clouds.items()}
     if target_box is not None or by == "geometry":
         wanted = np.append(blank.grasp.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
         chosen = match(boxes, wanted)
         names = {chosen: blank.target, blank.target: chosen} if chosen is not None else {blank.target: f"{blank.target}_other"}
-        clouds = {names.get(n, n) or n: c for n, c in clouds.items()}
+        shown = {names.get(n, n) or n: c for n, c in shown.items()}
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
     bodies = []
-    for name, points in clouds.items():
-        shape, T = upright_solid(points)
+    for name, (points, source) in shown.items():
+        shape, T = fitted_solid(pixels_of(views, points, source), points) if views.axial > 0 else upright_solid(points)
         bodies.append(Body(name, shape, blank.cabinet.T_world_cabinet @ T))
     bodies += tracked.values()
     return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels)

@@ -28,9 +28,9 @@ def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
     if len(points) == 0:
         raise ValueError("there is no solid around no points")
     height = float(max(points[:, 2].max(), LEAST_M)) + margin_m
-    outline = _hull(points[:, :2])
-    corner, size, yaw = _rectangle(outline)
-    centre, radius = _circle(outline)
+    outline = outline_of(points[:, :2])
+    corner, size, yaw = least_rectangle(outline)
+    centre, radius = least_circle(outline)
     size = np.maximum(size + 2 * margin_m, LEAST_M)
     radius = max(radius + margin_m, LEAST_M / 2)
     if np.pi * radius**2 < size[0] * size[1]:
@@ -38,7 +38,7 @@ def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
     return Box(np.array([*size, height])), transform(rotation_about((0.0, 0.0, 1.0), yaw), [*corner, height / 2])
 
 
-def _hull(points: Array) -> Array:
+def outline_of(points: Array) -> Array:
     """The corners (K, 2) of the convex hull, counter-clockwise (Andrew's monotone chain on the outermost point of every direction)."""
     extreme = points[_outermost(points)]
     order = extreme[np.lexsort((extreme[:, 1], extreme[:, 0]))]
@@ -84,7 +84,7 @@ def _turn(a: Array, b: Array, c: Array) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _rectangle(outline: Array) -> tuple[Array, Array, float]:
+def least_rectangle(outline: Array) -> tuple[Array, Array, float]:
     """Centre (2,), size (2,) and yaw of the rectangle of least area around a convex polygon; one side runs along an edge."""
     edges = np.diff(np.concatenate([outline, outline[:1]]), axis=0)
     yaws = np.unique(np.round(np.arctan2(edges[:, 1], edges[:, 0]) % (np.pi / 2), 6))
@@ -100,7 +100,7 @@ def _rectangle(outline: Array) -> tuple[Array, Array, float]:
     return best[1:]
 
 
-def _circle(outline: Array) -> tuple[Array, float]:
+def least_circle(outline: Array) -> tuple[Array, float]:
     """Centre (2,) and radius of the least circle around points (K, 2).
 
     It grows from the points on its rim and the one that is furthest out (after Welzl 1991, Gärtner 1999).

@@ -29,6 +29,7 @@ class Views:
     """Frames made ready: depths (H, W) whose noise is averaged away, which pixels show something in the cabinet, their points there.
 
     T_cabinet_camera: a pose a frame. axial: the standard deviation of the depth at 1 m, in metres, as found in the frames.
+    counts: of how many pixels each depth (H, W) is the average.
     """
 
     frames: tuple[Frame, ...]
@@ -37,6 +38,7 @@ class Views:
     points: tuple[NDArray[np.float32], ...]
     T_cabinet_camera: tuple[Array, ...]
     axial: float
+    counts: tuple[NDArray[np.uint8], ...]
 
 
 def prepare(frames: Sequence[Frame], cabinet: Cabinet) -> Views:
@@ -44,18 +46,20 @@ def prepare(frames: Sequence[Frame], cabinet: Cabinet) -> Views:
     size, T_cabinet_world = np.asarray(cabinet.size_m, float), inverse(cabinet.T_world_cabinet)
     poses = tuple(T_cabinet_world @ f.T_world_camera for f in frames)
     axial = axial_noise(frames, cabinet)
-    depths, inside, points = [], [], []
+    depths, inside, points, counts = [], [], [], []
     for frame, T in zip(frames, poses):
         depth, camera, arm = np.ascontiguousarray(frame.depth, np.float32), pinhole_of(frame), arm_of(frame)
         label = np.zeros(depth.shape, np.int32) if frame.instance is None else np.ascontiguousarray(frame.instance, np.int32)
+        count = np.ones(depth.shape, np.uint8)
         if axial > 0:
             kept, _ = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
-            depth = smooth(depth, np.where(kept, label, -1).astype(np.int32), axial, SMOOTH_PX)
+            depth, count = smooth(depth, np.where(kept, label, -1).astype(np.int32), axial, SMOOTH_PX)
         kept, xyz = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
         depths.append(depth)
         inside.append(kept)
         points.append(xyz)
-    return Views(tuple(frames), tuple(depths), tuple(inside), tuple(points), poses, axial)
+        counts.append(count)
+    return Views(tuple(frames), tuple(depths), tuple(inside), tuple(points), poses, axial, tuple(counts))
 
 
 def axial_noise(frames: Sequence[Frame], cabinet: Cabinet) -> float:

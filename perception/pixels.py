@@ -84,12 +84,13 @@ def in_cabinet(
 
 
 @njit(cache=True, nogil=True)
-def smooth(depth: Image, label: Labels, axial: float, reach_px: int) -> Image:
+def smooth(depth: Image, label: Labels, axial: float, reach_px: int) -> tuple[Image, NDArray[np.uint8]]:
     """Each pixel with a label >= 0 averaged with those up to reach_px around it that have the same and are within four standard deviations.
 
     The average is of 1 / z, which is affine in column and row on a plane, so slanted faces stay where they are. Others keep their depth.
+    The second image (H, W) says of how many pixels each one is the average.
     """
-    out = depth.copy()
+    out, count = depth.copy(), np.ones(depth.shape, np.uint8)
     height, width = depth.shape
     for v in range(height):
         for u in range(width):
@@ -110,7 +111,33 @@ def smooth(depth: Image, label: Labels, axial: float, reach_px: int) -> Image:
                     if abs(0.5 * (z1 + z2) - z) < gate and abs(z1 - z2) < 0.04:
                         total += 1.0 / z1 + 1.0 / z2
                         n += 2
-            out[v, u] = (n + 1) / (total + 1.0 / z)
+            out[v, u], count[v, u] = (n + 1) / (total + 1.0 / z), n + 1
+    return out, count
+
+
+@njit(cache=True, nogil=True)
+def filled(depth: Image, arm: Bool, fewest: int) -> Image:
+    """The image with a pixel that measured nothing as near as the nearest of the 3 × 3 around it, where at least `fewest` measured any.
+
+    A stereo camera loses pixels at the edges of things, where nothing else is than what is on the one side or on the other. The robot's own
+    pixels, and those beside them, stay empty.
+    """
+    out = depth.copy()
+    height, width = depth.shape
+    for v in range(height):
+        for u in range(width):
+            if depth[v, u] > 0.0:
+                continue
+            least, n = np.inf, 0
+            for y in range(max(v - 1, 0), min(v + 2, height)):
+                for x in range(max(u - 1, 0), min(u + 2, width)):
+                    if arm[y, x]:
+                        n = -9
+                    if depth[y, x] > 0.0:
+                        n += 1
+                        least = min(least, depth[y, x])
+            if n >= fewest:
+                out[v, u] = least
     return out
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from kinematics.scene import Cabinet
@@ -21,6 +22,7 @@ from perception.grouping import CELL_M, told_apart
 if TYPE_CHECKING:
     from perception.voxels import Voxels
 
+Int = NDArray[np.int64]
 FEWEST_PIXELS = 20
 """What fewer pixels show is no object but noise."""
 
@@ -48,7 +50,12 @@ def object_points(views: Views) -> dict[str, Array]:
 
     Raises: ValueError when a frame has no instances.
     """
-    found: dict[str, list[Array]] = {}
+    return {name: points for name, (points, _) in object_pixels(views).items()}
+
+
+def object_pixels(views: Views) -> dict[str, tuple[Array, Int]]:
+    """The same, and for each point the frame and the pixel (N, 2) that show it; pixels are counted row by row."""
+    found: dict[str, list[tuple[Array, Int]]] = {}
     for i, (frame, inside, points) in enumerate(zip(views.frames, views.inside, views.points)):
         if frame.instance is None:
             raise ValueError(f"frame {i} has no mask: objects can't be told apart by masks, only by geometry")
@@ -57,25 +64,31 @@ def object_points(views: Views) -> dict[str, Array]:
         ids, starts = np.unique(shown.reshape(-1)[order], return_index=True)
         for k, rows in zip(ids, np.split(order, starts[1:])):
             if 0 <= k < len(frame.names):
-                found.setdefault(frame.names[k], []).append(points.reshape(-1, 3)[rows].astype(float))
-    clouds = {name: without_strays(np.concatenate(parts)) for name, parts in found.items()}
-    return {name: points for name, points in clouds.items() if len(points) >= FEWEST_PIXELS}
+                source = np.stack([np.full(len(rows), i), rows], -1)
+                found.setdefault(frame.names[k], []).append((points.reshape(-1, 3)[rows].astype(float), source))
+    out = {}
+    for name, parts in found.items():
+        cloud, pixels = (np.concatenate(column) for column in zip(*parts))
+        dense = lie_densely(cloud)
+        if np.count_nonzero(dense) >= FEWEST_PIXELS:
+            out[name] = (cloud[dense], pixels[dense])
+    return out
 
 
-def without_strays(points: Array, share: float = 0.03) -> Array:
-    """The points (N, 3) that lie densely: in whose 3 × 3 × 3 cells around are at least `share` of what is usual for the cloud, and three.
+def lie_densely(points: Array, share: float = 0.03) -> NDArray[np.bool_]:
+    """Which (N,) points (N, 3) lie densely: in whose 3 × 3 × 3 cells around are at least `share` of the cloud's usual number, and three.
 
     Pixels at a silhouette may measure a depth between the object and what is behind it; those lie thinly in the air.
     """
     if len(points) < FEWEST_PIXELS:
-        return points[:0]
+        return np.zeros(len(points), bool)
     columns = points.T.copy()  # a row a coordinate: far quicker to reduce
     cell = np.floor((columns - columns.min(1, keepdims=True)) / CELL_M).astype(np.int64)
     shape = cell.max(1) + 1
     flat = np.ravel_multi_index(tuple(cell), shape)
     count = np.bincount(flat, minlength=int(np.prod(shape))).reshape(shape)
     around = ndimage.uniform_filter(count.astype(np.float32), 3, mode="constant").ravel()[flat] * 27
-    return np.asarray(points[around >= max(3.0, share * float(np.median(around))) - 0.5])
+    return np.asarray(around >= max(3.0, share * float(np.median(around))) - 0.5)
 
 
 def standing_box(points: Array, cabinet: Cabinet) -> Array:

@@ -20,10 +20,13 @@ from kinematics.transforms import Array, apply, inverse, transform
 from perception import grid
 from perception.camera import Intrinsics
 from perception.grid import FREE, OCCUPIED, UNKNOWN, States
+from perception.pixels import filled, smooth
 
 VOXEL_M = 0.01
 WALL_SLACK_M = 0.002
 """A depth that misses the wall by no more than this is the wall's; noise is added to it."""
+SMOOTH_PX, ENOUGH, FILL = 3, 9, 4
+"""Noisy pixels are averaged with those so many around; with so many, a pixel is trusted to be where it says."""
 MOST_BOXES = 20000
 
 
@@ -55,21 +58,41 @@ class Voxels:
     def voxel_m3(self) -> float:
         return float(np.prod(self.step))
 
-    def fuse(self, depth: NDArray[np.float32], intrinsics: Intrinsics, T_world_camera: Array, *, noise_1m_m: float = 0.0) -> Voxels:
-        """The map after one depth image (H, W), metres, 0 where nothing was measured or the robot itself is seen.
+    def fuse(
+        self,
+        depth: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        T_world_camera: Array,
+        *,
+        own: NDArray[np.bool_] | None = None,
+        noise_1m_m: float = 0.0,
+    ) -> Voxels:
+        """The map after one depth image (H, W), metres, 0 where nothing was measured. own (H, W): the robot's own pixels, if any.
 
-        noise_1m_m: standard deviation of a depth at 1 m, growing with z²; a depth that misses a wall by four of them is still the wall's.
+        noise_1m_m: standard deviation of a depth at 1 m, growing with z². Noise is averaged away where the pixels around allow it; a depth
+        that misses a wall by four of its standard deviations is still the wall's, and one with few like it around marks nothing occupied.
+        A pixel that was lost at an edge is taken for as near as those around it.
         """
         state = self.state.copy()
         f = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
         T_grid_camera = inverse(self.T_world_grid) @ T_world_camera
         R, eye = np.ascontiguousarray(T_grid_camera[:3, :3]), T_grid_camera[:3, 3].copy()
         levels = np.zeros((grid.LEVELS, *depth.shape), np.float32)
+        own = np.zeros(depth.shape, bool) if own is None else np.ascontiguousarray(own, bool)
+        depth = np.where(own, np.float32(0), depth).astype(np.float32)
         clear = np.empty(depth.shape, np.float32)
-        grid.clear_depth(np.asarray(depth, np.float32), *f, R, eye, self.cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, clear)
+        grid.clear_depth(depth, *f, R, eye, self.cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, clear)
+        ends = clear
+        if noise_1m_m > 0:
+            averaged, count = smooth(depth, np.zeros(depth.shape, np.int32), noise_1m_m, SMOOTH_PX)
+            surer = np.empty(depth.shape, np.float32)
+            grid.clear_depth(averaged, *f, R, eye, self.cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, surer)
+            clear = np.where(count >= ENOUGH, surer, clear)
+            ends = np.where(count >= ENOUGH, surer, np.float32(0))
+            clear = filled(clear, own, FILL)
         grid.pyramid(clear, levels)
         grid.mark_free(state, self.step, np.ascontiguousarray(inverse(T_grid_camera)[:3]), levels, *f)
-        grid.mark_occupied(state, self.step, clear, *f, R, eye)
+        grid.mark_occupied(state, self.step, ends, *f, R, eye)
         return replace(self, state=state)
 
     def index(self, points_world: Array) -> NDArray[np.int64]:

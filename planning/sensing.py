@@ -116,7 +116,7 @@ def look_around(
     while True:
         frame = camera(base @ robot.link_poses(q)["camera"], q)
         depth = frame.depth if frame.arm is None else np.where(frame.arm, np.float32(0), frame.depth)
-        voxels = voxels.fuse(depth, frame.intrinsics, frame.T_world_camera, noise_1m_m=noise_1m_m)
+        voxels = voxels.fuse(frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm, noise_1m_m=noise_1m_m)
         frames.append(frame)
         views.append((frame.T_world_camera, voxels.known))
         on_step(f"view {len(frames)}: {100 * voxels.known:.1f} % known")

@@ -45,6 +45,7 @@ def run(
     from kinematics.robot import from_ref
     from perception.belief import believe, observation
     from perception.frames import read_frames, write_frames, write_ply
+    from perception.fusion import axial_noise
     from perception.source import marked
     from planning.sensing import Limits
 
@@ -62,12 +63,12 @@ def run(
                 else:
                     recorded = read_frames(from_views, scene=None if _is_one(from_views) else index)
                     frames = marked(arm, scene.robot.T_world_base, recorded)
-                    voxels, reason = fuse(blank, frames, noise), f"{len(frames)} recorded views"
+                    voxels, reason = fuse(blank, frames, axial_noise(frames, blank.cabinet)), f"{len(frames)} recorded views"
                 belief = believe(blank, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)
                 if views is not None:
                     write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
             seen = observation(blank, arm.home, belief)
-            shares = known_after(blank, frames, noise)
+            shares = known_after(blank, frames, axial_noise(frames, blank.cabinet))
             document = observation_to_json(seen.boxes, seen.regions, [(f.T_world_camera, k) for f, k in zip(frames, shares)], voxels.known)
             found = "" if scene.target in seen.boxes else f", the target {scene.target} not among them"
             say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(seen.boxes)} objects{found}; {reason}")
@@ -93,26 +94,22 @@ def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.G
     return looked.frames, looked.voxels, looked.reason
 
 
-def fuse(blank: Scene, frames: tuple[Frame, ...], noise: bool) -> Voxels:
+def fuse(blank: Scene, frames: tuple[Frame, ...], noise: float) -> Voxels:
     """The map that recorded frames give."""
     return _maps(blank, frames, noise)[-1]
 
 
-def known_after(blank: Scene, frames: tuple[Frame, ...], noise: bool) -> list[float]:
+def known_after(blank: Scene, frames: tuple[Frame, ...], noise: float) -> list[float]:
     """The share known after each frame."""
     return [voxels.known for voxels in _maps(blank, frames, noise)[1:]]
 
 
-def _maps(blank: Scene, frames: tuple[Frame, ...], noise: bool) -> list[Voxels]:
-    import numpy as np
-
-    from perception.camera import DepthNoise
+def _maps(blank: Scene, frames: tuple[Frame, ...], noise: float) -> list[Voxels]:
     from perception.voxels import unknown_voxels
 
     maps = [unknown_voxels(blank.cabinet)]
     for f in frames:
-        depth = f.depth if f.arm is None else np.where(f.arm, np.float32(0), f.depth)
-        maps.append(maps[-1].fuse(depth, f.intrinsics, f.T_world_camera, noise_1m_m=DepthNoise().axial_1m_m if noise else 0.0))
+        maps.append(maps[-1].fuse(f.depth, f.intrinsics, f.T_world_camera, own=f.arm, noise_1m_m=noise))
     return maps
 
 

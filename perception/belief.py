@@ -10,13 +10,12 @@ import numpy as np
 
 from kinematics.scene import Body, Scene, object_box
 from kinematics.transforms import Array, apply, inverse
-from perception.footprint import upright_solid
 from perception.frames import Frame
 from perception.fusion import prepare
 from perception.grouping import told_apart
 from perception.observation import Observation
-from perception.segment import grown, match, object_pixels, standing_box
-from perception.solids import fitted_solid, pixels_of
+from perception.segment import grown, match, object_pixels, standing_boxes
+from perception.solids import standing_solids
 from perception.voxels import UNKNOWN, Voxels
 
 FLAG_SHARE, FLAG_HEIGHT_M = 0.95, 0.05  # a region counts as observed when so much of the space up to this height over it is known
@@ -53,19 +52,15 @@ def believe(
     views = prepare([_without(f, tracked) for f in frames] if by == "mask" else list(frames), blank.cabinet)
     views = views if by == "mask" else told_apart(views)
     shown = object_pixels(views)
-    clouds = {name: points for name, (points, _) in shown.items()}
-    boxes = {name: grown(standing_box(points, blank.cabinet), voxels) for name, points in clouds.items()}
+    solids = standing_solids(views, shown, blank.cabinet)
+    boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, blank.cabinet).items()}
     if target_box is not None or by == "geometry":
         wanted = np.append(blank.grasp.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
         chosen = match(boxes, wanted)
         names = {chosen: blank.target, blank.target: chosen} if chosen is not None else {blank.target: f"{blank.target}_other"}
-        shown = {names.get(n, n) or n: c for n, c in shown.items()}
+        solids = tuple(replace(b, name=names.get(b.name, b.name) or b.name) for b in solids)
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
-    bodies = []
-    for name, (points, source) in shown.items():
-        shape, T = fitted_solid(pixels_of(views, points, source), points) if views.axial > 0 else upright_solid(points)
-        bodies.append(Body(name, shape, blank.cabinet.T_world_cabinet @ T))
-    bodies += tracked.values()
+    bodies = [*solids, *tracked.values()]
     return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels)
 
 

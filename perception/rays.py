@@ -26,8 +26,8 @@ def hit(solid: Array, eye: Array, ray: Array, slope: Array) -> float:
     """
     slope[:] = 0.0
     if solid[KIND] == CYLINDER:
-        return _hit_cylinder(solid, eye, ray, slope)
-    return _hit_box(solid, eye, ray, slope)
+        return float(_hit_cylinder(solid, eye, ray, slope))
+    return float(_hit_box(solid, eye, ray, slope))
 
 
 @njit(cache=True, nogil=True)
@@ -42,13 +42,13 @@ def _hit_cylinder(solid: Array, eye: Array, ray: Array, slope: Array) -> float:
             along = qx * ray[0] + qy * ray[1]
             if abs(along) > 2 * STEEP * r * np.sqrt(a):
                 slope[1], slope[2], slope[3] = qx / along, qy / along, r / along
-            return z
+            return float(z)
     if ray[2] < 0.0 and eye[2] > height:
         z = (height - eye[2]) / ray[2]
         if (x + z * ray[0]) ** 2 + (y + z * ray[1]) ** 2 <= r * r:
             if -ray[2] > STEEP:
                 slope[HEIGHT] = 1.0 / ray[2]
-            return z
+            return float(z)
     return np.inf
 
 
@@ -92,8 +92,8 @@ def _hit_box(solid: Array, eye: Array, ray: Array, slope: Array) -> float:
 def normal_equations(solid: Array, eyes: Array, rays: Array, z: Array, axial: float, gate: float, A: Array, g: Array) -> float:
     """Fill A (7, 7) and g (7,) of the least squares step for depths z (N,) of rays (N, 3) from eyes (N, 3), weighted by their noise.
 
-    axial: standard deviation of a depth at 1 m, growing with z². Beyond `gate` of them a depth has no weight. Returns the mean square of the
-    errors, in standard deviations and at most gate²; a ray that misses the solid counts one for each MISS_M that it stays away.
+    axial: standard deviation of a depth at 1 m, growing with z². Beyond `gate` of them a depth has no weight. Returns the mean square of
+    the errors, in standard deviations and at most gate²; a ray that misses the solid counts one for each MISS_M that it stays away.
     """
     A[:], g[:] = 0.0, 0.0
     slope, total = np.empty(7), 0.0

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from kinematics.scene import Cabinet
+from kinematics.scene import Body, Cabinet, object_box
 from kinematics.transforms import Array
 from perception.frames import Frame
 from perception.fusion import Views, prepare
 from perception.grouping import CELL_M, told_apart
+from perception.solids import standing_solids
 
 if TYPE_CHECKING:
     from perception.voxels import Voxels
@@ -32,7 +33,8 @@ def segment(
 ) -> dict[str, Array]:
     """The objects that the frames show, all of one and the same moment: name to centre and size (6,) of a box in the world.
 
-    The box is the tightest around the object's points, down to the floor; with a map it is `grown` into what nobody has seen.
+    The box is the tightest around the object's points, down to the floor, or around the solid that fits them best if they are noisy; with
+    a map it is `grown` into what nobody has seen.
     by: "mask" trusts the frames' instances and takes their names; "geometry" finds objects itself and calls them object_0, object_1, …
     from the front to the back. Raises: ValueError when masks are asked for and a frame has none, for depths without surfaces, where
     geometry alone must decide, and for another word.
@@ -40,8 +42,9 @@ def segment(
     if by not in ("mask", "geometry"):
         raise ValueError(f"objects can be told apart by mask or by geometry, not by {by!r}")
     views = prepare(frames if by == "mask" else [replace(f, instance=None, names=()) for f in frames], cabinet)
-    clouds = object_points(views if by == "mask" else told_apart(views))
-    boxes = {name: standing_box(points, cabinet) for name, points in clouds.items()}
+    views = views if by == "mask" else told_apart(views)
+    shown = object_pixels(views)
+    boxes = standing_boxes(views, shown, standing_solids(views, shown, cabinet) if views.axial > 0 else (), cabinet)
     return boxes if voxels is None else {name: grown(box, voxels) for name, box in boxes.items()}
 
 
@@ -89,6 +92,13 @@ def lie_densely(points: Array, share: float = 0.03) -> NDArray[np.bool_]:
     count = np.bincount(flat, minlength=int(np.prod(shape))).reshape(shape)
     around = ndimage.uniform_filter(count.astype(np.float32), 3, mode="constant").ravel()[flat] * 27
     return np.asarray(around >= max(3.0, share * float(np.median(around))) - 0.5)
+
+
+def standing_boxes(views: Views, shown: Mapping[str, tuple[Array, Int]], solids: Sequence[Body], cabinet: Cabinet) -> dict[str, Array]:
+    """The box (6,) in the world of each object; of noisy pixels that of its solid."""
+    if views.axial > 0:
+        return {body.name: object_box(body) for body in solids}
+    return {name: standing_box(points, cabinet) for name, (points, _) in shown.items()}
 
 
 def standing_box(points: Array, cabinet: Cabinet) -> Array:

@@ -2,33 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Literal
 
 import numpy as np
 
-from kinematics.scene import Body, Scene, object_box
+from kinematics.scene import Body, Cabinet, Scene, object_box
+from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, apply, inverse
+from perception.camera import points_in_camera
 from perception.frames import Frame
-from perception.fusion import prepare
+from perception.fusion import Views, prepare
 from perception.grouping import told_apart
 from perception.observation import Observation
-from perception.segment import grown, match, object_pixels, standing_boxes
+from perception.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
 from perception.solids import standing_solids
 from perception.voxels import UNKNOWN, Voxels
 
 FLAG_SHARE, FLAG_HEIGHT_M = 0.95, 0.05  # a region counts as observed when so much of the space up to this height over it is known
+SPOT_M = 0.005  # what is this near to where an object stands is the object
+SAME = 0.1  # boxes with so much of their union in common are of one object
 POINT_M = 0.03  # the grasp stands for a box of this size where no target box is given
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """bodies: upright solids, to plan with. boxes: name to the paper's box (6,), centre and size, grown into what is hidden."""
+    """bodies: upright solids, to plan with. boxes: name to the paper's box (6,), centre and size, grown into what is hidden.
+
+    frames: those that it comes from, and whose pixels are which object's.
+    """
 
     bodies: tuple[Body, ...]
     boxes: Mapping[str, Array]
     voxels: Voxels
+    frames: tuple[Frame, ...] = ()
 
     def body(self, name: str) -> Body | None:
         return next((b for b in self.bodies if b.name == name), None)
@@ -42,34 +51,91 @@ def believe(
     by: Literal["mask", "geometry"] = "mask",
     target_box: Array | None = None,
     tracked: Mapping[str, Body] | None = None,
+    before: Sequence[Body] = (),
 ) -> Belief:
     """Find the objects in the frames.
 
     by: see `perception.segment`. target_box (6,): where the target is, centre and size in the world; by geometry, without it, the target is
     what the scene's grasp reaches for. tracked: objects that the arm has moved, where they stand now; the frames are not asked about them.
+    before: what was believed last; by geometry, an object found where one was keeps its name.
     """
     tracked = tracked or {}
-    views = prepare([_without(f, tracked) for f in frames] if by == "mask" else list(frames), blank.cabinet)
+    views = prepare([without_objects(f, tracked) for f in frames] if by == "mask" else list(frames), blank.cabinet)
     views = views if by == "mask" else told_apart(views)
+    if by == "geometry":
+        views = _named_as_before(views, blank.cabinet, tracked, before)
     shown = object_pixels(views)
     solids = standing_solids(views, shown, blank.cabinet)
     boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, blank.cabinet).items()}
     if target_box is not None or by == "geometry":
         wanted = np.append(blank.grasp.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
-        chosen = match(boxes, wanted)
+        chosen = match({b.name: object_box(b) for b in solids}, wanted)
         names = {chosen: blank.target, blank.target: chosen} if chosen is not None else {blank.target: f"{blank.target}_other"}
         solids = tuple(replace(b, name=names.get(b.name, b.name) or b.name) for b in solids)
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
+        views = _renamed(views, {n: names.get(n, n) or n for n in shown})
     bodies = [*solids, *tracked.values()]
-    return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels)
+    return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels, views.frames)
 
 
-def _without(frame: Frame, names: Mapping[str, Body]) -> Frame:
-    """The frame without the pixels of some objects."""
+def _named_as_before(views: Views, cabinet: Cabinet, tracked: Mapping[str, Body], before: Sequence[Body]) -> Views:
+    """The views with the names that objects had before, by how much of their boxes is common, and new names for the others.
+
+    What little is found on the very spot of a tracked object is a remainder of it, and gets no name.
+    """
+    found = {name: standing_box(points, cabinet) for name, points in object_points(views).items()}
+    known = {b.name: object_box(b) for b in before if b.name not in tracked}
+    names: dict[str, str] = {}
+    pairs = sorted(((iou(a, b), x, y) for x, a in found.items() for y, b in known.items()), key=lambda pair: -pair[0])
+    for common, x, y in pairs:
+        if common > SAME and x not in names and y not in names.values():
+            names[x] = y
+    free = (name for i in count() if (name := f"object_{i}") not in known and name not in tracked)
+    crumbs = {n for n, a in found.items() if any(_on_the_spot(a, object_box(b)) for b in tracked.values())}
+    names = {n: names.get(n) or next(free) for n in found if n not in crumbs}
+    return _renamed(views, names)
+
+
+def _on_the_spot(a: Array, b: Array) -> bool:
+    """Whether the middle of one box (6,) is over the floor that another covers."""
+    return bool((np.abs(a[:2] - b[:2]) < b[3:5] / 2).all())
+
+
+def _renamed(views: Views, names: Mapping[str, str]) -> Views:
+    """The views with other names for their instances; those that get none are nobody's."""
+    frames = []
+    for f in views.frames:
+        assert f.instance is not None
+        nobody = np.isin(f.instance, [i for i, n in enumerate(f.names) if n not in names])
+        frames.append(replace(f, instance=np.where(nobody, np.int32(-1), f.instance), names=tuple(names.get(n, "") for n in f.names)))
+    return replace(views, frames=tuple(frames))
+
+
+def without_objects(frame: Frame, names: Collection[str]) -> Frame:
+    """The frame without the pixels of some objects, whose instances it tells."""
     if frame.instance is None or not (gone := [i for i, n in enumerate(frame.names) if n in names]):
         return frame
     hit = np.isin(frame.instance, gone)
     return replace(frame, depth=np.where(hit, np.float32(0), frame.depth), instance=np.where(hit, np.int32(-1), frame.instance))
+
+
+def without_bodies(frame: Frame, bodies: Sequence[Body], axial: float) -> Frame:
+    """The frame without the pixels that show these upright bodies, where they are known to stand; axial: the depth's noise at 1 m, see
+    `perception.pixels`.
+    """
+    if not bodies:
+        return frame
+    points = points_in_camera(frame.depth, frame.intrinsics) @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3]
+    margin = SPOT_M + 3 * axial * np.asarray(frame.depth, float) ** 2
+    hit = np.zeros(frame.depth.shape, bool)
+    for body in bodies:
+        local = np.abs((points - body.T_world_body[:3, 3]) @ body.T_world_body[:3, :3])
+        if isinstance(body.shape, Cylinder):
+            off = np.hypot(local[..., 0], local[..., 1])
+            hit |= (off < body.shape.radius_m + margin) & (local[..., 2] < body.shape.height_m / 2 + margin)
+        elif isinstance(body.shape, Box):
+            hit |= (local < body.shape.half + margin[..., None]).all(-1)
+    return replace(frame, depth=np.where(hit, np.float32(0), frame.depth))
 
 
 def observation(blank: Scene, q: Array, belief: Belief) -> Observation:

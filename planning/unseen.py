@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Literal
 
 import numpy as np
 
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene, State
 from kinematics.transforms import Array, inverse
-from perception.belief import Belief, believe, observation
+from perception.belief import Belief, believe, observation, without_bodies, without_objects
 from perception.camera import DepthNoise
 from perception.frames import Frame
 from perception.source import Camera, synthetic_camera
@@ -38,20 +39,37 @@ HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """A world that is known to the simulation alone: the scene's objects at poses, and the noise of the camera (None: clean)."""
+    """A world that is known to the simulation alone: the scene's objects at poses, and the noise of the camera (None: clean).
+
+    by: "mask" when its pictures say which pixels are which object's, under the scene's names; "geometry" when they say nothing.
+    """
 
     robot: Robot
     scene: Scene
     poses: Mapping[str, Array]
     noise: DepthNoise | None = None
+    by: Literal["mask", "geometry"] = "mask"
 
     def camera(self, rng: np.random.Generator) -> Camera:
-        return synthetic_camera(self.robot, self.scene, self.poses, noise=self.noise, rng=rng)
+        look = synthetic_camera(self.robot, self.scene, self.poses, noise=self.noise, rng=rng)
+        if self.by == "mask":
+            return look
+        return lambda T_world_camera, q: replace(look(T_world_camera, q), instance=None, names=())
 
-    def move(self, motions: Sequence[Motion]) -> tuple[tuple[Motion, ...], Simulated]:
-        """Carry motions out: the same with the held object where it truly is in the hand, and the world afterwards."""
+    def names(self, bodies: Sequence[Body]) -> dict[str, str]:
+        """What the bodies that somebody believes in are truly called: after the objects that stand nearest."""
+        if self.by == "mask":
+            return {b.name: b.name for b in bodies}
+        at = {name: T[:2, 3] for name, T in self.poses.items()}
+        return {b.name: min(at, key=lambda n: float(np.linalg.norm(at[n] - b.T_world_body[:2, 3]))) for b in bodies}
+
+    def move(self, motions: Sequence[Motion], names: Mapping[str, str]) -> tuple[tuple[Motion, ...], Simulated]:
+        """Carry motions out: the same with the held object where it truly is in the hand, and the world afterwards.
+
+        names: what the motions' objects are truly called.
+        """
         poses, out, held = dict(self.poses), [], None
-        for motion in motions:
+        for motion in (_under(motion, names) for motion in motions):
             if motion.held is not None:
                 name = motion.held.body
                 if held is None or held.body != name:
@@ -64,10 +82,18 @@ class Simulated:
         return tuple(out), replace(self, poses=poses)
 
 
+def _under(motion: Motion, names: Mapping[str, str]) -> Motion:
+    """The motion with other names for the objects."""
+    touch = tuple((names.get(a, a), names.get(b, b)) for a, b in motion.may_touch)
+    held = motion.held and Held(names.get(motion.held.body, motion.held.body), motion.held.T_hand_body)
+    return replace(motion, may_touch=touch, held=held)
+
+
 class _Mind:
     """What has been gathered so far: pictures, the map, objects that were moved, and where the arm is."""
 
-    def __init__(self, world: Simulated, rng: np.random.Generator) -> None:
+    def __init__(self, world: Simulated, rng: np.random.Generator, target_box: Array | None = None) -> None:
+        self.by, self.target_box = world.by, target_box
         self.blank = replace(world.scene, objects=(), observation=None)
         self.robot, self.rng = world.robot, rng
         self.noise = world.noise.axial_1m_m if world.noise else 0.0
@@ -81,15 +107,24 @@ class _Mind:
             self.blank, self.robot, world.camera(self.rng), self.q, self.voxels, self.rng,
             bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise, on_step=on_step,
         )  # fmt: skip
-        self.frames += looked.frames
+        fresh = looked.frames
+        if self.by == "geometry":
+            fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.noise) for f in fresh)
+        self.frames += fresh
         self.voxels, self.q = looked.voxels, looked.q
-        self.belief = believe(self.blank, self.frames, self.voxels, tracked=self.tracked)
+        self.belief = believe(
+            self.blank, self.frames, self.voxels,
+            by=self.by, target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
+        )  # fmt: skip
         return looked
 
     def moved(self, name: str, T_world_body: Array, q: Array) -> None:
         """An object has been put down: the room that it took is free now, and where it stands is its own."""
         body = self.belief.body(name)
         assert body is not None
+        if self.by == "geometry" and name not in self.tracked:  # what shows it there is past
+            before = (without_objects(f, (name,)) for f in self.belief.frames)
+            self.frames = [replace(f, instance=None, names=()) for f in before]
         self.tracked[name] = replace(body, T_world_body=T_world_body)
         left = self.voxels.touched(body, BODY_MARGIN_M) | skin(self.voxels, [body])
         self.voxels = self.voxels.marked(left, FREE).marked(self.voxels.touched(self.tracked[name]), UNKNOWN)
@@ -106,19 +141,21 @@ def retrieve_unseen(
     max_moves: int = MAX_MOVES,
     iterations: int = ITERATIONS,
     time_budget_s: float | None = None,
+    target_box: Array | None = None,
     rng: np.random.Generator,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
 
-    policy_for: makes the policy for what is believed at a moment. The reason is stage "look" when the target was not found; otherwise
-    what blocked the last attempt. Its motions are checked against the truth at the end: `verified` and the reason "verify" tell.
+    policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
+    The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are checked against the
+    truth at the end: `verified` and the reason "verify" tell.
     """
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
     moves: list[Move] = []
     way: list[Motion] = []
     truth = world.scene
-    mind, limits, focus, patience = _Mind(world, rng), FIRST, None, PATIENCE
+    mind, limits, focus, patience = _Mind(world, rng, target_box), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
     while True:
         with moving:
@@ -128,24 +165,30 @@ def retrieve_unseen(
             motions, state = _ready(mind, iterations, time_budget_s)
             taken = _try_target(mind, looked, motions, state, rng)
         if not isinstance(taken, Blocked):
-            way += world.move(taken)[0]
+            names = world.names(mind.belief.bodies)
+            way += world.move(taken, names)[0]
+            if names[truth.target] != truth.target:
+                taken = Blocked("verify", body=names[truth.target], detail=f"it was taken for the target {truth.target}")
             break
         moved = False
-        tried = len(moves)
+        hindered = list[tuple[str, Blocked]]()
         if steps < max_moves and mind.belief.body(truth.target) is not None:
             seen = observation(mind.blank, mind.q, mind.belief)
             for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
                 with moving:
                     done = motions.relocate(state, object_name, region, rng)
-                T_from = world.poses[object_name]
+                names = world.names(mind.belief.bodies)
+                its = names[object_name]
+                T_from = world.poses[its]
                 if isinstance(done, Blocked):
                     failed.add((object_name, region))
-                    moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
+                    moves.append(Move(its, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
+                    hindered.append((object_name, done))
                     continue
                 on_step(f"moved {object_name} to region {region}")
-                carried, world = world.move(done.motions)
+                carried, world = world.move(done.motions, names)
                 way += carried
-                moves.append(Move(object_name, region, T_from, world.poses[object_name], True))
+                moves.append(Move(its, region, T_from, world.poses[its], True))
                 mind.moved(object_name, done.after.poses[object_name], done.after.q)
                 failed.clear()
                 moved = True
@@ -156,7 +199,7 @@ def retrieve_unseen(
                 focus = wanted(mind.blank, mind.robot, mind.belief)
             continue
         with moving:
-            before, focus = focus, wanted(mind.blank, mind.robot, mind.belief, _hidden(motions, state, moves[tried:]))
+            before, focus = focus, wanted(mind.blank, mind.robot, mind.belief, _hidden(motions, state, hindered))
         if patience == 0 or not focus.any() or (before is not None and np.array_equal(before > 0, focus > 0)):
             # the last look has not shown any of what it was to show
             steps += 1
@@ -187,9 +230,9 @@ def _try_target(mind: _Mind, looked: Looked, motions: Motions, state: State, rng
     return taken if isinstance(taken, Blocked) else taken.motions
 
 
-def _hidden(motions: Motions, state: State, failed: Sequence[Move]) -> list[str]:
+def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]]) -> list[str]:
     """At most two objects that can't be moved for what was not seen: those tried, else those out of reach, nearest to x_g first."""
-    tried = [m.object for m in failed if m.reason is not None and (m.reason.body or "").startswith(HIDDEN)]
+    tried = [name for name, why in failed if (why.body or "").startswith(HIDDEN)]
     if tried:
         return list(dict.fromkeys(tried))[:MOST_HIDDEN]
     at = motions.scene.grasp.T_world_hand[:2, 3]

@@ -7,11 +7,12 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED, InputError, blame, choose
 from retrieve_cli.files import plan_writer, read_scenes, replacing
+from retrieve_cli.sense import parse_box
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ class Job:
     model: str | None = None
     sense: bool = False
     noise: bool = False
+    by: Literal["mask", "geometry"] = "mask"
+    target_box: str | None = None
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ def run(
     address: str | None = None,
     sense: bool = False,
     noise: bool = False,
+    by: Literal["mask", "geometry"] = "mask",
+    target_box: str | None = None,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved."""
     from planning.learning.model import once_loaded
@@ -82,8 +87,11 @@ def run(
         raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
     if time_budget_s is not None:
         say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
-    if noise and not sense:
-        raise InputError("plan: --noise is for --sense: without it nothing is looked at")
+    for given, option in ((noise, "--noise"), (by != "mask", "--by"), (target_box is not None, "--target-box")):
+        if given and not sense:
+            raise InputError(f"plan: {option} is for --sense: without it nothing is looked at")
+    if target_box is not None:
+        parse_box(target_box, "plan")
     announce_first_run()
     unsolved = 0
     first: Item | None = None
@@ -97,7 +105,10 @@ def run(
             first = first or item
             yield item
 
-    one = partial(plan_scene, Job(policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise))
+    one = partial(
+        plan_scene,
+        Job(policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box),
+    )
     plans = map_ordered(one, items(), workers=workers, engine=engine, address=address)
     with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
         shown: Plan | None = None
@@ -152,13 +163,14 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
         name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
         return retrieve_unseen(
-            Simulated(arm, item.scene, item.scene.poses(), DepthNoise() if job.noise else None),
+            Simulated(arm, item.scene, item.scene.poses(), DepthNoise() if job.noise else None, job.by),
             lambda motions: make_policy(name, motions, model=model),
             name=name,
             rule=Rule(job.rule),
             max_moves=job.max_moves,
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
+            target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
             rng=np.random.default_rng([job.seed, STAGE, item.index]),
         )
 

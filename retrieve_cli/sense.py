@@ -113,7 +113,7 @@ def _maps(blank: Scene, frames: tuple[Frame, ...], noise: float) -> list[Voxels]
     return maps
 
 
-def parse_box(text: str) -> Array:
+def parse_box(text: str, command: str = "sense") -> Array:
     """Six numbers with commas: centre and size, metres, in the world. Raises InputError."""
     import numpy as np
 
@@ -122,7 +122,7 @@ def parse_box(text: str) -> Array:
     except ValueError:
         box = np.zeros(0)
     if box.shape != (6,) or not np.isfinite(box).all() or (box[3:] <= 0).any():
-        raise InputError(f"sense: --target-box {text!r}: six numbers are needed, cx,cy,cz,dx,dy,dz: centre and positive size in metres")
+        raise InputError(f"{command}: --target-box {text!r}: six numbers are needed, cx,cy,cz,dx,dy,dz: centre and positive size in metres")
     return box
 
 

@@ -15,7 +15,14 @@ BOX, CYLINDER = 0.0, 1.0
 KIND, HEIGHT, YAW = 0, 5, 6
 STEEP = 0.15  # sine of the angle between a ray and a face under which the ray says too little about it
 MISS_M = 0.001
+ROUNDING_M = 0.001 / 12**0.5
 _BISECTIONS = 30
+
+
+@njit(cache=True, nogil=True)
+def deviation(z: float, axial: float) -> float:
+    """The standard deviation of a depth z: the camera's noise, and rounding to whole millimetres, which counts more near by."""
+    return float(np.sqrt((axial * z * z) ** 2 + ROUNDING_M**2))
 
 
 @njit(cache=True, nogil=True)
@@ -92,13 +99,13 @@ def _hit_box(solid: Array, eye: Array, ray: Array, slope: Array) -> float:
 def normal_equations(solid: Array, eyes: Array, rays: Array, z: Array, axial: float, gate: float, A: Array, g: Array) -> float:
     """Fill A (7, 7) and g (7,) of the least squares step for depths z (N,) of rays (N, 3) from eyes (N, 3), weighted by their noise.
 
-    axial: standard deviation of a depth at 1 m, growing with z². Beyond `gate` of them a depth has no weight. Returns the mean square of
+    axial: standard deviation of a depth at 1 m, see `deviation`. Beyond `gate` of them a depth has no weight. Returns the mean square of
     the errors, in standard deviations and at most gate²; a ray that misses the solid counts one for each MISS_M that it stays away.
     """
     A[:], g[:] = 0.0, 0.0
     slope, total = np.empty(7), 0.0
     for i in range(len(z)):
-        found, sigma = hit(solid, eyes[i], rays[i], slope), axial * z[i] * z[i]
+        found, sigma = hit(solid, eyes[i], rays[i], slope), deviation(z[i], axial)
         if found == np.inf:
             there = nearest(solid, eyes[i], rays[i], z[i] - gate * sigma, z[i] + gate * sigma)
             error = distance(solid, eyes[i], rays[i], there) / MISS_M
@@ -148,7 +155,7 @@ def slid(solid: Array, eyes: Array, rays: Array, z: Array, axial: float, gate: f
     """
     slope, n = np.empty(7), 0
     for i in range(len(z)):
-        found, reach = hit(solid, eyes[i], rays[i], slope), gate * axial * z[i] * z[i]
+        found, reach = hit(solid, eyes[i], rays[i], slope), gate * deviation(z[i], axial)
         if found == np.inf:
             found = nearest(solid, eyes[i], rays[i], z[i] - reach, z[i] + reach)
         if abs(found - z[i]) <= reach:

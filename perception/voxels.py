@@ -142,14 +142,20 @@ class Voxels:
             out &= ~self.touched(body, margin_m)
         return np.asarray(out)
 
-    def boxes(self, which: NDArray[np.bool_], name: str = "unknown") -> tuple[Body, ...]:
-        """Few boxes that together fill just the voxels in `which` (X, Y, Z): obstacles, called unknown_0, unknown_1, …"""
+    def ranges(self, which: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Few boxes (N, 6) that together fill just the voxels in `which` (X, Y, Z): the first voxel and the one after the last."""
         out = np.empty((MOST_BOXES, 6), np.int64)
         n = grid.merge(np.ascontiguousarray(which, np.uint8), out)
         if n < 0:
             raise ValueError(f"more than {MOST_BOXES} boxes are needed around what is unknown: the voxels are too small")
-        low, high = out[:n, :3] * self.step, out[:n, 3:] * self.step
-        return tuple(Body(f"{name}_{i}", Box(high[i] - low[i]), self.T_world_grid @ transform(p=(low[i] + high[i]) / 2)) for i in range(n))
+        return out[:n]
+
+    def boxes(self, which: NDArray[np.bool_], name: str = "unknown") -> tuple[Body, ...]:
+        """Few boxes that together fill just the voxels in `which` (X, Y, Z): obstacles, called unknown_0, unknown_1, …"""
+        out = self.ranges(which)
+        low, high = out[:, :3] * self.step, out[:, 3:] * self.step
+        T = [self.T_world_grid @ transform(p=p) for p in (low + high) / 2]
+        return tuple(Body(f"{name}_{i}", Box(size), T[i]) for i, size in enumerate(high - low))
 
 
 def unknown_voxels(cabinet: Cabinet, voxel_m: float = VOXEL_M) -> Voxels:

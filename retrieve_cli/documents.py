@@ -12,6 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kinematics.collision import overlapping
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, load_mesh
@@ -24,6 +27,8 @@ SCENE, PLAN = "retrieve/scene@1", "retrieve/plan@1"
 RULES = ("deep", "region", "strict")
 OVERLAP_TOLERANCE_M = 0.001
 """Solids that overlap by no more than this stand side by side."""
+
+MOST_CELLS = 10**8
 
 LoadMesh = Callable[[str, float], ConvexMesh]
 
@@ -158,7 +163,9 @@ def _shape_to_json(shape: Shape, folder: Path) -> dict[str, Any]:
 
 def _observation(node: Node) -> dict[str, Any]:
     """What a sensed scene carries: checked, and passed on as it is."""
-    f = node.record(("objects", "regions", "views", "known"))
+    f = node.record(("objects", "regions", "views", "known"), ("unknown",))
+    if "unknown" in f:
+        _unknown(f["unknown"])
     for item in f["objects"].items():
         o = item.record(("name", "box"), extra=True)
         o["name"].text()
@@ -173,13 +180,37 @@ def _observation(node: Node) -> dict[str, Any]:
     return dict(node.value)
 
 
-def observation_to_json(boxes: Mapping[str, Array], regions: Array, views: Sequence[tuple[Array, float]], known: float) -> dict[str, Any]:
-    """What a sensed scene carries: boxes by name (6,), regions (n², 4), each view's T_world_camera and the share known after it."""
+def _unknown(node: Node) -> None:
+    """Raises InputError for boxes that are not of whole cells within the cabinet."""
+    u = node.record(("cells", "boxes"))
+    cells = u["cells"].vector(3)
+    if (cells % 1 != 0).any() or (cells < 1).any() or np.prod(cells) > MOST_CELLS:
+        raise u["cells"].error(f"three whole numbers from 1 on are needed, whose product is at most {MOST_CELLS}")
+    for item in u["boxes"].items():
+        box = item.vector(6)
+        if (box % 1 != 0).any() or (box[:3] < 0).any() or (box[:3] >= box[3:]).any() or (box[3:] > cells).any():
+            raise item.error("a box is six whole numbers, its first cell and the one after its last along x, y and z, within the cells")
+
+
+def observation_to_json(
+    boxes: Mapping[str, Array],
+    regions: Array,
+    views: Sequence[tuple[Array, float]],
+    known: float,
+    cells: tuple[int, ...],
+    unknown: NDArray[np.int64],
+) -> dict[str, Any]:
+    """What a sensed scene carries: boxes by name (6,), regions (n², 4), each view's T_world_camera and the share known after it.
+
+    cells (3,): into how many cells the cabinet's depth, width and height are divided; unknown (B, 6): boxes that fill what nobody has seen,
+    their first cell and the one after their last, along each.
+    """
     return {
         "objects": [{"name": name, "box": _numbers(box)} for name, box in boxes.items()],
         "regions": [_numbers(row) for row in regions],
         "views": [{"T_world_camera": _pose(T), "known": float(share)} for T, share in views],
         "known": float(known),
+        "unknown": {"cells": [int(n) for n in cells], "boxes": [[int(i) for i in row] for row in unknown]},
     }
 
 

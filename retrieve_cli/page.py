@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
-from kinematics.transforms import Array, wxyz_from_rotation
+from kinematics.transforms import Array, transform, wxyz_from_rotation
 from kinematics.tree import FIXED, SLIDES
 from perception.shading import WALL_COLOUR
 from retrieve_cli.page_html import PAGE
@@ -40,7 +40,7 @@ from retrieve_cli.picture import (
     outline,
     ring,
 )
-from retrieve_cli.seen import UNSEEN_COLOUR, VIEW_COLOUR, observed_boxes, told, unseen_regions, view_pyramids
+from retrieve_cli.seen import UNKNOWN_ALPHA, UNSEEN_COLOUR, VIEW_COLOUR, observed_boxes, told, unknown_space, unseen_regions, view_pyramids
 from retrieve_cli.visuals import visuals
 
 Colour = tuple[float, float, float]
@@ -131,6 +131,10 @@ def _seen(film: Film) -> list[Command]:
     """What a sensed scene knows: observed boxes, views, and the regions that nobody has seen."""
     commands = [_lines(f"/seen/boxes/{name}", edges, colour, 0.9, through=True) for name, (colour, edges) in observed_boxes(film).items()]
     commands += [_lines(f"/seen/views/{i}", edges, VIEW_COLOUR) for i, edges in enumerate(view_pyramids(film.scene))]
+    if (unknown := unknown_space(film.scene)) is not None:
+        middle = unknown.vertices.mean(0)  # the numbers are packed as shares of the largest
+        surface = _mesh("/seen/unknown", *_flat(unknown.vertices - middle, unknown.faces), UNSEEN_COLOUR, UNKNOWN_ALPHA, basic=True)
+        commands += [surface, _place("/seen/unknown", transform(p=middle))]
     unseen = unseen_regions(film.scene)
     return commands + ([_lines("/seen/unseen regions", unseen, UNSEEN_COLOUR)] if unseen else [])
 

@@ -9,16 +9,20 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.scene import Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, apply, rotation_from_wxyz, transform
+from perception.raycast import Mesh
 from retrieve_cli.picture import Colour, Film, outline
 
 VIEW_COLOUR: Colour = (0.25, 0.36, 0.58)
 UNSEEN_COLOUR: Colour = (0.62, 0.30, 0.40)
 STRANGER_COLOUR: Colour = (0.30, 0.34, 0.40)
 """Of an observed box that bears no object's name."""
+UNKNOWN_ALPHA = 0.28
+INSET_M = 0.002  # keeps what lies at a wall off it, so that the two don't flicker
 PYRAMID_M = 0.05
 SPREAD = (0.69, 0.40)
 """Tangents of half a RealSense's angles of view."""
@@ -55,6 +59,48 @@ def unseen_regions(scene: Scene) -> list[Array]:
     R = scene.cabinet.T_world_cabinet[:3, :3]
     strokes = [np.array([[-sx, -sy, 0.0015], [sx, sy, 0.0015]]) @ R.T for sx, sy in ((cell[0], cell[1]), (cell[0], -cell[1]))]
     return [row[:3] + stroke for row in rows if row[3] < 0.5 for stroke in strokes]
+
+
+def unknown_space(scene: Scene) -> Mesh | None:
+    """The surface of the space that nobody has seen, in the world; None when there is none, or nobody has written it down.
+
+    Faces between two unknown cells are left out, and those side by side are one: so it can be drawn see-through.
+    """
+    unknown = scene.observation.get("unknown") if scene.observation else None
+    if not isinstance(unknown, Mapping) or not unknown["boxes"]:
+        return None
+    cells = np.array(unknown["cells"])
+    which = np.zeros(cells, bool)
+    for x0, y0, z0, x1, y1, z1 in unknown["boxes"]:
+        which[x0:x1, y0:y1, z0:z1] = True
+    corners = np.concatenate([_faces(which, axis, side) for axis in range(3) for side in (0, 1)])
+    size = np.asarray(scene.cabinet.size_m)
+    points = corners.reshape(-1, 3) / cells * (size - 2 * INSET_M) + INSET_M - np.array([0.0, size[1] / 2, 0.0])
+    first = 4 * np.arange(len(corners))[:, None]
+    triangles = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
+    return Mesh(apply(scene.cabinet.T_world_cabinet, points), triangles)
+
+
+def _faces(which: NDArray[np.bool_], axis: int, side: int) -> Array:
+    """The faces (F, 4, 3) on one side of the cells marked in `which` (X, Y, Z), in cells, counter-clockwise from outside.
+
+    Those in a row are one; it is the beginnings and the ends of rows that are looked for.
+    """
+    turned = np.moveaxis(which, axis, 0)
+    beside = np.zeros_like(turned)
+    if side:
+        beside[:-1] = turned[1:]
+    else:
+        beside[1:] = turned[:-1]
+    open_ = np.pad(turned & ~beside, ((0, 0), (0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(open_, axis=2)
+    begin, end = np.argwhere(change == 1), np.argwhere(change == -1)  # in the same order, a begin and its end
+    out = np.empty((len(begin), 4, 3))
+    out[..., 0] = begin[:, :1] + side
+    out[:, [0, 3], 1], out[:, [1, 2], 1] = begin[:, 1:2], begin[:, 1:2] + 1
+    out[:, [0, 1], 2], out[:, [2, 3], 2] = begin[:, 2:], end[:, 2:]
+    flipped = (axis == 1) != (side == 0)  # moving axis 1 to the front mirrors
+    return np.moveaxis(out[:, ::-1] if flipped else out, 2, 0)[[[0, 1, 2], [1, 0, 2], [1, 2, 0]][axis]].transpose(1, 2, 0)
 
 
 def told(scene: Scene) -> str:

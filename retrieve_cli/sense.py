@@ -47,7 +47,7 @@ def run(
     from perception.frames import read_frames, write_frames, write_ply
     from perception.fusion import axial_noise
     from perception.source import marked
-    from planning.sensing import Limits
+    from planning.sensing import Limits, dark
 
     choose("way to tell objects apart (--by)", by, BY)
     box = None if target_box is None else parse_box(target_box)
@@ -69,7 +69,9 @@ def run(
                     write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
             seen = observation(blank, arm.home, belief)
             shares = known_after(blank, frames, axial_noise(frames, blank.cabinet))
-            document = observation_to_json(seen.boxes, seen.regions, [(f.T_world_camera, k) for f, k in zip(frames, shares)], voxels.known)
+            views_known = [(f.T_world_camera, k) for f, k in zip(frames, shares)]
+            unknown = voxels.ranges(dark(voxels, belief.bodies))
+            document = observation_to_json(seen.boxes, seen.regions, views_known, voxels.known, voxels.state.shape, unknown)
             found = "" if scene.target in seen.boxes else f", the target {scene.target} not among them"
             say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(seen.boxes)} objects{found}; {reason}")
             write(replace(scene, observation=document))

@@ -28,7 +28,7 @@ from retrieve_cli.picture import (
     ring,
     silhouette,
 )
-from retrieve_cli.seen import UNSEEN_COLOUR, VIEW_COLOUR, observed_boxes, unseen_regions, view_pyramids
+from retrieve_cli.seen import UNKNOWN_ALPHA, UNSEEN_COLOUR, VIEW_COLOUR, observed_boxes, unknown_space, unseen_regions, view_pyramids
 from retrieve_cli.visuals import visuals
 
 WIDTH_PX = 1280
@@ -134,6 +134,8 @@ def items(film: Film, state: State, without: str = "") -> list[Item]:
     out = [Item(w.shape, w.T_world_body, WALL_COLOUR, alpha=0.13, gloss=0.0) for w in walls if w.name != "floor"]
     out += [Item(w.shape, w.T_world_body, FLOOR_COLOUR, gloss=0.0) for w in walls if w.name == "floor"]
     out += [Item(b.shape, b.T_world_body, film.colours[b.name], gloss=0.15) for b in film.bodies(state)]
+    if (unknown := unknown_space(scene)) is not None:
+        out.append(Item(unknown, np.eye(4), UNSEEN_COLOUR, alpha=UNKNOWN_ALPHA, gloss=0.0))
     links = film.link_poses(state.q)
     for piece in visuals(film.robot):
         if piece.link != without:

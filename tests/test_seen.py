@@ -18,8 +18,8 @@ from perception.camera import look_at
 from retrieve_cli.documents import scene_from_json
 from retrieve_cli.page import page
 from retrieve_cli.picture import Film
-from retrieve_cli.seen import observed_boxes, told, unseen_regions, view_poses, view_pyramids
-from retrieve_cli.still import seen_lines
+from retrieve_cli.seen import INSET_M, UNKNOWN_ALPHA, observed_boxes, told, unknown_space, unseen_regions, view_poses, view_pyramids
+from retrieve_cli.still import items, seen_lines
 
 EYE = look_at(np.array([0.1, 0.2, 0.5]), np.array([0.6, 0.0, 0.2]))
 
@@ -96,3 +96,25 @@ def test_a_scene_that_was_not_sensed_has_none() -> None:
     assert seen_lines(film) == []
     assert told(scene) == ""
     assert seen_paths(page(film)) == set()
+
+
+def test_unknown_space_is_a_closed_surface_around_the_cells(sensed: Scene) -> None:
+    """Its volume by the divergence theorem is the cells', which also says that every face looks outwards."""
+    boxes = [[0, 0, 0, 2, 3, 4], [5, 5, 5, 7, 6, 6], [1, 1, 3, 4, 2, 6]]
+    scene = replace(sensed, observation={**sensed.observation, "unknown": {"cells": [10, 12, 8], "boxes": boxes}})
+    which = np.zeros((10, 12, 8), bool)
+    for x0, y0, z0, x1, y1, z1 in boxes:
+        which[x0:x1, y0:y1, z0:z1] = True
+    mesh = unknown_space(scene)
+    assert mesh is not None
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    volume = float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6
+    cell = np.prod((np.asarray(scene.cabinet.size_m) - 2 * INSET_M) / which.shape)
+    assert volume == pytest.approx(which.sum() * cell)
+    local = apply(inverse(scene.cabinet.T_world_cabinet), mesh.vertices)
+    assert (local > np.array([0, -scene.cabinet.size_m[1] / 2, 0])).all()
+    assert (local < np.array([1, 0.5, 1]) * scene.cabinet.size_m).all()
+    film = Film(from_ref(scene.robot), scene)
+    assert "/seen/unknown" in seen_paths(page(film))
+    assert sum(item.alpha == UNKNOWN_ALPHA for item in items(film, film.state_at(0.0))) == 1
+    assert unknown_space(sensed) is None

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import documents
+import numpy as np
 import pytest
 
+from retrieve_cli.documents import scene_from_json
 from retrieve_cli.errors import InputError
 from retrieve_cli.plan import run as plan
 from retrieve_cli.sense import parse_box, run
@@ -44,6 +47,10 @@ def test_what_is_observed_is_written_and_recorded_views_give_the_same(scenes: Pa
     assert len(again["views"]) == len(seen["views"])
     assert abs(again["known"] - seen["known"]) < 0.02  # depths are whole tenths of a millimetre in files
     assert {o["name"] for o in again["objects"]} == {o["name"] for o in seen["objects"]}
+    cells = np.zeros(seen["unknown"]["cells"], bool)
+    for x0, y0, z0, x1, y1, z1 in seen["unknown"]["boxes"]:
+        cells[x0:x1, y0:y1, z0:z1] = True
+    assert 0 < cells.mean() < 1 - seen["known"]  # what an object explains is not among them
 
 
 def test_the_robot_is_found_in_its_own_pictures_by_how_it_stood(scenes: Path, tmp_path: Path) -> None:
@@ -86,3 +93,20 @@ def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
             scenes=scenes, policy="local", rule="deep", seed=0, iterations=None, time_budget_s=None, max_moves=5, robot=None,
             hand_frame=None, gripper_joint=None, html=None, strict=False, out=None, noise=True,
         )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("unknown", "says"),
+    [
+        ({"cells": [56, 86], "boxes": []}, "unknown.cells"),
+        ({"cells": [56, 86.5, 50], "boxes": []}, "whole numbers"),
+        ({"cells": [5600, 8600, 5000], "boxes": []}, "at most"),
+        ({"cells": [56, 86, 50], "boxes": [[0, 0, 0, 1, 1, 51]]}, r"boxes\[0\].*within the cells"),
+        ({"cells": [56, 86, 50], "boxes": [[0, 0, 0, 1, 0, 1]]}, "within the cells"),
+    ],
+)
+def test_unknown_cells_are_checked(unknown: dict[str, object], says: str) -> None:
+    document = documents.observed()
+    document["observation"]["unknown"] = unknown
+    with pytest.raises(InputError, match=says):
+        scene_from_json(document)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from kinematics.robot import Robot
-from kinematics.scene import Body, RobotRef, Scene
+from kinematics.scene import Body, RobotRef, Scene, object_box
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
-from perception.belief import believe, observation
+from perception.belief import believe, observation, without_bodies
+from perception.camera import DepthNoise, look_at
 from perception.footprint import upright_solid
 from perception.frames import Frame
-from perception.source import DEFAULT, synthetic_camera
+from perception.raycast import raycast, surfaces
+from perception.source import DEFAULT, RANGE_M, synthetic_camera
 from perception.voxels import FREE, UNKNOWN, unknown_voxels
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
@@ -91,9 +94,37 @@ def test_no_pixel_noise_alone_and_a_covered_camera_end_with_a_reason(ur5e: Robot
     noise = look(ur5e, scene, camera=_fixed(np.random.default_rng(0).uniform(0.2, 1.5, shape)))
     assert noise.reason
     assert verify(ur5e, scene, noise.motions) is None
-    inside = look(ur5e, scene, camera=_fixed(np.full(shape, 0.0)), limits=Limits(0.97, 0.0, 8))
-    assert inside.reason
-    assert inside.voxels.known == 0
+
+
+def test_a_camera_inside_an_object_ends_with_its_reason(ur5e: Robot, scene: Scene) -> None:
+    """A real solid around the lens, wherever it goes: a bag over the camera."""
+    bag = Box(np.array([0.1, 0.1, 0.1]))
+    walls = scene.cabinet.walls()
+
+    def look_out(T: Array, q: Array) -> Frame:
+        world = surfaces([bag, *(w.shape for w in walls)], np.array([T, *(w.T_world_body for w in walls)]))
+        depth = raycast(world, T, DEFAULT).depth
+        depth = np.where(depth < RANGE_M[0], np.float32(0), depth)
+        return Frame(depth, np.full(depth.shape, -1, np.int32), (), DEFAULT, T, None)
+
+    seen = look(ur5e, scene, camera=look_out, limits=Limits(0.97, 0.0, 8))
+    assert seen.voxels.known == 0
+    assert len(seen.views) == 3
+    assert "measured nothing: is the camera covered" in seen.reason
+    assert verify(ur5e, scene, seen.motions) is None
+
+
+@pytest.mark.parametrize("by", ["mask", "geometry"])
+def test_noise_alone_is_no_object_or_is_told(ur5e: Robot, scene: Scene, by: Literal["mask", "geometry"]) -> None:
+    blank, rng = replace(scene, objects=()), np.random.default_rng(0)
+    shape = (DEFAULT.height, DEFAULT.width)
+    seen = look(ur5e, scene, camera=_fixed(rng.uniform(0.2, 1.5, shape)))
+    assert verify(ur5e, scene, seen.motions) is None
+    if by == "mask":
+        assert believe(blank, seen.frames, seen.voxels).boxes == {}
+    else:
+        with pytest.raises(ValueError, match="no surfaces"):
+            believe(blank, seen.frames, seen.voxels, by="geometry")
 
 
 def test_limits_hold(ur5e: Robot, scene: Scene) -> None:
@@ -150,3 +181,51 @@ def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None
     )
     assert not unfound.success
     assert "not found" in str(unfound.reason)
+
+
+@pytest.mark.parametrize("noise", [None, DepthNoise()], ids=["clean", "noisy"])
+def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_names(ur5e: Robot, noise: DepthNoise | None) -> None:
+    truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 71, 0)
+    world = Simulated(ur5e, truth, truth.poses(), noise, "geometry")
+    frame = world.camera(np.random.default_rng(0))(np.eye(4), ur5e.home)
+    assert frame.instance is None
+    assert frame.names == ()
+    plan = retrieve_unseen(world, lambda m: make_policy("neural", m), name="neural", rng=np.random.default_rng([0, 4, 0]))
+    assert plan.success
+    assert plan.verified
+    assert [m.held.body for m in plan.motions if m.held][-1] == truth.target
+    done = [m for m in plan.moves if m.done]
+    assert done
+    assert {m.object for m in plan.moves} <= {b.name for b in truth.objects}
+    others = {m.held.body for m in plan.motions if m.held} - {truth.target}
+    assert others == {m.object for m in done}
+
+
+def test_a_box_that_points_to_another_object_is_found_out(ur5e: Robot) -> None:
+    truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 71, 0)
+    other = next(b for b in truth.objects if b.name != truth.target)
+    named = Simulated(ur5e, truth, truth.poses(), None, "geometry").names([replace(other, name="object_3")])
+    assert named == {"object_3": other.name}
+    seen = look(ur5e, truth)
+    belief = believe(replace(truth, objects=()), seen.frames, seen.voxels, by="geometry", target_box=object_box(other))
+    found = belief.body(truth.target)
+    assert found is not None
+    np.testing.assert_allclose(found.T_world_body[:2, 3], other.T_world_body[:2, 3], atol=0.005)
+    blank, few = replace(truth, objects=()), seen.frames[:3]
+    again = believe(blank, few, seen.voxels, by="geometry", target_box=object_box(other), before=belief.bodies)
+    kept = {b.name: b for b in belief.bodies}
+    for body in again.bodies:
+        if body.name in kept and truth.target not in body.name:
+            np.testing.assert_allclose(body.T_world_body[:2, 3], kept[body.name].T_world_body[:2, 3], atol=0.02)
+
+
+def test_bodies_leave_the_picture_and_nothing_else_does(ur5e: Robot, scene: Scene) -> None:
+    frame = synthetic_camera(ur5e, scene, scene.poses())(look_at(np.array([0.1, 0.0, 0.5]), np.array([0.6, 0.0, 0.1])), ur5e.home)
+    assert frame.instance is not None
+    shown = [k for k in range(len(frame.names)) if np.count_nonzero(frame.instance == k) > 100]
+    assert shown
+    for k in shown:
+        left = without_bodies(frame, [scene.body(frame.names[k])], 0.0)
+        assert not (left.depth[frame.instance == k] > 0).any()
+        lost = (left.depth == 0) & (frame.depth > 0) & (frame.instance != k)
+        assert np.count_nonzero(lost) < 0.2 * np.count_nonzero(frame.instance == k)

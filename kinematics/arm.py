@@ -11,12 +11,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from kinematics.compiling import bare
 from kinematics.grouping import GROUP, grouped
+from kinematics.record import record
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array
@@ -25,6 +25,7 @@ Int = NDArray[np.int64]
 BOX, CYLINDER, HULL = 0, 1, 2
 
 
+@record
 class Chain(NamedTuple):
     """K moving joints in a row from the base to the hand; every axis is z of its own frame.
 
@@ -58,6 +59,7 @@ class Parts(NamedTuple):
     radius: Array
 
 
+@record
 class Solids(NamedTuple):
     """B convex bodies at rest: kind (B,) BOX, CYLINDER or HULL; T (B, 4, 4) in the world; half (B, 3) sizes in its own frame
     (a cylinder's: radius, radius, half height); a hull's vertices, vertices[start[b]:start[b + 1]] (·, 3), in its own frame.
@@ -82,6 +84,7 @@ class Solids(NamedTuple):
     plane_start: Int
 
 
+@record
 class Query(NamedTuple):
     """Which pairs may not touch: check (P, B) 1 for part against solid, pairs (S, 2) part against part."""
 
@@ -152,35 +155,35 @@ def make_solids(bodies: tuple[Body, ...] | list[Body]) -> tuple[Solids, list[str
     return stand(stock, np.arange(n), np.array([r[1] for r in rows]).reshape(n, 4, 4)), [r[4] for r in rows]
 
 
-@njit(cache=True, nogil=True)
 def stand(stock: Solids, which: Int, T: Array) -> Solids:
     """Some of the solids, which (n,) of them, at new poses T (n, 4, 4)."""
-    n = which.shape[0]
-    start, point_start, plane_start = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
-    for i in range(n):
-        b = which[i]
-        start[i + 1] = start[i] + stock.start[b + 1] - stock.start[b]
-        point_start[i + 1] = point_start[i] + stock.point_start[b + 1] - stock.point_start[b]
-        plane_start[i + 1] = plane_start[i] + stock.plane_start[b + 1] - stock.plane_start[b]
-    kind, half, centre, radius, boxes = np.empty(n, np.int64), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty((n, 7))
-    vertices, planes = np.empty((start[n], 3)), np.empty((plane_start[n], 4))
-    points, groups = np.empty((3, point_start[n])), np.empty((4, point_start[n] // GROUP))
-    poses = np.empty((n, 4, 4))
-    for i in range(n):
-        b = which[i]
-        kind[i], half[i], radius[i], boxes[i], poses[i] = stock.kind[b], stock.half[b], stock.radius[b], stock.boxes[b], T[i]
-        for r in range(3):
-            middle = boxes[i, 3:6]
-            centre[i, r] = T[i, r, 0] * middle[0] + T[i, r, 1] * middle[1] + T[i, r, 2] * middle[2] + T[i, r, 3]
-        if kind[i] != HULL:
-            continue
-        vertices[start[i] : start[i + 1]] = stock.vertices[stock.start[b] : stock.start[b + 1]]
-        planes[plane_start[i] : plane_start[i + 1]] = stock.planes[stock.plane_start[b] : stock.plane_start[b + 1]]
-        points[:, point_start[i] : point_start[i + 1]] = stock.points[:, stock.point_start[b] : stock.point_start[b + 1]]
-        here, there = point_start[i] // GROUP, stock.point_start[b] // GROUP
-        count = (point_start[i + 1] - point_start[i]) // GROUP
-        groups[:, here : here + count] = stock.groups[:, there : there + count]
-    return Solids(kind, poses, half, start, vertices, centre, radius, boxes, points, groups, point_start, planes, plane_start)
+    boxes = stock.boxes[which]
+    x, y, z = boxes[:, 3:6].T[:, :, None]
+    start, vertices = _chosen(stock.start, which)
+    point_start, points = _chosen(stock.point_start, which)
+    plane_start, planes = _chosen(stock.plane_start, which)
+    return Solids(
+        stock.kind[which],
+        np.array(T, float).reshape(-1, 4, 4),
+        stock.half[which],
+        start,
+        stock.vertices[vertices],
+        T[:, :3, 0] * x + T[:, :3, 1] * y + T[:, :3, 2] * z + T[:, :3, 3],
+        stock.radius[which],
+        boxes,
+        np.ascontiguousarray(stock.points[:, points]),
+        np.ascontiguousarray(stock.groups[:, points[::GROUP] // GROUP]),
+        point_start,
+        stock.planes[planes],
+        plane_start,
+    )
+
+
+def _chosen(start: Int, which: Int) -> tuple[Int, Int]:
+    """Of bodies with rows start[b]:start[b + 1] each, some (n,): where each starts now (n + 1,), and the rows it had before."""
+    counts = np.diff(start)[which]
+    now = np.concatenate([[0], np.cumsum(counts)])
+    return now, np.arange(now[-1]) + np.repeat(start[which] - now[:-1], counts)
 
 
 @lru_cache(maxsize=1024)

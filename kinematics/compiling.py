@@ -8,6 +8,8 @@ from typing import Any, TypeVar, cast
 from numba import njit
 from numpy.typing import NDArray
 
+from kinematics.inlay import Inlay
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 _COMPILE: Any = njit
 BARE = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
@@ -21,7 +23,7 @@ def bare(function: Function) -> Function:
 
 def inner(function: Function) -> Function:
     """The same, for functions that only compiled code calls: unpacking those tuples for Python takes the compiler longer than the rest."""
-    return cast(Function, _COMPILE(**BARE, no_cpython_wrapper=True)(function))
+    return cast(Function, _COMPILE(**BARE, no_cpython_wrapper=True, pipeline_class=Inlay)(function))
 
 
 @inner

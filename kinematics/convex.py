@@ -103,7 +103,7 @@ def box_gap(boxes: Array, a: int, b: int, work: Array) -> float:
     return float(np.sqrt(max(in_a, in_b)))
 
 
-@bare
+@inner
 def gjk(
     vertices: Array,
     groups: Array,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.arm import Int, Query, Solids, make_solids, stand
-from kinematics.lanes import lane_scratch, lane_world, model_of, open_pairs
+from kinematics.lanes import LaneModel, lane_scratch, lane_world, model_of, open_pairs
 from kinematics.rig import Pieces, Rig, carry, join_rigs, make_pieces
 from kinematics.robot import Robot
 from kinematics.scene import Held, Scene
@@ -58,7 +58,7 @@ class Carriage:
         frames, T = self._carried(float(robot.home[robot.gripper_joint]))
         hand = robot.tree.index["hand"]
         self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
-        self._rigs: dict[float, Rig] = {}
+        self._rigs: dict[float, tuple[Rig, LaneModel]] = {}
 
     def _carried(self, gripper: float) -> tuple[Int, Array]:
         q = self.robot.with_arm(np.zeros(len(self.robot.arm_joints)), gripper)
@@ -66,12 +66,17 @@ class Carriage:
 
     def rig(self, gripper: float) -> Rig:
         """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
+        return self.packed(gripper)[0]
+
+    def packed(self, gripper: float) -> tuple[Rig, LaneModel]:
+        """The same, and packed for the lanes."""
         known = self._rigs
         if gripper not in known:
             if len(known) == OPENINGS:
                 known.pop(next(iter(known)))  # the oldest
             frames, T = self._carried(gripper)
-            known[gripper] = carry(self.chain, self.pieces, frames[self._link], T[self._link])
+            rig = carry(self.chain, self.pieces, frames[self._link], T[self._link])
+            known[gripper] = rig, model_of(self.chain, rig)
         return known[gripper]
 
     def in_hand(self, pieces: Pieces, T_hand_body: Array) -> Rig:
@@ -127,11 +132,12 @@ class Sieve:
         everything when a joint that is neither the arm's nor the gripper's is not at home.
         """
         gripper = float(q[0, self.robot.gripper_joint])
-        rig, links = self.carriage.rig(gripper), self.carriage.links
+        (rig, model), links = self.carriage.packed(gripper), self.carriage.links
         own = len(links)
         if held is not None:
             grip = self.carriage.in_hand(self._pieces(held.body), held.T_hand_body)
             rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
+            model = model_of(self.carriage.chain, rig)
         solids, bodies = self._standing(poses)
         P, names = len(links), links + bodies
         judge = np.zeros((P, len(names)), np.bool_)
@@ -148,7 +154,6 @@ class Sieve:
         if self._elsewhere(q):
             judge[:] = False
         pairs = np.argwhere(judge[:, :P])
-        model = model_of(self.carriage.chain, rig)
         world = lane_world(solids, Query(judge[:, P:].astype(np.uint8), pairs))
         rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), lane_scratch(model, world))
         B = len(bodies)

@@ -14,11 +14,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
 from kinematics.compiling import bare, copy_rows, inner
 from kinematics.convex import box_gap, gjk, relative
+from kinematics.record import record
 from kinematics.rig import Rig, make_rig
 from kinematics.transforms import Array
 
@@ -32,6 +32,7 @@ GJK_PAYS_M = 0.03
 """GJK may prove this much more than the boxes do; where more is asked for, halving the interval is cheaper."""
 
 
+@record
 class Problem(NamedTuple):
     """What moves, what it may not touch, and how fast. Bodies are the P parts, then the B solids.
 
@@ -53,6 +54,7 @@ class Problem(NamedTuple):
     margin_m: float
 
 
+@record
 class Scratch(NamedTuple):
     """One thread's memory for one `Problem`.
 
@@ -83,43 +85,56 @@ def make_problem(chain: Chain, parts: Parts, solids: Solids, query: Query, *, ma
     )
 
 
-@njit(cache=True, nogil=True)
 def pose(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) -> Problem:
     """Pack one motion query of a rig: the problem that `edge_free` and the others solve."""
-    frames, P, B, J = chain.q_index.shape[0] + 1, rig.frame.shape[0], solids.kind.shape[0], chain.lower.shape[0]
-    count = query.pairs.shape[0]
+    count, J = int(np.count_nonzero(query.check)) + len(query.pairs), len(chain.lower)
+    problem = Problem(
+        chain,
+        np.concatenate([rig.boxes, solids.boxes]),
+        np.concatenate([rig.vertices, solids.points], 1),
+        np.concatenate([rig.groups, solids.groups], 1),
+        np.empty((count, 9), np.int64),
+        np.zeros((count, J)),
+        np.zeros(J),
+        solids.T,
+        margin_m,
+    )
+    _fill(rig, solids, query, problem, np.empty((count, 4), np.int64))
+    return problem
+
+
+@bare
+def _fill(rig: Rig, solids: Solids, query: Query, problem: Problem, listed: Int) -> None:
+    """Fill in pairs, reach and weight. listed (M, 4), scratch: the two bodies of each pair; the one that the joints move which do not
+    carry both, and the frame from which on they do."""
+    P, n = rig.frame.shape[0], 0
     for p in range(P):
-        for b in range(B):
-            count += 1 if query.check[p, b] else 0
-    first, second, outer, inner = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64), np.zeros(count, np.int64)
-    n = 0
-    for p in range(P):
-        for b in range(B):
+        for b in range(solids.kind.shape[0]):
             if query.check[p, b]:
-                first[n], second[n], outer[n] = p, P + b, p
+                listed[n, 0], listed[n, 1], listed[n, 2], listed[n, 3] = p, P + b, p, 0
                 n += 1
-    for i in range(query.pairs.shape[0]):  # the joints from frame `inner` on move body `outer`
+    for i in range(query.pairs.shape[0]):
         a, b = query.pairs[i, 0], query.pairs[i, 1]
-        first[n], second[n] = a, b
-        outer[n] = a if rig.frame[a] >= rig.frame[b] else b
-        inner[n] = min(rig.frame[a], rig.frame[b])
+        listed[n, 0], listed[n, 1] = a, b
+        listed[n, 2], listed[n, 3] = a if rig.frame[a] >= rig.frame[b] else b, min(rig.frame[a], rig.frame[b])
         n += 1
-    pairs, reach_m, weight, n = np.empty((count, 9), np.int64), np.zeros((count, J)), np.zeros(J), 0
+    chain, weight, pairs, frames = problem.chain, problem.weight, problem.pairs, problem.chain.q_index.shape[0] + 1
+    n = 0
     for frame in range(frames - 1, -1, -1):  # the hand collides most often
-        for i in range(count):
-            if rig.frame[outer[i]] != frame:
+        for i in range(listed.shape[0]):
+            a, b, moved = listed[i, 0], listed[i, 1], listed[i, 2]
+            if rig.frame[moved] != frame:
                 continue
-            a, b = first[i], second[i]
-            solid = b - P
+            solid, before = b - P, rig.start[P]
             pairs[n, 0], pairs[n, 1], pairs[n, 2] = a, b, rig.frame[a]
-            pairs[n, 3] = frames + solid if solid >= 0 else rig.frame[b]
-            pairs[n, 4] = solids.kind[solid] if solid >= 0 else HULL
             pairs[n, 5], pairs[n, 6] = rig.start[a], rig.start[a + 1]
-            before = rig.start[P] if solid >= 0 else 0
-            pairs[n, 7] = before + (solids.point_start[solid] if solid >= 0 else rig.start[b])
-            pairs[n, 8] = before + (solids.point_start[solid + 1] if solid >= 0 else rig.start[b + 1])
-            for k in range(inner[i], frame):
-                reach_m[n, chain.q_index[k]] += rig.reach[k, outer[i]] * abs(chain.scale[k])
+            if solid >= 0:
+                pairs[n, 3], pairs[n, 4] = frames + solid, solids.kind[solid]
+                pairs[n, 7], pairs[n, 8] = before + solids.point_start[solid], before + solids.point_start[solid + 1]
+            else:
+                pairs[n, 3], pairs[n, 4], pairs[n, 7], pairs[n, 8] = rig.frame[b], HULL, rig.start[b], rig.start[b + 1]
+            for k in range(listed[i, 3], frame):
+                problem.reach[n, chain.q_index[k]] += rig.reach[k, moved] * abs(chain.scale[k])
             n += 1
     for k in range(frames - 1):
         far = 0.0
@@ -127,21 +142,10 @@ def pose(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) 
             far = max(far, rig.reach[k, p])
         weight[chain.q_index[k]] += far * abs(chain.scale[k]) if P else 1.0
     most = 0.0
-    for j in range(J):
+    for j in range(weight.shape[0]):
         most = max(most, weight[j])
-    for j in range(J):
+    for j in range(weight.shape[0]):
         weight[j] = max(weight[j], max(1e-9, 0.02 * most))
-    return Problem(
-        chain,
-        np.concatenate((rig.boxes, solids.boxes)),
-        np.concatenate((rig.vertices, solids.points), 1),
-        np.concatenate((rig.groups, solids.groups), 1),
-        pairs,
-        reach_m,
-        weight,
-        solids.T,
-        margin_m,
-    )
 
 
 @bare

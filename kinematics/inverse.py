@@ -7,10 +7,9 @@ limits and are polished to about 1e-9.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.arm import Chain, forward
@@ -20,6 +19,9 @@ from kinematics.transforms import Array
 POSITION_TOLERANCE_M = 1e-5
 ROTATION_TOLERANCE = 1e-5
 _TABLE = 8192
+PATIENT: Any = np.int64(40)
+BRISK: Any = np.int64(30)
+"""Iterations of `descend`, from the table and from nearby. A plain int is a type of its own, and `descend` would be compiled for each."""
 
 
 class Seeds(NamedTuple):
@@ -34,7 +36,7 @@ def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
     rng = np.random.default_rng(0)
     q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
     T = np.empty((n, 4, 4))
-    _hand_poses(chain, T_frame_hand, q, T)
+    _hand_poses(chain, T_frame_hand, q, np.empty((len(chain.q_index) + 1, 4, 4)), T)
     return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32))
 
 
@@ -45,13 +47,19 @@ def solve(
 
     tries: how many starts. Two solutions are distinct when some joint differs by more than `distinct` rad (or m).
     """
-    return np.asarray(solve_compiled(chain, T_frame_hand, seeds.q, seeds.T, T_world_hand, near, tries, distinct))
+    J, N = len(near), seeds.T.shape[1]
+    tries = min(tries, N)
+    starts, score, far = np.zeros(tries, np.int64), np.zeros(N, np.float32), np.full(tries, np.inf, np.float32)
+    T_world_hand, near = np.ascontiguousarray(T_world_hand, float), np.ascontiguousarray(near, float)
+    _nearest(seeds.T, T_world_hand, score, starts, far)
+    out, cost, q = np.empty((tries, J)), np.zeros(tries), np.empty(J)
+    found = _solve(chain, T_frame_hand, seeds.q, starts, T_world_hand, near, distinct, q, *make_work(chain), out, cost)
+    return out[np.argsort(cost[:found])]
 
 
-@njit(cache=True, nogil=True)
-def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, out: Array) -> None:
+@bare
+def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, frames: Array, out: Array) -> None:
     K = chain.q_index.shape[0]
-    frames = np.empty((K + 1, 4, 4))
     for i in range(q.shape[0]):
         forward(chain, q[i], frames)
         for r in range(4):
@@ -62,17 +70,16 @@ def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, out: Array) -> None
                 out[i, r, c] = x
 
 
-@njit(cache=True, nogil=True)
-def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distinct):  # type: ignore[no-untyped-def]
-    """See `solve`; callable from compiled code."""
-    J = table_q.shape[1]
-    starts = _nearest(table_T, T, min(tries, table_q.shape[0]))
-    found, out = 0, np.empty((tries, J))
-    frames, work = np.empty((chain.q_index.shape[0] + 1, 4, 4)), np.empty((12 + J, max(6, J)))
-    q = np.empty(J)
+@bare
+def _solve(
+    chain: Chain, T_frame_hand: Array, table: Array, starts: NDArray[np.int64], T: Array, near: Array, distinct: float, q: Array,
+    frames: Array, work: Array, out: Array, cost: Array,
+) -> int:  # fmt: skip
+    """The distinct solutions, out[:found], and how far each is from `near`, squared, cost[:found], zeros before. q (J,): scratch."""
+    J, found = q.shape[0], 0
     for s in starts:
-        q[:] = table_q[s]
-        if not descend(chain, T_frame_hand, T, q, frames, work, 40):
+        copy_row(table[s], q)
+        if not descend(chain, T_frame_hand, T, q, frames, work, PATIENT):
             continue
         for j in range(J):  # of two turns that are both inside the limits, the one nearer to `near`
             other = q[j] - np.copysign(2 * np.pi, q[j] - near[j])
@@ -91,28 +98,26 @@ def solve_compiled(chain, T_frame_hand, table_q, table_T, T, near, tries, distin
                 fresh = False
                 break
         if fresh:
-            out[found] = q
+            copy_row(q, out[found])
+            for j in range(J):
+                cost[found] += (q[j] - near[j]) ** 2
             found += 1
-    cost = np.empty(found)
-    for f in range(found):
-        cost[f] = 0.0
-        for j in range(J):
-            cost[f] += (out[f, j] - near[j]) ** 2
-    return out[np.argsort(cost)]
+    return found
 
 
-@njit(cache=True, nogil=True)
-def _nearest(table: NDArray[np.float32], T: Array, most: int) -> NDArray[np.int64]:
-    """The columns of a table of poses (12, N) nearest to the pose T (4, 4), the nearest first."""
-    N = table.shape[1]
-    score = np.zeros(N, np.float32)
+@bare
+def _nearest(table: NDArray[np.float32], T: Array, score: NDArray[np.float32], best: NDArray[np.int64], far: NDArray[np.float32]) -> None:
+    """The columns `best` of a table of poses (12, N) nearest to the pose T (4, 4), the nearest first.
+
+    score (N,): zeros before. far, as long as best: infinite before.
+    """
+    N, most = table.shape[1], best.shape[0]
     for i in range(12):
         r, c = i // 4, i % 4
         weight, wanted = np.float32(1.0 if c == 3 else 0.02), np.float32(T[r, c])  # 0.02 m² weighs a half turn (8) like 0.4 m
         for n in range(N):
             d = table[i, n] - wanted
             score[n] += weight * d * d
-    best, far = np.zeros(most, np.int64), np.full(most, np.inf, np.float32)
     for n in range(N):
         if score[n] < far[most - 1]:
             k = most - 1
@@ -120,7 +125,6 @@ def _nearest(table: NDArray[np.float32], T: Array, most: int) -> NDArray[np.int6
                 best[k], far[k] = best[k - 1], far[k - 1]
                 k -= 1
             best[k], far[k] = n, score[n]
-    return best
 
 
 def make_work(chain: Chain) -> tuple[Array, Array]:
@@ -156,7 +160,9 @@ def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array
                 polish += 1
                 if polish > 2 or not closer or best < 1e-20:
                     return True
-            jac[:] = 0.0
+            for r in range(6):
+                for j in range(J):
+                    jac[r, j] = 0.0
             for k in range(K):
                 j, s = chain.q_index[k], chain.scale[k]
                 ax, ay, az = frames[k + 1, 0, 2] * s, frames[k + 1, 1, 2] * s, frames[k + 1, 2, 2] * s

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from kinematics.arm import BOX, CYLINDER, Chain, Int, Parts, Query, Solids
 from kinematics.compiling import BARE, Function, bare, inner
+from kinematics.record import record
 from kinematics.rig import Rig, make_rig
 from kinematics.spheres import Levels
 from kinematics.transforms import Array
@@ -71,6 +72,7 @@ def _inline(function: Function) -> Function:
 _AT, _REL, _X = _U(0), _U(16), _U(16 * 13)
 
 
+@record
 class LaneModel(NamedTuple):
     """A chain and its covered parts, for 16 lanes.
 
@@ -98,6 +100,7 @@ class LaneModel(NamedTuple):
     slack: F32
 
 
+@record
 class LaneWorld(NamedTuple):
     """Solids and the question about them.
 
@@ -118,6 +121,7 @@ class LaneWorld(NamedTuple):
     pairs: Index
 
 
+@record
 class LaneScratch(NamedTuple):
     """Working memory of one thread: `lane_scratch` makes it, and it may be used for any number of calls with the same sizes or smaller."""
 
@@ -141,48 +145,35 @@ def lane_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> LaneMode
     return model_of(chain, make_rig(chain, parts, covers))
 
 
-@njit(cache=True, nogil=True)
 def model_of(chain: Chain, rig: Rig) -> LaneModel:
     """Pack a chain and a rig with covers."""
-    K, P = chain.q_index.shape[0], rig.frame.shape[0]
-    far, reach, limit = _reaches(chain, rig)
-    T = np.empty((K, 12), np.float32)
-    for k in range(K):
-        for r in range(3):
-            for c in range(4):
-                T[k, 4 * r + c] = chain.T_prev[k, r, c]
-    bound, box, slack, child = np.empty((P, 4), np.float32), np.empty((P, 6), np.float32), np.empty(P, np.float32), np.empty_like(rig.child)
-    for p in range(P):
-        bound[p, :3], bound[p, 3] = rig.boxes[p, 3:6], rig.boxes[p, 6]
-        box[p, :3], box[p, 3:] = rig.boxes[p, 3:6], rig.boxes[p, :3]
-        slack[p] = _RATIO * (K + 2) * far[p]
-        if rig.coarse_start[P] > 0:  # with covers
-            for c in range(rig.child_start[rig.coarse_start[p]], rig.child_start[rig.coarse_start[p + 1]]):
-                child[c] = rig.child[c] + rig.fine_start[p]
+    K, P = len(chain.q_index), len(rig.frame)
+    limit, slide, far, reach = np.full(K, X_MAX), np.zeros(K), np.empty(P), np.zeros((P, K))
+    _reaches(chain, rig, limit, slide, far, reach)
+    children = np.diff(rig.child_start[rig.coarse_start])  # of each part, counted from its first fine ball
     return LaneModel(
-        T,
+        chain.T_prev[:, :3].reshape(K, 12).astype(np.float32),
         chain.q_index.astype(np.uint64),
         chain.scale,
         chain.offset,
         chain.prismatic.astype(np.uint64),
         limit,
         rig.frame.astype(np.uint64),
-        bound,
-        box,
+        rig.boxes[:, 3:].astype(np.float32, order="C"),
+        rig.boxes[:, [3, 4, 5, 0, 1, 2]].astype(np.float32, order="C"),
         rig.coarse_start.astype(np.uint64),
         rig.coarse.astype(np.float32),
         rig.child_start.astype(np.uint64),
-        child.astype(np.uint64),
+        (rig.child + np.repeat(rig.fine_start[:-1], children)).astype(np.uint64),
         rig.fine.astype(np.float32),
         reach,
-        slack,
+        (_RATIO * (K + 2) * far).astype(np.float32),
     )
 
 
-@njit(cache=True, nogil=True)
 def lane_world(solids: Solids, query: Query) -> LaneWorld:
     """Pack the bodies and the question about them."""
-    B = solids.kind.shape[0]
+    B = len(solids.kind)
     world = LaneWorld(
         solids.kind.astype(np.uint64),
         np.empty((B, 9), np.float32),
@@ -193,14 +184,19 @@ def lane_world(solids: Solids, query: Query) -> LaneWorld:
         np.empty((B, 4), np.float32),
         np.empty(B, np.float32),
         query.check,
-        query.pairs.astype(np.uint64),
+        query.pairs.astype(np.uint64, order="C"),
     )
-    for b in range(B):
-        place_body(world, b, solids.T[b], solids.boxes[b])
+    _place_all(world, solids.T, solids.boxes)
     return world
 
 
-@njit(cache=True, nogil=True)
+@bare
+def _place_all(world: LaneWorld, T: Array, boxes: Array) -> None:
+    for b in range(T.shape[0]):
+        place_body(world, b, T[b], boxes[b])
+
+
+@inner
 def place_body(world: LaneWorld, b: int, T: Array, box: Array) -> None:
     """Put body b at pose T (4, 4). box (7,): its row of `Solids.boxes`."""
     squares, from_origin = 0.0, 0.0
@@ -237,19 +233,18 @@ def scratch_for(joints: int, parts: int, solids: int, pairs: int) -> LaneScratch
     )
 
 
-@njit(cache=True, nogil=True)
-def _reaches(chain: Chain, rig: Rig) -> tuple[Array, Array, Array]:
-    """size (P,): how far from the world's origin a part can get; reach (P, K): see the module; limit (K,): the largest joint values.
+@bare
+def _reaches(chain: Chain, rig: Rig, limit: Array, slide: Array, size: Array, reach: Array) -> None:
+    """limit (K,): the largest joint values; slide (K,): how far a joint slides; size (P,): how far from the world's origin a part can get;
+    reach (P, K): see the module. All but size hold what they are for a joint that turns.
 
     The triangle inequality along the chain, from the part backwards: no configuration can do better.
     """
     K, P = chain.q_index.shape[0], rig.frame.shape[0]
-    size, reach, limit = np.empty(P), np.zeros((P, K)), np.full(K, X_MAX)
-    slide = np.zeros(K)
     for k in range(K):
         if chain.prismatic[k]:
-            for q in (chain.lower[chain.q_index[k]], chain.upper[chain.q_index[k]]):
-                slide[k] = max(slide[k], abs(chain.scale[k] * q + chain.offset[k]) + 1e-6)
+            low, high = chain.lower[chain.q_index[k]], chain.upper[chain.q_index[k]]
+            slide[k] = max(abs(chain.scale[k] * low + chain.offset[k]), abs(chain.scale[k] * high + chain.offset[k])) + 1e-6
             limit[k] = min(slide[k], X_MAX)
     for p in range(P):
         far, off = 0.0, 0.0
@@ -259,11 +254,10 @@ def _reaches(chain: Chain, rig: Rig) -> tuple[Array, Array, Array]:
             far = max(far, np.sqrt(x * x + y * y + z * z))
         for k in range(rig.frame[p] - 1, -1, -1):
             reach[p, k] = 1.0 if chain.prismatic[k] else off
-            t = chain.T_prev[k, :3, 3]
-            off = np.sqrt(t[0] * t[0] + t[1] * t[1]) + slide[k] + far
-            far = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) + slide[k] + far
+            x, y, z = chain.T_prev[k, 0, 3], chain.T_prev[k, 1, 3], chain.T_prev[k, 2, 3]
+            off = np.sqrt(x * x + y * y) + slide[k] + far
+            far = np.sqrt(x * x + y * y + z * z) + slide[k] + far
         size[p] = far
-    return size, reach, limit
 
 
 # One batch: 16 lanes against everything. Lanes that touch are bits of an integer
@@ -342,7 +336,7 @@ def _into_body(R: F32, b: U64, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, Lan
     )
 
 
-@bare
+@inner
 def _frame_into_body(S: F32, T: U64, R: F32, p: F32, b: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from body b."""
     for c in range(_U(4)):
@@ -356,7 +350,7 @@ def _frame_into_body(S: F32, T: U64, R: F32, p: F32, b: U64) -> None:
         store(S, _REL + (c + _U(8)) * _W, w)
 
 
-@bare
+@inner
 def _frame_into_frame(S: F32, T: U64, A: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from the frame in the rows from A on."""
     for c in range(_U(4)):
@@ -657,58 +651,48 @@ def _edge(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch, pie
                 S[_AT + _U(i * cuts + j)] = np.float32(low + (j + 0.5) * width)
 
 
-@njit(cache=True, nogil=True)
 def configs_free(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratch) -> NDArray[np.uint8]:
     """FREE, UNDECIDED or TOUCHES for each configuration of Q (N, J), as (N,)."""
-    N, J = Q.shape[0], Q.shape[1]
-    out = np.empty(N, np.uint8)
-    zero = np.zeros(J)
-    _begin(model, world, zero, zero, scratch)
-    scratch.travel[:] = 0.0
-    for start in range(0, N, 16):
-        refused = _take(model, Q, start, scratch.rows)
-        fail, sure = _batch(model, world, scratch, 0.0, False, True)
-        for w in range(min(16, N - start)):
-            touches, open_ = (sure >> _U(w)) & _U(1), ((fail | refused) >> _U(w)) & _U(1)
-            out[start + w] = UNDECIDED if (refused >> _U(w)) & _U(1) else TOUCHES if touches else UNDECIDED if open_ else FREE
+    out = np.empty(len(Q), np.uint8)
+    _judge_all(model, world, Q, np.zeros(Q.shape[1]), scratch, out)
     return out
 
 
-@njit(cache=True, nogil=True)
+@bare
+def _judge_all(model: LaneModel, world: LaneWorld, Q: Array, zero: Array, scratch: LaneScratch, out: NDArray[np.uint8]) -> None:
+    _begin(model, world, zero, zero, scratch)  # no travel
+    for start in range(0, Q.shape[0], 16):
+        refused = _take(model, Q, start, scratch.rows)
+        fail, sure = _batch(model, world, scratch, 0.0, False, True)
+        for w in range(min(16, Q.shape[0] - start)):
+            touches, open_ = (sure >> _U(w)) & _U(1), ((fail | refused) >> _U(w)) & _U(1)
+            out[start + w] = UNDECIDED if (refused >> _U(w)) & _U(1) else TOUCHES if touches else UNDECIDED if open_ else FREE
+
+
 def open_pairs(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratch) -> tuple[Int, Int]:
     """The pairs that the covers do not prove apart at configurations Q (N, J): rows (F,) and pairs (F,), in the order of the rows.
 
     Pair p · B + b is part p against body b, of those in `check`; pair P · B + i is the i-th of `pairs`. Joint values that `edge_free` would
     not decide leave every pair of their row open.
     """
-    N, bodies = Q.shape[0], world.check.size
-    masks = np.zeros(((N + 15) // 16, bodies + world.pairs.shape[0]), np.uint64)
-    count = 0
-    for batch in range(masks.shape[0]):
-        refused = _take(model, Q, 16 * batch, scratch.rows)
-        _open_batch(model, world, scratch.rows, refused, masks[batch])
-        in_use = (_U(1) << _U(min(16, N - 16 * batch))) - _U(1)
-        for i in range(masks.shape[1]):
-            left = masks[batch, i] & in_use
-            masks[batch, i] = left
-            while left != _U(0):
-                left &= left - _U(1)
-                count += 1
-    rows, pairs, n = np.empty(count, np.int64), np.empty(count, np.int64), 0
-    for batch in range(masks.shape[0]):
-        some = _U(0)
-        for i in range(masks.shape[1]):
-            some |= masks[batch, i]
-        for w in range(16):
-            if (some >> _U(w)) & _U(1):
-                for i in range(masks.shape[1]):
-                    if (masks[batch, i] >> _U(w)) & _U(1):
-                        rows[n], pairs[n] = 16 * batch + w, i
-                        n += 1
-    return rows, pairs
+    masks = np.zeros((-(-len(Q) // 16), world.check.size + len(world.pairs)), np.uint64)
+    _open_batches(model, world, Q, scratch, masks)
+    batches, pairs = np.nonzero(masks)
+    at, lane = np.nonzero(masks[batches, pairs][:, None] >> np.arange(16, dtype=np.uint64) & _U(1))
+    rows, pairs = 16 * batches[at] + lane, pairs[at]
+    order = np.argsort(rows, kind="stable")
+    order = order[rows[order] < len(Q)]
+    return rows[order], pairs[order]
 
 
 @bare
+def _open_batches(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratch, masks: Index) -> None:
+    for batch in range(masks.shape[0]):
+        refused = _take(model, Q, 16 * batch, scratch.rows)
+        _open_batch(model, world, scratch.rows, refused, masks[batch])
+
+
+@inner
 def _take(M: LaneModel, Q: Array, start: int, S: F32) -> Mask:
     """Rows _X: joint values of Q from row `start` on, the last one repeated. A bit for each lane with values out of bounds, put to 0."""
     refused = _U(0)
@@ -723,7 +707,7 @@ def _take(M: LaneModel, Q: Array, start: int, S: F32) -> Mask:
     return refused
 
 
-@bare
+@inner
 def _open_batch(M: LaneModel, Wd: LaneWorld, S: F32, refused: Mask, out: Index) -> None:
     """For every pair the lanes of the 16 configurations in rows _X in which it may touch. out: zeros, one a pair."""
     K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])

@@ -10,14 +10,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from kinematics.arm import Chain, Int, Parts
+from kinematics.compiling import bare, inner
 from kinematics.grouping import GROUP, grouped
+from kinematics.record import record
 from kinematics.spheres import Levels
 from kinematics.transforms import Array
 
 
+@record
 class Pieces(NamedTuple):
     """n convex pieces, each in its own frame: vertices (3, N), groups (4, ·), start (n + 1,) as `grouping.grouped` gives them.
 
@@ -37,11 +39,12 @@ class Pieces(NamedTuple):
     fine: Array
 
 
+@record
 class Rig(NamedTuple):
     """P pieces in the frames that carry them, frame (P,). vertices, groups, start and the covers are as in `Pieces`.
 
     boxes (P, 7): half sizes and middle of the box around each along its frame's axes, radius of the ball about that middle.
-    reach (K, P): see `reach`.
+    reach (K, P): see `_reach`.
     """
 
     frame: Int
@@ -80,92 +83,95 @@ def make_rig(chain: Chain, parts: Parts, covers: Sequence[Levels] = ()) -> Rig:
     return carry(chain, make_pieces(hulls, covers), parts.frame, np.tile(np.eye(4), (len(hulls), 1, 1)))
 
 
-@njit(cache=True, nogil=True)
 def carry(chain: Chain, pieces: Pieces, frame: Int, T: Array) -> Rig:
     """The rig with each piece at its pose T (n, 4, 4) in the frame (n,) that carries it."""
-    n = frame.shape[0]
-    vertices, groups = np.empty_like(pieces.vertices), np.empty_like(pieces.groups)
-    coarse, fine = np.empty_like(pieces.coarse), np.empty_like(pieces.fine)
-    for i in range(n):
+    n = len(frame)
+    rig = Rig(
+        frame,
+        np.empty_like(pieces.vertices),
+        np.empty_like(pieces.groups),
+        pieces.start,
+        np.empty((n, 7)),
+        np.zeros((len(chain.q_index), n)),
+        pieces.coarse_start,
+        np.empty_like(pieces.coarse),
+        pieces.child_start,
+        pieces.child,
+        pieces.fine_start,
+        np.empty_like(pieces.fine),
+    )
+    _carry(pieces, np.ascontiguousarray(T, float), rig)
+    _reach(chain, rig)
+    return rig
+
+
+def join_rigs(a: Rig, b: Rig) -> Rig:
+    """The parts of a, then those of b, on one chain: an object is put into the hand without a look at the arm."""
+    return Rig(
+        np.concatenate([a.frame, b.frame]),
+        np.concatenate([a.vertices, b.vertices], 1),
+        np.concatenate([a.groups, b.groups], 1),
+        np.concatenate([a.start, b.start[1:] + a.start[-1]]),
+        np.concatenate([a.boxes, b.boxes]),
+        np.concatenate([a.reach, b.reach], 1),
+        np.concatenate([a.coarse_start, b.coarse_start[1:] + a.coarse_start[-1]]),
+        np.concatenate([a.coarse, b.coarse]),
+        np.concatenate([a.child_start, b.child_start[1:] + a.child_start[-1]]),
+        np.concatenate([a.child, b.child]),
+        np.concatenate([a.fine_start, b.fine_start[1:] + a.fine_start[-1]]),
+        np.concatenate([a.fine, b.fine]),
+    )
+
+
+@bare
+def _carry(pieces: Pieces, T: Array, rig: Rig) -> None:
+    """Vertices, groups, boxes and balls of a rig."""
+    for i in range(rig.frame.shape[0]):
         first, last = pieces.start[i], pieces.start[i + 1]
         for v in range(first, last):
             x, y, z = pieces.vertices[0, v], pieces.vertices[1, v], pieces.vertices[2, v]
             for r in range(3):
-                vertices[r, v] = T[i, r, 0] * x + T[i, r, 1] * y + T[i, r, 2] * z + T[i, r, 3]
+                rig.vertices[r, v] = T[i, r, 0] * x + T[i, r, 1] * y + T[i, r, 2] * z + T[i, r, 3]
         for g in range(first // GROUP, last // GROUP):
             x, y, z = pieces.groups[0, g], pieces.groups[1, g], pieces.groups[2, g]
             for r in range(3):
-                groups[r, g] = T[i, r, 0] * x + T[i, r, 1] * y + T[i, r, 2] * z + T[i, r, 3]
-            groups[3, g] = pieces.groups[3, g]
-        _move(pieces.coarse, pieces.coarse_start[i], pieces.coarse_start[i + 1], T[i], coarse)
-        _move(pieces.fine, pieces.fine_start[i], pieces.fine_start[i + 1], T[i], fine)
-    return Rig(
-        frame,
-        vertices,
-        groups,
-        pieces.start,
-        _boxes(vertices, pieces.start),
-        reach(chain, frame, vertices, pieces.start),
-        pieces.coarse_start,
-        coarse,
-        pieces.child_start,
-        pieces.child,
-        pieces.fine_start,
-        fine,
-    )
+                rig.groups[r, g] = T[i, r, 0] * x + T[i, r, 1] * y + T[i, r, 2] * z + T[i, r, 3]
+            rig.groups[3, g] = pieces.groups[3, g]
+        _move(pieces.coarse, pieces.coarse_start[i], pieces.coarse_start[i + 1], T[i], rig.coarse)
+        _move(pieces.fine, pieces.fine_start[i], pieces.fine_start[i + 1], T[i], rig.fine)
+        _box(rig.vertices, first, last, rig.boxes[i])
 
 
-@njit(cache=True, nogil=True)
-def join_rigs(a: Rig, b: Rig) -> Rig:
-    """The parts of a, then those of b, on one chain: an object is put into the hand without a look at the arm."""
-    return Rig(
-        np.concatenate((a.frame, b.frame)),
-        np.concatenate((a.vertices, b.vertices), 1),
-        np.concatenate((a.groups, b.groups), 1),
-        np.concatenate((a.start, b.start[1:] + a.start[-1])),
-        np.concatenate((a.boxes, b.boxes)),
-        np.concatenate((a.reach, b.reach), 1),
-        np.concatenate((a.coarse_start, b.coarse_start[1:] + a.coarse_start[-1])),
-        np.concatenate((a.coarse, b.coarse)),
-        np.concatenate((a.child_start, b.child_start[1:] + a.child_start[-1])),
-        np.concatenate((a.child, b.child)),
-        np.concatenate((a.fine_start, b.fine_start[1:] + a.fine_start[-1])),
-        np.concatenate((a.fine, b.fine)),
-    )
-
-
-@njit(cache=True, nogil=True)
-def reach(chain: Chain, frame: Int, vertices: Array, start: Int) -> Array:
+@bare
+def _reach(chain: Chain, rig: Rig) -> None:
     """How far (K, P) any point of part p can get from joint k's axis, whatever the joints beyond it do, in metres; 1 for a sliding joint.
 
     Per rad (or m) of joint k no point of p moves further than that. 0 where joint k does not move p. Bounded by cylinders about the axes,
     each of which holds what the next joint's cylinder can sweep.
     """
-    K, P = chain.q_index.shape[0], frame.shape[0]
-    out = np.zeros((K, P))
-    for p in range(P):
+    vertices, start = rig.vertices, rig.start
+    for p in range(rig.frame.shape[0]):
         radius, low, high = 0.0, np.inf, -np.inf
         for v in range(start[p], start[p + 1]):
             radius = max(radius, np.sqrt(vertices[0, v] * vertices[0, v] + vertices[1, v] * vertices[1, v]))
             low, high = min(low, vertices[2, v]), max(high, vertices[2, v])
-        for k in range(frame[p] - 1, -1, -1):
+        for k in range(rig.frame[p] - 1, -1, -1):
             if chain.prismatic[k]:
                 a = chain.scale[k] * chain.lower[chain.q_index[k]] + chain.offset[k]
                 b = chain.scale[k] * chain.upper[chain.q_index[k]] + chain.offset[k]
                 low, high = low + min(a, b), high + max(a, b)
-            out[k, p] = 1.0 if chain.prismatic[k] else radius
-            x, y, z = chain.T_prev[k, 0, 2], chain.T_prev[k, 1, 2], chain.T_prev[k, 2, 2]
-            at = chain.T_prev[k, :3, 3]
+            rig.reach[k, p] = 1.0 if chain.prismatic[k] else radius
+            T = chain.T_prev[k]
+            x, y, z = T[0, 2], T[1, 2], T[2, 2]
             spread = radius * np.sqrt(max(0.0, 1.0 - z * z))
-            far_low = np.sqrt((at[0] + x * low) ** 2 + (at[1] + y * low) ** 2)
-            far_high = np.sqrt((at[0] + x * high) ** 2 + (at[1] + y * high) ** 2)
+            far_low = np.sqrt((T[0, 3] + x * low) ** 2 + (T[1, 3] + y * low) ** 2)
+            far_high = np.sqrt((T[0, 3] + x * high) ** 2 + (T[1, 3] + y * high) ** 2)
             radius += max(far_low, far_high)
-            a, b = at[2] + z * low, at[2] + z * high
+            a, b = T[2, 3] + z * low, T[2, 3] + z * high
             low, high = min(a, b) - spread, max(a, b) + spread
-    return out
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _move(balls: Array, first: int, last: int, T: Array, out: Array) -> None:
     for i in range(first, last):
         for r in range(3):
@@ -173,22 +179,18 @@ def _move(balls: Array, first: int, last: int, T: Array, out: Array) -> None:
         out[i, 3], out[i, 4] = balls[i, 3], balls[i, 4]
 
 
-@njit(cache=True, nogil=True)
-def _boxes(vertices: Array, start: Int) -> Array:
-    P = start.shape[0] - 1
-    boxes = np.zeros((P, 7))
-    for p in range(P):
-        for r in range(3):
-            low, high = np.inf, -np.inf
-            for v in range(start[p], start[p + 1]):
-                low, high = min(low, vertices[r, v]), max(high, vertices[r, v])
-            boxes[p, r], boxes[p, 3 + r] = (high - low) / 2, (high + low) / 2
-        far = 0.0
-        for v in range(start[p], start[p + 1]):
-            x, y, z = vertices[0, v] - boxes[p, 3], vertices[1, v] - boxes[p, 4], vertices[2, v] - boxes[p, 5]
-            far = max(far, x * x + y * y + z * z)
-        boxes[p, 6] = np.sqrt(far)
-    return boxes
+@inner
+def _box(vertices: Array, first: int, last: int, box: Array) -> None:
+    for r in range(3):
+        low, high = np.inf, -np.inf
+        for v in range(first, last):
+            low, high = min(low, vertices[r, v]), max(high, vertices[r, v])
+        box[r], box[3 + r] = (high - low) / 2, (high + low) / 2
+    far = 0.0
+    for v in range(first, last):
+        x, y, z = vertices[0, v] - box[3], vertices[1, v] - box[4], vertices[2, v] - box[5]
+        far = max(far, x * x + y * y + z * z)
+    box[6] = np.sqrt(far)
 
 
 def _starts(counts: Sequence[int]) -> Int:

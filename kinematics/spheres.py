@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from kinematics import cache
-from kinematics.compiling import inner
+from kinematics.compiling import copy_rows, inner
 from kinematics.shapes import CYLINDER_SIDES, box_corners
 from kinematics.transforms import Array, apply
 
@@ -391,7 +391,7 @@ def _counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, 
             continue
         near_n = _nearby(fan[root], centres, radii, near, rr)
         mine, top, last = 0, 0, 0
-        stack[0] = fan[root]
+        copy_rows(fan[root], stack[0])
         for i in range(4):
             if mine == 0 and not _in_some(fan[root, i], near, rr, near_n):
                 found[n] = fan[root, i]
@@ -451,7 +451,7 @@ def _links(fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Arra
     stack, near_a, near_b = np.empty((_DEEPEST, 4, 3)), np.empty((_DEEPEST, A), np.int64), np.empty((_DEEPEST, B), np.int64)
     many, in_a, all_ = np.zeros((2, _DEEPEST), np.int64), np.empty(A, np.int64), np.arange(max(A, B))
     for root in range(fan.shape[0]):
-        stack[0] = fan[root]
+        copy_rows(fan[root], stack[0])
         many[0, 0] = _reaching(stack[0], coarse, coarse_r, all_, A, near_a[0])
         many[1, 0] = _reaching(stack[0], fine, fine_r, all_, B, near_b[0])
         _link(stack, coarse, coarse_r, fine, fine_r, near_a, near_b, many, in_a, linked)

@@ -7,14 +7,16 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from kinematics.arm import Int
+from kinematics.compiling import bare, copy_rows, inner
+from kinematics.record import record
 from kinematics.transforms import Array
 
 FIXED, TURNS, SLIDES = 0, 1, 2
 
 
+@record
 class Joints(NamedTuple):
     """A tree's numbers for compiled code, its N links in topological order; the fields are those of `Tree`."""
 
@@ -65,7 +67,9 @@ class Tree:
     def poses(self, q: Array) -> Array:
         """Forward kinematics of every link: q (..., J) to (..., N, 4, 4) in the base frame."""
         rows = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1])
-        return np.asarray(_poses(self.joints, rows).reshape(*q.shape[:-1], len(self.names), 4, 4))
+        T = np.empty((len(rows), len(self.names), 4, 4))
+        _poses(self.joints, rows, np.empty((4, 4)), T)
+        return T.reshape(*q.shape[:-1], len(self.names), 4, 4)
 
     def local(self, i: int, q: Array) -> Array:
         """Link i's pose (4, 4) in its parent at q (J,)."""
@@ -90,39 +94,40 @@ class LinkHull:
     faces: Int
 
 
-@njit(cache=True, nogil=True)
-def _poses(joints: Joints, q: Array) -> Array:
-    """Poses (R, N, 4, 4) of the links in the base frame at q (R, J)."""
-    R, N = q.shape[0], joints.parent.shape[0]
-    T, local = np.empty((R, N, 4, 4)), np.empty((4, 4))
-    for r in range(R):
-        for i in range(N):
-            _local(joints, i, q[r], local)
-            if joints.parent[i] < 0:
-                T[r, i] = local
-            else:
-                product(T[r, joints.parent[i]], local, T[r, i])
-    return T
-
-
-@njit(cache=True, nogil=True)
 def carried(joints: Joints, q: Array, frame: Int, T_frame: Array) -> tuple[Int, Array]:
     """For every link the frame (N,) that carries it, and its pose (N, 4, 4) in that frame, at q (J,).
 
     frame (N,): a number for the links that are frames of their own, or fixed to one, with their poses T_frame (N, 4, 4) in it; -1 for
     the links that go with their parents.
     """
-    N = joints.parent.shape[0]
-    which, T, local = frame.copy(), T_frame.copy(), np.empty((4, 4))
-    for i in range(N):
-        if frame[i] < 0:
-            _local(joints, i, q, local)
-            which[i] = which[joints.parent[i]]
-            product(T[joints.parent[i]], local, T[i])
+    which, T = frame.copy(), T_frame.copy()
+    _carry_on(joints, np.ascontiguousarray(q, float), np.empty((4, 4)), which, T)
     return which, T
 
 
-@njit(cache=True, nogil=True)
+@bare
+def _poses(joints: Joints, q: Array, local: Array, T: Array) -> None:
+    """Poses T (R, N, 4, 4) of the links in the base frame at q (R, J). local (4, 4): scratch."""
+    for r in range(q.shape[0]):
+        for i in range(joints.parent.shape[0]):
+            if joints.parent[i] < 0:
+                _local(joints, i, q[r], T[r, i])
+            else:
+                _local(joints, i, q[r], local)
+                product(T[r, joints.parent[i]], local, T[r, i])
+
+
+@bare
+def _carry_on(joints: Joints, q: Array, local: Array, which: Int, T: Array) -> None:
+    """Fill in the links for which `which` is -1. local (4, 4): scratch."""
+    for i in range(joints.parent.shape[0]):
+        if which[i] < 0:
+            _local(joints, i, q, local)
+            which[i] = which[joints.parent[i]]
+            product(T[joints.parent[i]], local, T[i])
+
+
+@inner
 def product(A: Array, B: Array, out: Array) -> None:
     """out = A @ B for poses (4, 4): written out, which is ten times as fast as `@` on small matrices."""
     for r in range(3):
@@ -132,10 +137,10 @@ def product(A: Array, B: Array, out: Array) -> None:
     out[3, 3] = 1.0
 
 
-@njit(cache=True, nogil=True)
+@bare
 def _local(joints: Joints, i: int, q: Array, T: Array) -> None:
     """Link i's pose (4, 4) in its parent at q (J,)."""
-    T[:] = joints.T_joint[i]
+    copy_rows(joints.T_joint[i], T)
     if joints.kind[i] == FIXED:
         return
     x = joints.scale[i] * q[joints.q_index[i]] + joints.offset[i]

@@ -22,7 +22,7 @@ def announce_first_run() -> None:
     from kinematics.cache import compiled_before
 
     if not compiled_before():
-        say("getting ready: the first run compiles, which takes about a minute; later ones start at once")
+        say("getting ready: the first run compiles, which takes half a minute; later ones start at once")
 
 
 def show(*things: RenderableType) -> None:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from kinematics import exact
 from kinematics.arm import Chain, Query, Solids, make_parts, make_solids
 from kinematics.compiling import bare
-from kinematics.lanes import LaneModel, LaneScratch, LaneWorld, edge_open, lane_model, lane_world, model_of, scratch_for
+from kinematics.lanes import LaneModel, LaneScratch, LaneWorld, edge_open, lane_model, lane_world, scratch_for
+from kinematics.record import record
 from kinematics.rig import Rig
 from kinematics.transforms import Array
 
@@ -22,6 +22,7 @@ _MOST_PIECES = 48
 _TOUCHES, _EVERYTHING = -1, -2
 
 
+@record
 class Task(NamedTuple):
     """A motion query, packed twice: exactly, and for the lanes. covered: 0 when there are no covers and the exact test does it all."""
 
@@ -31,6 +32,7 @@ class Task(NamedTuple):
     covered: int
 
 
+@record
 class Memory(NamedTuple):
     """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge; ends (2, J): of one of them."""
 
@@ -49,10 +51,9 @@ def make_task(problem: exact.Problem, model: LaneModel | None = None, world: Lan
     return Task(problem, model, world, 1)
 
 
-@njit(cache=True, nogil=True)
-def pose_task(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) -> Task:
-    """A motion query of a rig with covers."""
-    return Task(exact.pose(chain, rig, solids, query, margin_m), model_of(chain, rig), lane_world(solids, query), 1)
+def pose_task(chain: Chain, rig: Rig, model: LaneModel, solids: Solids, query: Query, margin_m: float) -> Task:
+    """A motion query of a rig with covers, which `model` packs for the lanes."""
+    return Task(exact.pose(chain, rig, solids, query, margin_m), model, lane_world(solids, query), 1)
 
 
 def without_still(task: Task, memory: Memory) -> Task:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from kinematics import exact
 from kinematics.arm import Chain, Int
 from kinematics.compiling import bare, copy_row, copy_rows, inner
-from kinematics.inverse import descend, make_work
+from kinematics.inverse import BRISK, descend, make_work
 from kinematics.lanes import place_body
+from kinematics.record import record
 from kinematics.rig import Rig
 from kinematics.transforms import Array, inverse
 from planning.motion.edges import Memory, Task, connects
@@ -35,6 +36,7 @@ the straight way up or down with it."""
 FREE, HANGS_OVER = -2, -1
 
 
+@record
 class Hand(NamedTuple):
     """The arm's hand, T_frame_hand (4, 4) in the chain's last frame and the other way round; one thread's memory: frames and work for
     `inverse.descend`, T (3, 4, 4), by (3,)."""
@@ -53,6 +55,7 @@ def make_hand(chain: Chain, T_frame_hand: Array) -> Hand:
     return Hand(chain, T_frame_hand, inverse(T_frame_hand), *make_work(chain), np.empty((3, 4, 4)), np.empty(3))
 
 
+@record
 class Standing(NamedTuple):
     """An object against all that it must stand free of: its pieces as a part of the world, and the pairs of them and the others.
 
@@ -64,6 +67,7 @@ class Standing(NamedTuple):
     front: Array
 
 
+@record
 class Placing(NamedTuple):
     """Putting a held object down: the tasks with it in the hand, and with it standing, its solids being rows first:last of those worlds.
 
@@ -96,7 +100,7 @@ def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Arra
         for r in range(3):
             T[r, 3] = T_world_hand[r, 3] + k / steps * hand.by[r]
         copy_row(way[k - 1], way[k])
-        if not descend(hand.chain, hand.T_frame_hand, T, way[k], hand.frames, hand.work, 30):
+        if not descend(hand.chain, hand.T_frame_hand, T, way[k], hand.frames, hand.work, BRISK):
             return False, -1
         for j in range(way.shape[1]):
             if abs(way[k, j] - way[k - 1, j]) > LARGEST_TURN:
@@ -223,7 +227,7 @@ def put_down(
         code, touch = LIFTED, hand_touches(hand, p.lowering, hand.T[1], memory)
         if touch < 0:
             code = REACH
-            if descend(hand.chain, hand.T_frame_hand, hand.T[1], lower[0], hand.frames, hand.work, 30):
+            if descend(hand.chain, hand.T_frame_hand, hand.T[1], lower[0], hand.frames, hand.work, BRISK):
                 code, touch = put_down_at(hand, p, T_body, hand.T[1], lower[0], memory, lower, retreat)
                 if code == OK:
                     return OK, -1

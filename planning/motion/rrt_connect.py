@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.arm import Int
+from kinematics.compiling import bare, copy_row, inner
 from kinematics.exact import first_contact
+from kinematics.record import record
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
 
@@ -31,10 +32,11 @@ _EDGES = 4  # to a goal from others that were reached, before a search is begun
 _CHUNK = 16  # iterations between looks at the clock
 
 
+@record
 class Trees(NamedTuple):
     """Both trees, start's (0) and goals' (1), N nodes at most: q (2, N, J), parent (2, N), -1 for roots, radius (2, N) of the domain.
 
-    size (2,); rng (1,): state of the random numbers; met (3,): the two nodes that met, iterations so far.
+    size (2,); rng (1,): state of the random numbers; met (3,): the two nodes that met, iterations so far. work (2, J): scratch.
     """
 
     q: Array
@@ -43,6 +45,7 @@ class Trees(NamedTuple):
     size: Int
     rng: NDArray[np.uint64]
     met: Int
+    work: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +150,7 @@ def _plant(start: Array, goals: Array, seed: int) -> Trees:
         np.array([1, len(goals)], np.int64),
         np.array([seed % 2**64], np.uint64),
         np.zeros(3, np.int64),
+        np.empty((2, len(start))),
     )
     trees.q[0, 0], trees.q[1, : len(goals)] = start, goals
     return trees
@@ -170,7 +174,7 @@ def _climb(trees: Trees, side: int) -> list[int]:
     return way
 
 
-@njit(cache=True, nogil=True)
+@inner
 def uniform(rng: NDArray[np.uint64]) -> float:
     """A number in [0, 1) from the state rng (1,), which it advances (SplitMix64; Steele, Lea and Flood 2014)."""
     rng[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -181,7 +185,7 @@ def uniform(rng: NDArray[np.uint64]) -> float:
     return float(z >> np.uint64(11)) * 2.0**-53
 
 
-@njit(cache=True, nogil=True)
+@inner
 def weighted(weight: Array, a: Array, b: Array) -> float:
     """The distance of two configurations (J,) in metres moved."""
     d = 0.0
@@ -191,14 +195,14 @@ def weighted(weight: Array, a: Array, b: Array) -> float:
     return float(np.sqrt(d))
 
 
-@njit(cache=True, nogil=True)
+@bare
 def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
     """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
     q, radius, size, weight = trees.q, trees.radius, trees.size, task.exact.weight
     lower, upper = task.exact.chain.lower, task.exact.chain.upper
     step = STEP * weighted(weight, lower, upper)
     widest, least = DOMAIN * step, 0.1 * DOMAIN * step
-    target, new = np.empty(lower.shape[0]), np.empty(lower.shape[0])
+    target, new = trees.work[0], trees.work[1]
     if trees.met[2] == 0:  # the nearest goals straight away
         for g in range(min(size[1], 4)):
             if connects(task, q[0, 0], q[1, g], memory):
@@ -243,7 +247,7 @@ def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
     return SPENT
 
 
-@njit(cache=True, nogil=True)
+@bare
 def _spread(
     task: Task, start: Array, goals: Array, memory: Memory, found: NDArray[np.bool_], tried: NDArray[np.bool_]
 ) -> None:  # fmt: skip
@@ -267,17 +271,16 @@ def _spread(
                 found[g] = connects(task, goals[near] if near < G else start, goals[g], memory)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add(trees: Trees, side: int, parent: int, q: Array) -> int:
     n = trees.size[side]
-    for j in range(q.shape[0]):
-        trees.q[side, n, j] = q[j]
+    copy_row(q, trees.q[side, n])
     trees.parent[side, n], trees.radius[side, n] = parent, np.inf
     trees.size[side] = n + 1
     return int(n)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _closest(q: Array, side: int, size: int, weight: Array, target: Array) -> tuple[int, float]:
     """The node of one tree nearest to a target (J,), and how far it is."""
     at, best = 0, np.inf

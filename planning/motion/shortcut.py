@@ -9,9 +9,9 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kinematics.compiling import bare, copy_row, inner
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
 from planning.motion.rrt_connect import Route, uniform, weighted
@@ -41,10 +41,11 @@ def shorten(
     scratch = memory.exact
     counts = scratch.counts.copy()
     room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
+    work = np.empty((len(room) + 2, path.shape[1]))
     rng = np.array([seed % 2**64], np.uint64)
     n, done, chunk = len(path), 0, iterations if time_budget_s is None else 8
     while done < iterations and n > 2 and (time_budget_s is None or time.perf_counter() - began < time_budget_s):
-        n = int(_shorten(task, room, n, rng, min(chunk, iterations - done), memory))
+        n = int(_shorten(task, room, n, rng, min(chunk, iterations - done), memory, work))
         done += chunk
     n = int(_prune(task, room, n, memory))
     spent = scratch.counts - counts
@@ -56,12 +57,11 @@ def length(task: Task, path: Array) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0) * task.exact.weight, axis=1).sum())
 
 
-@njit(cache=True, nogil=True)
-def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory) -> int:
-    """Shorten path[:n] in place; returns how many waypoints it has now."""
+@bare
+def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory, work: Array) -> int:
+    """Shorten path[:n] in place; returns how many waypoints it has now. work: scratch, two rows more than the path."""
     n_q, weight = path.shape[1], task.exact.weight
-    a, b = np.empty(n_q), np.empty(n_q)
-    new = np.empty((path.shape[0], n_q))
+    a, b, new = work[0], work[1], work[2:]
     for _ in range(iterations):
         if n < 3:
             break
@@ -117,7 +117,7 @@ def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iteration
     return n
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _locate(path: Array, n: int, weight: Array, at: float) -> tuple[int, float]:
     """The segment of path[:n] that holds the point at some length from the start, and how far along the segment it is, in [0, 1]."""
     for k in range(n - 1):
@@ -128,34 +128,42 @@ def _locate(path: Array, n: int, weight: Array, at: float) -> tuple[int, float]:
     return n - 2, 1.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _splice(path: Array, n: int, i: int, j: int, new: Array, m: int) -> int:
     """Put new[:m] in the place of waypoints i + 1 … j; points that would repeat are left out. Returns the new number of waypoints."""
     first, last = 0, m
-    if np.all(new[0] == path[i]):
+    if _same(new[0], path[i]):
         first = 1
-    if np.all(new[m - 1] == path[j + 1]):
+    if _same(new[m - 1], path[j + 1]):
         last = m - 1
     shift = (last - first) - (j - i)
     if shift > 0:
         for k in range(n - 1, j, -1):
-            path[k + shift] = path[k]
+            copy_row(path[k], path[k + shift])
     else:
         for k in range(j + 1, n):
-            path[k + shift] = path[k]
+            copy_row(path[k], path[k + shift])
     for k in range(first, last):
-        path[i + 1 + k - first] = new[k]
+        copy_row(new[k], path[i + 1 + k - first])
     return n + shift
 
 
-@njit(cache=True, nogil=True)
+@inner
+def _same(a: Array, b: Array) -> bool:
+    for c in range(a.shape[0]):  # noqa: SIM110
+        if a[c] != b[c]:
+            return False
+    return True
+
+
+@bare
 def _prune(task: Task, path: Array, n: int, memory: Memory) -> int:
     """Leave out, in place, every waypoint that the arm can do without."""
     k = 1
     while k < n - 1:
         if connects(task, path[k - 1], path[k + 1], memory):
             for i in range(k, n - 1):
-                path[i] = path[i + 1]
+                copy_row(path[i + 1], path[i])
             n -= 1
             k = max(1, k - 1)
         else:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kinematics import exact, inverse
 from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
 from kinematics.coverage import Carriage, shape_pieces
+from kinematics.lanes import model_of
 from kinematics.rig import carry, join_rigs
 from kinematics.robot import Robot
 from kinematics.scene import Body, Held, Scene
@@ -104,13 +105,14 @@ class Workcell:
         The held object may touch the pads, which hold it, and is checked against the rest of the robot. moving: only these links are asked
         about, the others having been asked before.
         """
-        rig, links = self.arm.rig(gripper), self.arm.links
+        (rig, model), links = self.arm.packed(gripper), self.arm.links
         solids, bodies = self._standing(poses)
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
             grip = self.arm.in_hand(shape_pieces(self.scene.body(held.body).shape), held.T_hand_body)
             rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
+            model = model_of(self.arm.chain, rig)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
@@ -121,7 +123,7 @@ class Workcell:
             moves = np.array([link in moving for link in links])
             check[~moves] = 0
             pairs = pairs[moves[pairs].any(1)]
-        task = pose_task(self.arm.chain, rig, solids, Query(check, pairs), exact.MARGIN_M)
+        task = pose_task(self.arm.chain, rig, model, solids, Query(check, pairs), exact.MARGIN_M)
         if held is not None:
             task, self._entered = without_still(task, self.memory), None
         return Situation(task, links + bodies)
@@ -138,7 +140,8 @@ class Workcell:
         rig = carry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
         solids, bodies = self._standing(poses)
         check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
-        task = pose_task(self.arm.chain, rig, solids, Query(check, np.zeros((0, 2), np.int64)), exact.MARGIN_M)
+        query = Query(check, np.zeros((0, 2), np.int64))
+        task = pose_task(self.arm.chain, rig, model_of(self.arm.chain, rig), solids, query, exact.MARGIN_M)
         return Standing(rig, task.exact, self.front), Situation(task, (name,) * n + bodies)
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:

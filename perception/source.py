@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kinematics.robot import Robot
 from kinematics.scene import Scene
-from kinematics.transforms import Array
+from kinematics.transforms import Array, apply, inverse
 from perception.camera import DepthNoise, Intrinsics, realsense_d435i
 from perception.frames import Frame
 from perception.raycast import Surfaces, join, moved, raycast, surfaces
@@ -46,7 +46,8 @@ def synthetic_camera(
         raise ValueError("noise needs a random generator")
 
     def look(T_world_camera: Array, q: Array) -> Frame:
-        view = raycast(join(still, robot_surfaces(robot, scene.robot.T_world_base, q)), T_world_camera, intrinsics)
+        own = robot_surfaces(robot, scene.robot.T_world_base, q, T_world_camera, intrinsics)
+        view = raycast(join(still, *own), T_world_camera, intrinsics)
         instance = view.instance - len(walls)
         arm = instance >= len(names)
         depth = view.depth
@@ -59,16 +60,34 @@ def synthetic_camera(
     return look
 
 
-def robot_surfaces(robot: Robot, T_world_base: Array, q: Array) -> Surfaces:
-    """The robot's link hulls at q (J,), without the camera's own housing."""
-    packed, links = _packed(robot)
+def robot_surfaces(robot: Robot, T_world_base: Array, q: Array, T_world_camera: Array, intrinsics: Intrinsics) -> list[Surfaces]:
+    """The robot's link hulls at q (J,) that may be in a picture, without the camera's own housing.
+
+    Most links are behind the camera in the hand or beside what it sees, and those take longest to draw: so they are left out beforehand.
+    """
     poses = robot.link_poses(q)
-    return moved(packed, np.array([T_world_base @ poses[link] for link in links]))
+    T_camera_base = inverse(T_world_camera) @ T_world_base
+    out = []
+    for packed, link in _packed(robot):
+        if _may_show(apply(T_camera_base @ poses[link], packed.vertices), intrinsics):
+            out.append(moved(packed, (T_world_base @ poses[link])[None]))
+    return out
+
+
+def _may_show(points: Array, camera: Intrinsics) -> bool:
+    """Whether the hull of points (N, 3) of the camera's frame may be in its picture: not all of them are beyond one side of what it sees."""
+    x, y, z = camera.fx * points[:, 0], camera.fy * points[:, 1], points[:, 2]
+    left, right = x + (camera.cx + 1) * z, (camera.width - camera.cx) * z - x
+    above, below = y + (camera.cy + 1) * z, (camera.height - camera.cy) * z - y
+    return all(bool((side > 0).any()) for side in (z, left, right, above, below))
 
 
 def robot_depth(robot: Robot, T_world_base: Array, q: Array, T_world_camera: Array, intrinsics: Intrinsics) -> NDArray[np.float32]:
     """How far (H, W) the robot's own links are in the picture, 0 where they are not."""
-    return raycast(robot_surfaces(robot, T_world_base, q), T_world_camera, intrinsics).depth
+    shown = robot_surfaces(robot, T_world_base, q, T_world_camera, intrinsics)
+    if not shown:
+        return np.zeros((intrinsics.height, intrinsics.width), np.float32)
+    return raycast(join(*shown), T_world_camera, intrinsics).depth
 
 
 def robot_pixels(robot: Robot, T_world_base: Array, q: Array, frame: Frame) -> NDArray[np.bool_]:
@@ -99,6 +118,6 @@ def marked(robot: Robot, T_world_base: Array, frames: Sequence[Frame]) -> tuple[
 
 
 @lru_cache(maxsize=8)
-def _packed(robot: Robot) -> tuple[Surfaces, tuple[str, ...]]:
-    hulls = [hull for hull in robot.hulls if hull.link != "camera"]
-    return surfaces([hull.vertices for hull in hulls], np.tile(np.eye(4), (len(hulls), 1, 1))), tuple(hull.link for hull in hulls)
+def _packed(robot: Robot) -> tuple[tuple[Surfaces, str], ...]:
+    """Each link hull by itself, and its link."""
+    return tuple((surfaces([hull.vertices], np.eye(4)[None]), hull.link) for hull in robot.hulls if hull.link != "camera")

@@ -13,11 +13,11 @@ from kinematics.scene import Body, RobotRef, Scene, object_box
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from perception.belief import believe, observation, without_bodies
-from perception.camera import DepthNoise, look_at
+from perception.camera import DepthNoise, look_at, realsense_d435i
 from perception.footprint import upright_solid
 from perception.frames import Frame
-from perception.raycast import raycast, surfaces
-from perception.source import DEFAULT, RANGE_M, synthetic_camera
+from perception.raycast import moved, raycast, surfaces
+from perception.source import DEFAULT, RANGE_M, robot_depth, synthetic_camera
 from perception.voxels import FREE, UNKNOWN, unknown_voxels
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
@@ -229,3 +229,17 @@ def test_bodies_leave_the_picture_and_nothing_else_does(ur5e: Robot, scene: Scen
         assert not (left.depth[frame.instance == k] > 0).any()
         lost = (left.depth == 0) & (frame.depth > 0) & (frame.instance != k)
         assert np.count_nonzero(lost) < 0.2 * np.count_nonzero(frame.instance == k)
+
+
+def test_links_that_are_left_out_of_a_picture_are_not_in_it(ur5e: Robot) -> None:
+    hulls = [h for h in ur5e.hulls if h.link != "camera"]
+    packed, small = surfaces([h.vertices for h in hulls], np.tile(np.eye(4), (len(hulls), 1, 1))), realsense_d435i(80, 45)
+    rng, shown = np.random.default_rng(0), 0
+    for i in range(40):
+        q = ur5e.with_arm(rng.uniform(-2, 2, len(ur5e.arm_q(ur5e.home))), 0.2)
+        poses = ur5e.link_poses(q)
+        T = look_at(rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)) if i % 2 else poses["camera"]
+        whole = raycast(moved(packed, np.array([poses[h.link] for h in hulls])), T, small).depth
+        np.testing.assert_array_equal(robot_depth(ur5e, np.eye(4), q, T, small), whole)
+        shown += bool((whole > 0).any())
+    assert 5 < shown < 40

@@ -75,7 +75,7 @@ def robot_surfaces(robot: Robot, T_world_base: Array, q: Array, T_world_camera: 
 
 
 def _may_show(points: Array, camera: Intrinsics) -> bool:
-    """Whether the hull of points (N, 3) of the camera's frame may be in its picture: not all of them are beyond one side of what it sees."""
+    """Whether the hull of points (N, 3) of the camera's frame may be in its picture: not all are beyond one side of what it sees."""
     x, y, z = camera.fx * points[:, 0], camera.fy * points[:, 1], points[:, 2]
     left, right = x + (camera.cx + 1) * z, (camera.width - camera.cx) * z - x
     above, below = y + (camera.cy + 1) * z, (camera.height - camera.cy) * z - y

@@ -17,6 +17,7 @@ from planning.motion.edges import Memory, Task, connects, make_memory
 from planning.motion.rrt_connect import Route, uniform, weighted
 
 ITERATIONS = 100
+PATIENCE = 10  # tries in a row that brought nothing, after which no more are made
 _ROOM = 64  # waypoints that partial shortcuts may add
 
 
@@ -43,7 +44,7 @@ def shorten(
     room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
     work = np.empty((len(room) + 2, path.shape[1]))
     rng = np.array([seed % 2**64], np.uint64)
-    n, done, chunk = len(path), 0, iterations if time_budget_s is None else 8
+    n, done, chunk = int(_prune(task, room, len(path), memory)), 0, iterations if time_budget_s is None else 8
     while done < iterations and n > 2 and (time_budget_s is None or time.perf_counter() - began < time_budget_s):
         n = int(_shorten(task, room, n, rng, min(chunk, iterations - done), memory, work))
         done += chunk
@@ -60,11 +61,12 @@ def length(task: Task, path: Array) -> float:
 @bare
 def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory, work: Array) -> int:
     """Shorten path[:n] in place; returns how many waypoints it has now. work: scratch, two rows more than the path."""
-    n_q, weight = path.shape[1], task.exact.weight
+    n_q, weight, misses = path.shape[1], task.exact.weight, 0
     a, b, new = work[0], work[1], work[2:]
     for _ in range(iterations):
-        if n < 3:
+        if n < 3 or misses == PATIENCE:
             break
+        misses += 1
         total = 0.0
         for k in range(n - 1):
             total += weighted(weight, path[k], path[k + 1])
@@ -114,6 +116,7 @@ def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iteration
                 break
         if free:
             n = _splice(path, n, i, j, new, m)
+            misses = 0
     return n
 
 

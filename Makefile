@@ -11,9 +11,10 @@ export OMP_NUM_THREADS ?= 1
 # The recipe of the weights that ship. SCALE=0.01 takes a hundredth of the scenes, ends in minutes, and ships nothing.
 SCALE ?= 1
 ROBOTS ?= ur5e panda
-LABEL_SCENES ?= 2575
+LABEL_SCENES_ur5e ?= 2575
+LABEL_SCENES_panda ?= 625
 LABEL_SPECS ?= paper paper-any paper paper-any shelf
-LABEL_OBJECTS ?= 3
+LABEL_OBJECTS ?= 2
 LABEL_SEED_ur5e ?= 101
 LABEL_SEED_panda ?= 102
 EPOCHS ?= 30
@@ -46,7 +47,7 @@ bench: $(VENV)/ready
 
 MADE := out/weights-$(SCALE)
 SHIPPED := planning/learning/weights
-scenes := $(shell awk 'BEGIN { n = int($(LABEL_SCENES) * $(SCALE) + 0.5); print n < 8 ? 8 : n }')
+scenes = $(shell awk 'BEGIN { n = int($(or $(LABEL_SCENES_$*),1000) * $(SCALE) + 0.5); print n < 8 ? 8 : n }')
 
 weights: $(ROBOTS:%=$(MADE)/%/model/config.json)
 ifeq ($(SCALE),1)

@@ -7,7 +7,8 @@ import numpy as np
 from planning.learning.tokens import F32
 
 BLOCKING_SHARE = 0.10  # an object that touches so many of the paths is in their way
-LABEL_WEIGHT = 0.3  # of p̂ beside the chance that the target is free once the object is gone
+LABEL_WEIGHT = 0.6  # of p̂ beside the chance that the target is free once the object is gone
+CAREFUL = 3  # how much worse than the chance of blocking no path it is to block a share of them
 NEAREST = 0.05  # what the distance across the whole floor is worth, in probability
 
 
@@ -21,7 +22,7 @@ def region_score(feasible: F32, hits: F32, distance: F32) -> F32:
 
     hits: the share of paths that o' would block; distance: from o', in floor diagonals.
     """
-    return np.asarray(feasible * np.clip(1 - hits, 0, 1) ** 2 - NEAREST * distance)
+    return np.asarray(feasible * np.clip(1 - hits, 0, 1) ** CAREFUL - NEAREST * distance)
 
 
 def paper_cost(feasible: F32, hits: F32, distance: F32) -> F32:

@@ -17,10 +17,11 @@ LABEL_SPECS ?= paper paper-any paper paper-any shelf
 LABEL_OBJECTS ?= 2
 LABEL_SEED_ur5e ?= 101
 LABEL_SEED_panda ?= 102
-EPOCHS ?= 30
+EPOCHS_ur5e ?= 12
+EPOCHS_panda ?= 24
 WIDTH ?= 96
 TRAIN_SEED ?= 0
-THREADS ?= 2
+THREADS ?= 1
 DEVICE ?= auto
 
 # The table. TABLE_SCENES=1000 gives tighter intervals. Times are truest with WORKERS=1.
@@ -61,7 +62,7 @@ $(MADE)/%/model/config.json: | $(VENV)/ready
 	mkdir -p $(MADE)/$*
 	$(RETRIEVE) label -n $(scenes) --seed $(or $(LABEL_SEED_$*),103) --robot $* $(LABEL_SPECS:%=--spec %) --objects $(LABEL_OBJECTS) \
 		--workers $(WORKERS) -o $(MADE)/$*/labels
-	$(RETRIEVE) train $(MADE)/$*/labels -o $(MADE)/$*/model --epochs $(EPOCHS) --width $(WIDTH) --seed $(TRAIN_SEED) \
+	$(RETRIEVE) train $(MADE)/$*/labels -o $(MADE)/$*/model --epochs $(or $(EPOCHS_$*),30) --width $(WIDTH) --seed $(TRAIN_SEED) \
 		--threads $(THREADS) --device $(DEVICE) $$(test -z "$$(ls -A $(MADE)/$*/model/checkpoint 2>/dev/null)" || echo --resume)
 
 # Table: scenes, plans of every policy under every rule, a report for each spec; what is up to date is not planned again ----------------

@@ -115,7 +115,8 @@ def test_make_weights_says_what_it_does() -> None:
     assert [c[0] for c in found] == ["label", "train"] * 2
     for (label, train), robot in zip((found[:2], found[2:]), ("ur5e", "panda")):
         assert label[label.index("--robot") + 1] == robot
-        assert label[label.index("-n") + 1] == "26"
+        scenes = int(re.search(rf"LABEL_SCENES_{robot} \?= (\d+)", (ROOT / "Makefile").read_text())[1])  # type: ignore[index]
+        assert int(label[label.index("-n") + 1]) == max(8, int(scenes / 100 + 0.5))
         assert train[1] == label[-1]
     assert "planning/learning/weights" not in dry_run("weights", "SCALE=0.01")
     assert "planning/learning/weights" in dry_run("weights")

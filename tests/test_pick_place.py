@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from kinematics.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
+from planning.grasps import open_width, sample_grasps
+from planning.motion import reaching
 from planning.motion.pick_place import Done, Motions
 from planning.motion.verify import verify
 from planning.plan import Blocked
@@ -55,6 +58,27 @@ def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:
                 assert not verdict.contacts(State(ur5e.with_arm(q, pick.gripper_closed), rest, pick.held), [*pads, (body.name, "floor")])
             seen += 1
     assert seen > 5
+
+
+def test_the_hand_alone_refuses_no_grasp_that_the_arm_can_take(scene: Scene, ur5e: Robot) -> None:
+    """Where the hand alone touches, the whole arm does in every solution; where it does not, some solutions are free."""
+    motions = Motions(ur5e, scene)
+    cell, poses = motions.cell, motions.start().poses
+    taken, refused = 0, 0
+    for body in scene.objects:
+        for grasp in islice(sample_grasps(body, ur5e.opening, scene.approaches, scene.cabinet.T_world_cabinet[2, 3], 0.0), 20):
+            coming = cell.problem(poses, ur5e.opening.value_at(open_width(grasp.width_m, ur5e.opening)))
+            code, pair = reaching.hand_way_in(cell.hand, coming.task, grasp.T_world_hand, cell.memory)
+            cell.forget()
+            solutions = cell.ik(grasp.T_world_hand)
+            free = [cell.touch(coming, q) is None for q in solutions]
+            if code == reaching.AT_GRASP:
+                assert not any(free)
+                assert cell.name_of(coming, pair) is not None
+                refused += 1
+            taken += code == reaching.OK and any(free)
+    assert taken > 3
+    assert refused > 3
 
 
 def test_what_is_moved_stands_in_its_region_and_nothing_touches(scene: Scene, ur5e: Robot) -> None:

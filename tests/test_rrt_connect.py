@@ -15,7 +15,7 @@ from kinematics.scene import Body
 from kinematics.shapes import Box, box_corners
 from kinematics.transforms import Array, transform
 from planning.motion.edges import make_memory, make_task
-from planning.motion.rrt_connect import plan
+from planning.motion.rrt_connect import plan, reach
 from planning.motion.shortcut import length, shorten
 
 LEFT, RIGHT = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
@@ -118,6 +118,19 @@ def test_several_goals() -> None:
     here = plan(make_task(slit(0.0)), LEFT, LEFT[None])
     assert here.path is not None
     assert here.goal == 0
+
+
+def test_reached_goals_are_those_with_a_way() -> None:
+    """Goals on both sides of the wall, and some within it: through an opening all free ones are reached, without one those on this side."""
+    x, y = np.meshgrid([-0.7, -0.5, 0.0, 0.5, 0.7], [-0.8, -0.3, 0.2, 0.8])
+    goals = np.column_stack([x.ravel(), y.ravel()])
+    for width_m, beyond in ((0.6, True), (0.19, False)):
+        problem = slit(width_m)
+        free = np.array([config_free(problem, g, make_scratch(problem)) for g in goals])
+        task = make_task(problem)
+        found = reach(task, LEFT, goals, max_iterations=3000, seed=1, memory=make_memory(task))
+        np.testing.assert_array_equal(found, free & (beyond | (goals[:, 0] < 0)))
+        assert not reach(task, np.array([0.0, -0.5]), goals, max_iterations=100, seed=1, memory=make_memory(task)).any()  # within the wall
 
 
 def test_time_budget_ends_the_search() -> None:

@@ -16,13 +16,13 @@ BARE = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False, "no
 
 
 def bare(function: Function) -> Function:
-    """Compiled without reference counts, for functions that make no array: with tuples of dozens of arrays as arguments, counting them
-    takes most of the time, the compiler's and the function's own."""
+    """Compiled without reference counts, for functions that make no array: of queries that consist of dozens of arrays, counting them would
+    take most of the time, the compiler's and the function's own."""
     return cast(Function, _COMPILE(**BARE)(function))
 
 
 def inner(function: Function) -> Function:
-    """The same, for functions that only compiled code calls: unpacking those tuples for Python takes the compiler longer than the rest."""
+    """The same, for functions that only compiled code calls: they get no way in from Python and no machine code of their own."""
     return cast(Function, _COMPILE(**BARE, no_cpython_wrapper=True, pipeline_class=Inlay)(function))
 
 

@@ -197,6 +197,7 @@ def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_
     done = [m for m in plan.moves if m.done]
     assert done
     assert {m.object for m in plan.moves} <= {b.name for b in truth.objects}
+    assert all(np.linalg.norm(m.T_world_to[:2, 3] - m.T_world_from[:2, 3]) > 0.0005 for m in plan.moves)  # none to where it stands
     others = {m.held.body for m in plan.motions if m.held} - {truth.target}
     assert others == {m.object for m in done}
 

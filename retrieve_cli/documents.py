@@ -163,9 +163,7 @@ def _shape_to_json(shape: Shape, folder: Path) -> dict[str, Any]:
 
 def _observation(node: Node) -> dict[str, Any]:
     """What a sensed scene carries: checked, and passed on as it is."""
-    f = node.record(("objects", "regions", "views", "known"), ("unknown",))
-    if "unknown" in f:
-        _unknown(f["unknown"])
+    f = node.record(("objects", "regions", "views", "known"))
     for item in f["objects"].items():
         o = item.record(("name", "box"), extra=True)
         o["name"].text()
@@ -173,7 +171,9 @@ def _observation(node: Node) -> dict[str, Any]:
     for item in f["regions"].items():
         item.vector(4)
     for item in f["views"].items():
-        v = item.record(("T_world_camera", "known"), extra=True)
+        v = item.record(("T_world_camera", "known"), ("unknown",), extra=True)
+        if "unknown" in v:
+            _unknown(v["unknown"])
         v["T_world_camera"].pose()
         v["known"].number(least=0, most=1)
     f["known"].number(least=0, most=1)
@@ -202,15 +202,17 @@ def observation_to_json(
 ) -> dict[str, Any]:
     """What a sensed scene carries: boxes by name (6,), regions (n², 4), each view's T_world_camera and the share known after it.
 
-    cells (3,): into how many cells the cabinet's depth, width and height are divided; unknown (B, 6): boxes that fill what nobody has seen,
-    their first cell and the one after their last, along each.
+    cells (3,): into how many cells the cabinet's depth, width and height are divided; unknown (B, 6): boxes that fill what nobody has seen
+    after the last view, which tells of them: their first cell and the one after their last, along each.
     """
+    seen: list[dict[str, Any]] = [{"T_world_camera": _pose(T), "known": float(share)} for T, share in views]
+    if seen:
+        seen[-1]["unknown"] = {"cells": [int(n) for n in cells], "boxes": [[int(i) for i in row] for row in unknown]}
     return {
         "objects": [{"name": name, "box": _numbers(box)} for name, box in boxes.items()],
         "regions": [_numbers(row) for row in regions],
-        "views": [{"T_world_camera": _pose(T), "known": float(share)} for T, share in views],
+        "views": seen,
         "known": float(known),
-        "unknown": {"cells": [int(n) for n in cells], "boxes": [[int(i) for i in row] for row in unknown]},
     }
 
 

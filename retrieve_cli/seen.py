@@ -66,7 +66,8 @@ def unknown_space(scene: Scene) -> Mesh | None:
 
     Faces between two unknown cells are left out, and those side by side are one: so it can be drawn see-through.
     """
-    unknown = scene.observation.get("unknown") if scene.observation else None
+    views = scene.observation["views"] if scene.observation else None
+    unknown = views[-1].get("unknown") if isinstance(views, list) and views else None
     if not isinstance(unknown, Mapping) or not unknown["boxes"]:
         return None
     cells = np.array(unknown["cells"])

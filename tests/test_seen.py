@@ -101,7 +101,8 @@ def test_a_scene_that_was_not_sensed_has_none() -> None:
 def test_unknown_space_is_a_closed_surface_around_the_cells(sensed: Scene) -> None:
     """Its volume by the divergence theorem is the cells', which also says that every face looks outwards."""
     boxes = [[0, 0, 0, 2, 3, 4], [5, 5, 5, 7, 6, 6], [1, 1, 3, 4, 2, 6]]
-    scene = replace(sensed, observation={**sensed.observation, "unknown": {"cells": [10, 12, 8], "boxes": boxes}})
+    last = {**sensed.observation["views"][-1], "unknown": {"cells": [10, 12, 8], "boxes": boxes}}
+    scene = replace(sensed, observation={**sensed.observation, "views": [last]})
     which = np.zeros((10, 12, 8), bool)
     for x0, y0, z0, x1, y1, z1 in boxes:
         which[x0:x1, y0:y1, z0:z1] = True

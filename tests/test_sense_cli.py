@@ -47,8 +47,9 @@ def test_what_is_observed_is_written_and_recorded_views_give_the_same(scenes: Pa
     assert len(again["views"]) == len(seen["views"])
     assert abs(again["known"] - seen["known"]) < 0.02  # depths are whole tenths of a millimetre in files
     assert {o["name"] for o in again["objects"]} == {o["name"] for o in seen["objects"]}
-    cells = np.zeros(seen["unknown"]["cells"], bool)
-    for x0, y0, z0, x1, y1, z1 in seen["unknown"]["boxes"]:
+    unknown = seen["views"][-1]["unknown"]
+    cells = np.zeros(unknown["cells"], bool)
+    for x0, y0, z0, x1, y1, z1 in unknown["boxes"]:
         cells[x0:x1, y0:y1, z0:z1] = True
     assert 0 < cells.mean() < 1 - seen["known"]  # what an object explains is not among them
 
@@ -107,6 +108,6 @@ def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
 )
 def test_unknown_cells_are_checked(unknown: dict[str, object], says: str) -> None:
     document = documents.observed()
-    document["observation"]["unknown"] = unknown
+    document["observation"]["views"][-1]["unknown"] = unknown
     with pytest.raises(InputError, match=says):
         scene_from_json(document)

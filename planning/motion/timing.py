@@ -12,13 +12,14 @@ from kinematics.transforms import Array
 
 ACCELERATION_S = 0.35  # seconds to reach full speed
 JERK_S = 0.15  # seconds to reach full acceleration
+LEAST_S = 0.001  # that a piece takes on which nothing moves: a robot's controller wants times that rise
 
 
 def time_stamps(q: Array, velocity: Array) -> Array:
-    """Times (K,) in s for waypoints q (K, J), from 0; velocity (J,) holds the joints' limits in rad/s or m/s."""
+    """Times (K,) in s for waypoints q (K, J), rising from 0; velocity (J,) holds the joints' limits in rad/s or m/s."""
     t = np.zeros(len(q))
     for k in range(1, len(q)):
-        t[k] = t[k - 1] + segment_time(q[k] - q[k - 1], velocity)
+        t[k] = t[k - 1] + max(LEAST_S, segment_time(q[k] - q[k - 1], velocity))
     return t
 
 

@@ -11,14 +11,13 @@ export OMP_NUM_THREADS ?= 1
 # The recipe of the weights that ship. SCALE=0.01 takes a hundredth of the scenes, ends in minutes, and ships nothing.
 SCALE ?= 1
 ROBOTS ?= ur5e panda
-LABEL_SCENES_ur5e ?= 2575
-LABEL_SCENES_panda ?= 625
+LABEL_SCENES_ur5e ?= 4575
+LABEL_SCENES_panda ?= 4950
 LABEL_SPECS ?= paper paper-any paper paper-any shelf
 LABEL_OBJECTS ?= 2
 LABEL_SEED_ur5e ?= 101
 LABEL_SEED_panda ?= 102
-EPOCHS_ur5e ?= 12
-EPOCHS_panda ?= 24
+EPOCHS ?= 24
 WIDTH ?= 96
 TRAIN_SEED ?= 0
 THREADS ?= 1
@@ -62,7 +61,7 @@ $(MADE)/%/model/config.json: | $(VENV)/ready
 	mkdir -p $(MADE)/$*
 	$(RETRIEVE) label -n $(scenes) --seed $(or $(LABEL_SEED_$*),103) --robot $* $(LABEL_SPECS:%=--spec %) --objects $(LABEL_OBJECTS) \
 		--workers $(WORKERS) -o $(MADE)/$*/labels
-	$(RETRIEVE) train $(MADE)/$*/labels -o $(MADE)/$*/model --epochs $(or $(EPOCHS_$*),30) --width $(WIDTH) --seed $(TRAIN_SEED) \
+	$(RETRIEVE) train $(MADE)/$*/labels -o $(MADE)/$*/model --epochs $(EPOCHS) --width $(WIDTH) --seed $(TRAIN_SEED) \
 		--threads $(THREADS) --device $(DEVICE) $$(test -z "$$(ls -A $(MADE)/$*/model/checkpoint 2>/dev/null)" || echo --resume)
 
 # Table: scenes, plans of every policy under every rule, a report for each spec; what is up to date is not planned again ----------------

@@ -57,6 +57,10 @@ def threads(x: int) -> str | None:
     return os.environ.get("OMP_NUM_THREADS")
 
 
+def deaf(_: int) -> bool:
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
 def sleeps(x: int) -> int:
     time.sleep(60)
     return x
@@ -129,6 +133,18 @@ def test_each_process_has_one_thread_and_this_one_is_left_alone(monkeypatch: pyt
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     assert list(map_ordered(threads, range(2), workers=2)) == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals can't be held back here")
+def test_an_interruption_is_left_to_the_first_process() -> None:
+    """In a process of its own, for the first one that starts others is the one that could get it wrong."""
+    code = """if True:
+        from test_engine import deaf
+        from retrieve_cli.engine import map_ordered
+        if __name__ == "__main__":
+            print(list(map_ordered(deaf, range(4), workers=2)))
+    """
+    assert subprocess.run([sys.executable, "-c", code], env=HERE, capture_output=True, text=True).stdout == "[True, True, True, True]\n"
 
 
 def test_an_interruption_ends_all_processes_at_once() -> None:

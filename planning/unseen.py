@@ -34,7 +34,6 @@ HARDER = Limits(1.0, 0.0004, 3, 0.0)  # when nothing works with what is known: t
 ONCE = Limits(1.0, 1.0, 1)
 PATIENCE = 4  # so often in a row
 MOST_HIDDEN = 2  # objects to be moved that a look is aimed at, besides the target
-PLACE_M = 0.001  # what moves an object by less is no move
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
 
 
@@ -176,9 +175,6 @@ def retrieve_unseen(
         if steps < max_moves and mind.belief.body(truth.target) is not None:
             seen = observation(mind.blank, mind.q, mind.belief)
             for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
-                stands = state.poses[object_name]
-                if np.linalg.norm(motions.place_pose(object_name, stands, region)[:2, 3] - stands[:2, 3]) < PLACE_M:
-                    continue  # it stands there already
                 with moving:
                     done = motions.relocate(state, object_name, region, rng)
                 names = world.names(mind.belief.bodies)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 import pytest
@@ -58,6 +58,21 @@ def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:
                 assert not verdict.contacts(State(ur5e.with_arm(q, pick.gripper_closed), rest, pick.held), [*pads, (body.name, "floor")])
             seen += 1
     assert seen > 5
+
+
+def test_what_stands_there_already_is_not_moved(ur5e: Robot) -> None:
+    """After a move to a region, the same move again is refused, and says so."""
+    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.stand), "ur5e"), 23, 1)
+    motions, rng = Motions(ur5e, scene), np.random.default_rng(0)
+    state = motions.start()
+    for name, region in product([b.name for b in scene.objects if b.name != scene.target], range(0, scene.regions_n**2, 7)):
+        done = motions.relocate(state, name, region, rng)
+        if isinstance(done, Done):
+            again = motions.relocate(done.after, name, region, rng)
+            assert isinstance(again, Blocked)
+            assert again.detail == "it stands there already"
+            return
+    pytest.fail("nothing could be moved")
 
 
 def test_the_hand_alone_refuses_no_grasp_that_the_arm_can_take(scene: Scene, ur5e: Robot) -> None:

@@ -27,6 +27,7 @@ from planning.plan import Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
 MAX_TRIES = 3  # of an object's picks, how many are given to RRT-Connect before the move is given up
+LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
 BRIEFLY, BRIEF_PICKS = 300, 4  # iterations of RRT-Connect, and grasps tried, where only labels hang on the answer
 
@@ -104,7 +105,10 @@ class Motions:
         picks, why = self.picks(state, name)
         if not picks:
             return why
-        if touch := self.cell.placed(self.scene.body(name), self.place_pose(name, state.poses[name], region), self._without(state, name)):
+        there = self.place_pose(name, state.poses[name], region)
+        if np.linalg.norm((there - state.poses[name])[:3, 3]) < LEAST_M:
+            return Blocked("region", name, detail="it stands there already")
+        if touch := self.cell.placed(self.scene.body(name), there, self._without(state, name)):
             return Blocked("region", name, touch.body)
         centre, tries = self.scene.regions()[region], 0
         for pick in picks:

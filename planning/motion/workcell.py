@@ -26,7 +26,6 @@ from planning.motion.shortcut import shorten
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
 SHORTCUTS = 60
-OPENINGS = 64  # gripper values for which the packed arm is kept
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,11 @@ class Observation:
         return tuple(name for name in self.boxes if name != self.target)
 
 
+def boxes_in(T: Array, boxes: Array) -> Array:
+    """Boxes (N, 6), centre and size along the axes of one frame, as boxes along those of another; T (4, 4) leads from one to the other."""
+    return np.concatenate([boxes[:, :3] @ T[:3, :3].T + T[:3, 3], boxes[:, 3:] @ np.abs(T[:3, :3]).T], 1)
+
+
 def observe(scene: Scene, state: State) -> Observation:
     """The observation of a fully seen scene: true boxes, every region observed."""
     regions = scene.regions()

@@ -233,6 +233,9 @@ def label(
     objects: Annotated[
         int | None, typer.Option("--objects", help="Ask of so many objects a state where they can be put; of all if left out.", min=0)
     ] = None,
+    partly_seen: Annotated[
+        float, typer.Option("--partly-seen", help="Add a row for this share of the states: as a few views show them.", min=0.0, max=1.0)
+    ] = 0.0,
     workers: Workers = None,
     engine: At = Engine.local,
     address: Address = None,
@@ -254,6 +257,7 @@ def label(
         paths=paths,
         moves=moves,
         objects=objects,
+        partly_seen=partly_seen,
         workers=workers,
         engine=engine.value,
         address=address,
@@ -262,7 +266,7 @@ def label(
 
 @app.command()
 def train(
-    labels: Annotated[Path, typer.Argument(help="A folder that `retrieve label` wrote.", metavar="LABELS")],
+    labels: Annotated[list[Path], typer.Argument(help="Folders that `retrieve label` wrote, for one robot.", metavar="LABELS...")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The model folder to write.", metavar="DIR")],
     form: Annotated[
         Form, typer.Option("--form", help="Networks that see the other objects and judge feasibility, or those printed in the paper.")

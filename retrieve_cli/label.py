@@ -48,6 +48,7 @@ class Job:
     paths: int
     moves: int
     objects: int | None
+    partly_seen: float = 0.0
     specs: tuple[Spec, ...] = ()
     robot: RobotRef | None = None
     variety: Variety | None = None
@@ -66,6 +67,7 @@ def run(
     paths: int,
     moves: int,
     objects: int | None,
+    partly_seen: float,
     vary: bool,
     workers: int | None,
     engine: str,
@@ -77,7 +79,7 @@ def run(
     if scenes is not None and n is not None:
         raise InputError(f"label: {scenes} and -n exclude each other: label the scenes of a file, or generated ones")
     announce_first_run()
-    job = Job(seed, paths, moves, objects)
+    job = Job(seed, paths, moves, objects, partly_seen)
     if n is None and (scenes is not None or not sys.stdin.isatty()):
         items, about = _given(scenes)
     else:
@@ -85,6 +87,8 @@ def run(
         job = replace(job, specs=specs, robot=ref, variety=variety)
     total = len(items)
     settings = {"seed": seed, "paths": paths, "moves": moves, "objects": objects, **about, "scenes": total, "scenes_a_shard": SHARD}
+    if partly_seen:
+        settings["partly_seen"] = partly_seen
     manifest = _begin(out, settings)
     kept = shards.whole(out, manifest.shards)
     if kept:
@@ -119,7 +123,11 @@ def label_item(job: Job, item: Item) -> list[Row]:
             assert job.variety is not None
             spec = job.specs[item.index % len(job.specs)]
             scene = varied_scene(spec, from_ref(job.robot), job.robot, job.seed, item.index, job.variety)
-        return list(rows(from_ref(scene.robot), scene, job.seed, item.index, paths=job.paths, moves=job.moves, objects=job.objects))
+        found = rows(
+            from_ref(scene.robot), scene, job.seed, item.index,
+            paths=job.paths, moves=job.moves, objects=job.objects, partly_seen=job.partly_seen,
+        )  # fmt: skip
+        return list(found)
 
 
 def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
@@ -158,7 +166,10 @@ def _hash(values: Mapping[str, Any]) -> str:
 
 
 def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
-    """The manifest to go on with: what an earlier call left, or a fresh one. Raises: InputError when the folder holds something else."""
+    """The manifest to go on with: what an earlier call left, maybe of fewer scenes, or a fresh one.
+
+    Raises: InputError when the folder holds something else.
+    """
     from importlib.metadata import version as installed
 
     from planning.learning import shards
@@ -178,7 +189,10 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
     with blame("label"):
         old = shards.read_manifest(out)
     wanted = json.loads(json.dumps(settings))
-    if other := [name for name in {**old.settings, **wanted} if old.settings.get(name) != wanted.get(name)]:
+    other = [name for name in {**old.settings, **wanted} if old.settings.get(name) != wanted.get(name)]
+    if other == ["scenes"] and wanted["scenes"] > old.settings["scenes"]:  # a last shard with fewer scenes than the others gets more
+        return replace(old, settings=settings, shards=old.shards[: old.settings["scenes"] // SHARD])
+    if other:
         name = other[0]
         raise InputError(
             f"{out}: holds labels made otherwise: {name} was {old.settings.get(name)!r}, and is {wanted.get(name)!r} now; "

@@ -21,7 +21,7 @@ VALIDATION_SHARE = 0.1  # of the scenes
 
 def run(
     *,
-    labels: Path,
+    labels: Sequence[Path],
     out: Path,
     form: str,
     epochs: int,
@@ -47,7 +47,7 @@ def run(
     if width % 4:
         raise InputError(f"train: --width: {width} is no multiple of 4, the number of attention heads")
     with blame("train"):
-        data, manifest = dataset.read(labels)
+        data, manifest = dataset.read_all(labels)
         rest, held_out = (data.take(index) for index in dataset.split(data.scene, VALIDATION_SHARE))
     _prepare(out, resume)
     settings = Settings(

@@ -199,6 +199,27 @@ def test_states_end_when_the_target_is_free(ur5e: Robot, scene: Scene) -> None:
     assert pickle.dumps(again) == pickle.dumps(found[:1])
 
 
+def test_what_a_few_views_show_of_a_state(ur5e: Robot, scene: Scene) -> None:
+    """The rows of the truth are as they would be alone; those beside them leave out what is hidden, and never show a box too small."""
+    plain = list(rows(ur5e, scene, SEED, 0, paths=2, objects=0))
+    found = list(rows(ur5e, scene, SEED, 0, paths=2, objects=0, partly_seen=1.0))
+    assert pickle.dumps([r for r in found if not r.views]) == pickle.dumps(plain)
+    true = {r.state: r for r in plain}
+    parts = [r for r in found if r.views]
+    assert parts
+    for part in parts:
+        whole = true[part.state]
+        assert np.array_equal(part.regions[:, :3], whole.regions[:, :3])
+        assert set(part.regions[:, 3]) <= {0.0, 1.0}
+        for i, box in enumerate(part.objects):
+            k = int(np.abs(whole.objects - box).max(1).argmin())
+            assert np.abs(box[:2] - whole.objects[k, :2]).max() < 0.05
+            assert (box[:3] + box[3:] / 2 > whole.objects[k, :3] + whole.objects[k, 3:] / 2 - 0.01).all()
+            assert (part.blocks[i], part.pickable[i], part.opens[i]) == (whole.blocks[k], whole.pickable[k], whole.opens[k])
+            assert np.array_equal(part.feasible[i], whole.feasible[k])
+        assert np.abs(part.target[:2] - whole.target[:2]).max() < 0.02
+
+
 # Files ----------------------------------------------------------------------------------------------------------------------------------
 
 
@@ -295,6 +316,16 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(quick: Quick, tmp_path:
     assert folder_bytes(broken) == folder_bytes(whole)
 
 
+def test_more_scenes_are_added_to_a_folder(quick: Quick, tmp_path: Path) -> None:
+    whole, grown = tmp_path / "whole", tmp_path / "grown"
+    assert main(["label", "-n", "11", "-o", str(whole)]) == 0
+    assert main(["label", "-n", "6", "-o", str(grown)]) == 0
+    quick.asked = []
+    assert main(["label", "-n", "11", "-o", str(grown)]) == 0
+    assert quick.asked == list(range(4, 11)), "the shard with two scenes is made whole"
+    assert folder_bytes(grown) == folder_bytes(whole)
+
+
 def test_a_spoilt_shard_is_written_anew(quick: Quick, tmp_path: Path) -> None:
     out = tmp_path / "labels"
     assert main(["label", "-n", "10", "-o", str(out)]) == 0
@@ -310,7 +341,7 @@ def test_a_spoilt_shard_is_written_anew(quick: Quick, tmp_path: Path) -> None:
     ("args", "says"),
     [
         (["-n", "5", "--seed", "1"], "holds labels made otherwise: seed was 0, and is 1 now; name a new folder"),
-        (["-n", "6"], "scenes was 5, and is 6 now"),
+        (["-n", "4"], "scenes was 5, and is 4 now"),
         (["-n", "5", "--paths", "3"], "paths was 16, and is 3 now"),
         (["-n", "5", "--no-vary"], "source was {"),
         (["-n", "5", "--spec", "shelf"], "source was {"),

@@ -6,6 +6,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import synthetic_labels
 
@@ -80,6 +82,24 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_bytes(
         assert (model / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     one, two = (json.loads((d / "config.json").read_text()) for d in (model, tmp_path / "whole"))
     assert one == two
+
+
+def test_several_folders_train_one_model(labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    more = synthetic_labels.write(tmp_path / "more", 20, seed=5)
+    code, _, err = retrieve("train", labels, more, "-o", tmp_path / "model", *FAST)
+    assert code == 0
+    config = json.loads((tmp_path / "model" / "config.json").read_text())
+    assert config["data"]["train"] + config["data"]["validation"] == 100
+    assert config["data"]["source"] == ["synthetic", "synthetic"]
+    code, _, err = retrieve("train", labels, labels, "-o", tmp_path / "twice", *FAST)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "as another folder has; label it with another --seed" in err
+    for shard in more.glob("*.parquet"):
+        table = pq.read_table(shard)
+        robots = pa.array(["panda"] * table.num_rows)
+        pq.write_table(table.set_column(table.column_names.index("robot"), "robot", robots), shard)
+    code, _, err = retrieve("train", labels, more, "-o", tmp_path / "two", *FAST)
+    assert (code, err) == (2, f"train: {more}: labels of the robot panda, and {labels} has labels of ur5e; a model is for one robot\n")
 
 
 def test_what_train_refuses(labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:

@@ -65,6 +65,23 @@ class Data:
         return np.asarray(np.linalg.norm(way, axis=-1) / diagonal[:, None, None], np.float32)
 
 
+def read_all(folders: Sequence[Path]) -> tuple[Data, dict[str, Any]]:
+    """All labels of several folders, which must be of one robot, and a manifest for them: `source` and `hash` of all; see `read`."""
+    parts, manifests = zip(*(read(folder) for folder in folders))
+    if len(folders) == 1:
+        return parts[0], manifests[0]
+    robots = [m["robot"] for m in manifests]
+    for folder, robot in zip(folders, robots):
+        if robot != robots[0]:
+            raise ValueError(f"{folder}: labels of the robot {robot}, and {folders[0]} has labels of {robots[0]}; a model is for one robot")
+    scenes = [set(part.scene) for part in parts]
+    for i, folder in enumerate(folders):
+        if common := set().union(*scenes[:i]) & scenes[i]:
+            raise ValueError(f"{folder}: has states of scene {min(common)}, as another folder has; label it with another --seed")
+    digest = hashlib.sha256("".join(m["hash"] for m in manifests).encode()).hexdigest()[:16]
+    return _joined(parts), {"robot": robots[0], "source": [m.get("source", m.get("spec")) for m in manifests], "hash": digest}
+
+
 def read(folder: Path) -> tuple[Data, dict[str, Any]]:
     """All labels of a folder, and its manifest with `hash` (of all shards) added.
 

@@ -40,6 +40,7 @@ class Row:
     paths: K', how many paths were found. blocks (m,): how many of them each object blocks. pickable (m,): whether it can be picked now.
     opens (m,): whether the target can be taken out once this object is gone. feasible (m, B): whether the object can be carried there now.
     hits (m, B): how many of the paths it would block there. `NOT_ASKED` where nobody looked.
+    views: how many views the boxes and the regions' flags come from, of the objects that were seen; 0 where they are the truth.
     """
 
     scene: str
@@ -59,6 +60,7 @@ class Row:
     opens: Bytes
     feasible: Bytes
     hits: Bytes
+    views: int = 0
 
 
 @dataclass(frozen=True, eq=False)

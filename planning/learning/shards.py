@@ -43,6 +43,7 @@ COLUMNS = pa.schema(
         ("opens", _BYTES),
         ("feasible", _BYTES),
         ("hits", _BYTES),
+        ("views", pa.int32()),
     ]
 )
 
@@ -139,5 +140,6 @@ def _row(v: dict[str, Any]) -> Row:
     return Row(
         scene=v["scene"], state=v["state"], robot=v["robot"], width_m=v["width_m"], paths=v["paths"],
         objects=np.array(v["objects"], float).reshape(m, 6), regions=regions, blocks=np.array(v["blocks"], np.int64),
+        views=v["views"] or 0,  # older shards don't tell: all of theirs are the truth
         **arrays,
     )  # fmt: skip

@@ -13,6 +13,7 @@ import numpy as np
 from kinematics.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
+from planning.learning.glimpse import glimpsed
 from planning.learning.labels import PATHS, Row, find_ways, label, movable
 from planning.motion.pick_place import Done, Motions
 from planning.plan import Blocked
@@ -49,20 +50,32 @@ def varied_scene(spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int,
 
 
 def rows(
-    robot: Robot, scene: Scene, seed: int, index: int, *, paths: int = PATHS, moves: int = MOVES, objects: int | None = None
+    robot: Robot,
+    scene: Scene,
+    seed: int,
+    index: int,
+    *,
+    paths: int = PATHS,
+    moves: int = MOVES,
+    objects: int | None = None,
+    partly_seen: float = 0.0,
 ) -> Iterator[Row]:
     """Label a scene as it is, and after up to `moves` moves, as long as its target is still blocked.
 
+    partly_seen: of this share of the states there is a second row, as a few views show it, where they show the target.
     Raises: ValueError when the robot can't stand or wait before this cabinet.
     """
     motions = Motions(robot, scene)
-    state, rng, ways = motions.start(), np.random.default_rng([seed, STAGE, index, 1]), None
+    state, ways = motions.start(), None
+    rng, looks = (np.random.default_rng([seed, STAGE, index, word]) for word in (1, 2))
     for number in range(moves + 1):
         if not isinstance(motions.retrieve_target(state, rng), Blocked):
             return
         ways = ways or find_ways(motions, state, rng, paths)
         row = label(motions, state, ways, rng, objects=objects, number=number)
         yield row
+        if looks.random() < partly_seen and (part := glimpsed(motions, state, row, looks)) is not None:
+            yield part
         done = next_move(motions, state, row, rng) if number < moves else None
         if done is None:
             return

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinematics.scene import APPROACHES
 from kinematics.transforms import inverse
-from perception.observation import Observation
+from perception.observation import Observation, boxes_in
 
 F32 = NDArray[np.float32]
 LENGTH_M = 0.3
@@ -42,9 +42,7 @@ def tokens(seen: Observation) -> Tokens:
     """The tokens of an observation; the non-target objects in the order of `seen.movable`."""
     T = inverse(seen.cabinet.T_world_cabinet)
     R, p = T[:3, :3], T[:3, 3]
-    turn = np.abs(R)
-    boxes = np.array([seen.boxes[name] for name in (seen.target, *seen.movable)])
-    boxes = np.concatenate([boxes[:, :3] @ R.T + p, boxes[:, 3:] @ turn.T], 1) / LENGTH_M
+    boxes = boxes_in(T, np.array([seen.boxes[name] for name in (seen.target, *seen.movable)])) / LENGTH_M
     hand = T @ seen.grasp.T_world_hand
     grasp = np.concatenate([hand[:3, 3] / LENGTH_M, hand[:3, 0], hand[:3, 1], [seen.grasp.width_m / LENGTH_M]])
     may = [float(kind in seen.approaches) for kind in APPROACHES]

@@ -23,6 +23,23 @@ LEVELS = 7  # windows of 1 to 64 pixels
 
 
 @njit(cache=True, nogil=True)
+def way_through(x: float, y: float, R: Array, eye: Array, size: Array) -> tuple[float, float]:
+    """The depths z at which the ray (x, y, 1) of the camera enters and leaves the inner space; it misses unless the first is less.
+
+    R (3, 3), eye (3,): the camera in the grid's frame; size (3,): of the inner space.
+    """
+    enter, leave = 0.0, 1e9
+    for a in range(3):
+        d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
+        if abs(d) > 1e-12:
+            t0, t1 = -eye[a] / d, (size[a] - eye[a]) / d
+            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+        elif eye[a] < 0.0 or eye[a] > size[a]:
+            leave = -1.0
+    return enter, leave
+
+
+@njit(cache=True, nogil=True)
 def clear_depth(
     depth: Image, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, size: Array, slack_m: float, noise: float, out: Image
 ) -> None:
@@ -36,15 +53,7 @@ def clear_depth(
         y = (v - cy) / fy
         for u in range(width):
             z = depth[v, u]
-            x = (u - cx) / fx
-            enter, leave = 0.0, 1e9
-            for a in range(3):
-                d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
-                if abs(d) > 1e-12:
-                    t0, t1 = -eye[a] / d, (size[a] - eye[a]) / d
-                    enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
-                elif eye[a] < 0.0 or eye[a] > size[a]:
-                    leave = -1.0
+            enter, leave = way_through((u - cx) / fx, y, R, eye, size)
             if leave <= enter:
                 out[v, u] = _FAR  # this ray never meets the inner space
             elif z <= 0.0:
@@ -56,10 +65,9 @@ def clear_depth(
 
 
 @njit(cache=True, nogil=True)
-def pyramid(clear: Image, levels: Image) -> None:
-    """levels (LEVELS, H, W): level l holds the least of the 2^l × 2^l pixels to the right of and below each."""
-    height, width = clear.shape
-    levels[0] = clear
+def pyramid(levels: Image) -> None:
+    """Fill levels (LEVELS, H, W) from the first one on: level l holds the least of the 2^l × 2^l pixels to the right of and below each."""
+    _, height, width = levels.shape
     for k in range(1, levels.shape[0]):
         half = 1 << (k - 1)
         for v in range(height - 2 * half + 1):
@@ -140,30 +148,29 @@ def mark_occupied(state: States, step: Array, clear: Image, fx: float, fy: float
 
 
 @njit(cache=True, nogil=True)
-def map_depth(
-    occupied: Array, step: Array, size: Array, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, T: Array,
-    own: NDArray[np.bool_], least: float, out: Image,
-) -> None:  # fmt: skip
-    """A depth image (H, W) of the occupied voxels, given by their centres (N, 3): their far sides; far where there is none.
-
-    0 where nothing would be learnt: where a wall is in the way from outside, or something nearer than `least`, the camera's least depth,
-    or the robot's own body, where `own` (H, W) is True. R, eye and T: the camera in the grid and the grid in the camera.
-    """
+def through_wall(size: Array, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, out: NDArray[np.bool_]) -> None:
+    """Which pixels (H, W) look into the inner space through a wall: from outside, and not through the front. R, eye: as above."""
     height, width = out.shape
     for v in range(height):
         y = (v - cy) / fy
         for u in range(width):
             x = (u - cx) / fx
-            enter, leave = 0.0, 1e9
-            for a in range(3):
-                d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
-                if abs(d) > 1e-12:
-                    t0, t1 = -eye[a] / d, (size[a] - eye[a]) / d
-                    enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
-                elif eye[a] < 0.0 or eye[a] > size[a]:
-                    leave = -1.0
-            through_wall = leave > enter and enter > 0.0 and eye[0] + enter * (R[0, 0] * x + R[0, 1] * y + R[0, 2]) > 1e-6
-            out[v, u] = 0.0 if own[v, u] or through_wall else _FAR
+            enter, leave = way_through(x, y, R, eye, size)
+            out[v, u] = leave > enter and enter > 0.0 and eye[0] + enter * (R[0, 0] * x + R[0, 1] * y + R[0, 2]) > 1e-6
+
+
+@njit(cache=True, nogil=True)
+def map_depth(
+    occupied: Array, step: Array, fx: float, fy: float, cx: float, cy: float, T: Array, blind: NDArray[np.bool_], least: float, out: Image
+) -> None:
+    """A depth image (H, W) of the occupied voxels, given by their centres (N, 3): their far sides; far where there is none.
+
+    0 where nothing would be learnt: where `blind` (H, W) is True, or where something is nearer than `least`, the camera's least depth.
+    """
+    height, width = out.shape
+    for v in range(height):
+        for u in range(width):
+            out[v, u] = np.float32(0.0) if blind[v, u] else _FAR
     half = np.empty(3)
     _half_extents(step, T, half)
     for i in range(occupied.shape[0]):
@@ -186,26 +193,28 @@ def map_depth(
 
 @njit(cache=True, nogil=True)
 def revealed(
-    points: Array, weight: Array, step: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float, seen: States
-) -> float:
-    """The summed weight (N,) of the voxels with centres `points` (N, 3) that a picture would mark FREE; levels: the `pyramid` of the map's
-    depth image. seen (N,): set to 1 for those, 0 for the others.
+    rows: Int, points: Array, step: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float, seen: States
+) -> None:
+    """Leave 1 in `seen` (P,) only for those of `rows` (N,), with centres `points` (N, 3), that a picture would mark FREE.
+
+    levels: the `pyramid` of the map's depth image. Places whose `seen` is 0 are not asked about, those beyond `rows` stay as they are.
     """
     half = np.empty(3)
     _half_extents(step, T, half)
-    total = 0.0
-    for i in range(points.shape[0]):
-        seen[i] = _wholly_clear(points[i, 0], points[i, 1], points[i, 2], half, T, levels, fx, fy, cx, cy)
-        total += weight[i] * seen[i]
-    return total
+    for i in range(rows.shape[0]):
+        if seen[rows[i]]:
+            seen[rows[i]] = _wholly_clear(points[i, 0], points[i, 1], points[i, 2], half, T, levels, fx, fy, cx, cy)
 
 
 @njit(cache=True, nogil=True)
-def revealed_at_most(points: Array, weight: Array, T: Array, depth: Image, fx: float, fy: float, cx: float, cy: float) -> float:
-    """The summed weight (N,) of the points (N, 3) inside a picture and before its depth (H, W): quick, and seldom too little."""
+def revealed_at_most(rows: Int, points: Array, T: Array, depth: Image, fx: float, fy: float, cx: float, cy: float, seen: States) -> None:
+    """Whether rows (N,) of `seen` (P,), with centres `points` (N, 3), are inside a picture and before its depth (H, W).
+
+    Quick, and seldom too few.
+    """
     height, width = depth.shape
-    total = 0.0
-    for i in range(points.shape[0]):
+    for i in range(rows.shape[0]):
+        seen[rows[i]] = 0
         a, b, c = points[i, 0], points[i, 1], points[i, 2]
         z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
         if z < _NEAR:
@@ -215,8 +224,17 @@ def revealed_at_most(points: Array, weight: Array, T: Array, depth: Image, fx: f
         if u < -0.5 or v < -0.5 or u >= width - 0.5 or v >= height - 0.5:
             continue
         if z < depth[int(np.floor(v + 0.5)), int(np.floor(u + 0.5))]:
-            total += weight[i]
-    return total
+            seen[rows[i]] = 1
+
+
+@njit(cache=True, nogil=True)
+def weigh(rows: Int, weight: Array, seen: States, out: Array) -> None:
+    """For each view (C,) the summed weight (N,) of those of `rows` (N,) that it has seen; seen (C, P)."""
+    for c in range(seen.shape[0]):
+        total = 0.0
+        for i in range(rows.shape[0]):
+            total += weight[i] * seen[c, rows[i]]
+        out[c] = total
 
 
 @njit(cache=True, nogil=True)

@@ -1,13 +1,14 @@
 """Views: from where a camera may look into a cabinet, and how much unknown space it would reveal there.
 
 What a view reveals is found in the map itself: a coarse depth image up to the first occupied voxel, unknown ones taken for free, and the
-unknown voxels before that depth. Knowing more never makes a view reveal more, so a view's last figure bounds its next one, and only the
-few views at the top need to be looked at anew (lazy greedy choice; Minoux 1978).
+unknown voxels before that depth. Knowing more never makes a view reveal more: what is left of the voxels that it would have revealed when
+it was last looked at bounds its gain, and only the few views at the top need to be looked at anew (lazy greedy choice; Minoux 1978).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -53,57 +54,83 @@ def sweep_poses(cabinet: Cabinet) -> Array:
     return np.array(out)
 
 
+@dataclass(frozen=True, eq=False)
+class Outlooks:
+    """Views of one cabinet, and what the preview knows of them whatever stands in it; see `outlooks`.
+
+    poses (C, 4, 4): T_world_camera. T (C, 3, 4): from the map's grid to the camera. fine, coarse: the cameras of the preview and of its
+    first guess. blind, blind_coarse (C, h, w): the pixels that teach nothing, because the robot itself or a wall is in the way.
+    """
+
+    poses: Array
+    T: Array
+    fine: Intrinsics
+    coarse: Intrinsics
+    blind: NDArray[np.bool_]
+    blind_coarse: NDArray[np.bool_]
+
+
+def outlooks(voxels: Voxels, poses: Array, intrinsics: Intrinsics, own: NDArray[np.bool_]) -> Outlooks:
+    """What can be told beforehand of views from poses (C, 4, 4) into a cabinet, of which any map will do.
+
+    own (C, h, w): where the robot itself is in each picture, of the size of `reduced(intrinsics)`.
+    """
+    fine, coarse = reduced(intrinsics), reduced(intrinsics, FINE * COARSE)
+    T_grid_camera = inverse(voxels.T_world_grid) @ poses
+    blind = np.empty(own.shape, bool)
+    for T, out in zip(T_grid_camera, blind):
+        grid.through_wall(voxels.cabinet.size_m, *_pinhole(fine), np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), out)
+    blind |= own
+    rows, columns = coarse.height * COARSE, coarse.width * COARSE
+    squares = blind[:, :rows, :columns].reshape(-1, coarse.height, COARSE, coarse.width, COARSE)
+    return Outlooks(poses, np.ascontiguousarray(inverse(T_grid_camera)[:, :3]), fine, coarse, blind, np.asarray(squares.all((2, 4))))
+
+
 class _Moment(NamedTuple):
     """The map as the views of one choice see it: unknown voxels that count (rows, centres, weights), centres of occupied ones."""
 
-    voxels: Voxels
     rows: NDArray[np.int64]
     points: Array
     weight: Array
     occupied: Array
-    T_grid_world: Array
 
 
 class Preview:
-    """What views would reveal of a map. The bounds and weights it keeps belong to one cabinet and one list of poses.
+    """What views would reveal of a map of their cabinet. The weights and bounds it keeps are for maps that come to know more and more.
 
-    poses (C, 4, 4): T_world_camera. own (C, h, w): where the robot's own body is in each picture, of the size of `reduced(intrinsics)`.
     least_m: the camera's least depth. focus (X, Y, Z): what voxels count besides their own share of the space, in the same unit.
     """
 
-    def __init__(
-        self,
-        voxels: Voxels,
-        poses: Array,
-        intrinsics: Intrinsics,
-        own: NDArray[np.bool_],
-        least_m: float,
-        focus: Array | None = None,
-    ) -> None:
-        self.poses, self.least_m, self.own = poses, least_m, own
-        self.fine, self.coarse = reduced(intrinsics), reduced(intrinsics, FINE * COARSE)
+    def __init__(self, voxels: Voxels, views: Outlooks, least_m: float, focus: Array | None = None) -> None:
+        self.views, self.least_m, self.step = views, least_m, voxels.step
         i, j, k = np.indices(voxels.state.shape)
         sparse = (i + 2 * j + 3 * k) % SPARSE == 0
         self.unit = 1.0 / np.count_nonzero(sparse)  # what one of the sparse voxels stands for, as a share of the space
         extra = np.zeros(sparse.shape) if focus is None else focus
         self.places = np.argwhere(sparse | (extra > 0))
         self.weight = (sparse + extra / self.unit)[tuple(self.places.T)]
-        self.bound: Array | None = None
+        # which places each view would reveal when it was last looked at, more than it would reveal now
+        self.seen = np.ones((len(views.poses), len(self.places)), np.uint8)
+        self.guessed = False
+        self._levels = np.empty((grid.LEVELS, views.fine.height, views.fine.width), np.float32)
 
     def best(self, voxels: Voxels, cost: Array, usable: Callable[[int], bool]) -> tuple[int, float] | None:
         """The view with the greatest gain less its cost (C,), among the usable ones, and its gain, the share of the space that it would
         reveal; None when there is none. usable is asked as late as possible, about the views that come to the top.
         """
         now = self._moment(voxels)
-        if self.bound is None:
-            self.bound = np.array([self._at_most(now, i) for i in range(len(self.poses))])
-        fresh, barred = np.zeros(len(self.poses), bool), np.zeros(len(self.poses), bool)
+        if not self.guessed:
+            self._guess(now)
+        bound = np.empty(len(cost))
+        grid.weigh(now.rows, now.weight, self.seen, bound)
+        bound *= self.unit
+        fresh, barred = np.zeros(len(cost), bool), np.isinf(cost)
         while not barred.all():
-            i = int(np.argmax(np.where(barred, -np.inf, self.bound - cost)))
+            i = int(np.argmax(np.where(barred, -np.inf, bound - cost)))
             if not fresh[i]:
-                self.bound[i], fresh[i] = self._gain(now, i)[0], True
+                bound[i], fresh[i] = self._gain(now, i), True
             elif usable(i):
-                return i, float(self.bound[i])
+                return i, float(bound[i])
             else:
                 barred[i] = True
         return None
@@ -111,39 +138,34 @@ class Preview:
     def taken(self, voxels: Voxels, index: int) -> None:
         """View number `index` was taken, and `voxels` is the map with it: what it should have shown and did not counts less from now on."""
         now = self._moment(voxels)
-        _, seen = self._gain(now, index)
-        self.weight[now.rows[seen.astype(bool)]] *= STALE
+        self._gain(now, index)
+        self.weight[now.rows[self.seen[index, now.rows] > 0]] *= STALE
 
     def _moment(self, voxels: Voxels) -> _Moment:
         rows = np.flatnonzero(voxels.state[tuple(self.places.T)] == UNKNOWN)
-        occupied = (np.argwhere(voxels.state == OCCUPIED) + 0.5) * voxels.step
-        return _Moment(voxels, rows, (self.places[rows] + 0.5) * voxels.step, self.weight[rows], occupied, inverse(voxels.T_world_grid))
+        occupied = (np.argwhere(voxels.state == OCCUPIED) + 0.5) * self.step
+        return _Moment(rows, (self.places[rows] + 0.5) * self.step, self.weight[rows], occupied)
 
-    def _gain(self, now: _Moment, index: int) -> tuple[float, grid.States]:
-        depth, T, f = self._depth(now, index, self.fine, self.own[index])
-        levels = np.zeros((grid.LEVELS, *depth.shape), np.float32)
-        grid.pyramid(depth, levels)
-        seen = np.empty(len(now.rows), np.uint8)
-        total = grid.revealed(now.points, now.weight, now.voxels.step, T, levels, *f, seen)
-        return float(total) * self.unit, seen
+    def _gain(self, now: _Moment, index: int) -> float:
+        """The share of the space that a view would reveal; `seen` says which places."""
+        camera, T, seen = self.views.fine, self.views.T[index], self.seen[index]
+        grid.map_depth(now.occupied, self.step, *_pinhole(camera), T, self.views.blind[index], self.least_m, self._levels[0])
+        grid.pyramid(self._levels)
+        grid.revealed(now.rows, now.points, self.step, T, self._levels, *_pinhole(camera), seen)
+        return float(now.weight @ seen[now.rows]) * self.unit
 
-    def _at_most(self, now: _Moment, index: int) -> float:
-        height, width, k = self.coarse.height, self.coarse.width, COARSE
-        own = np.asarray(self.own[index, : height * k, : width * k].reshape(height, k, width, k).any((1, 3)))
-        depth, T, f = self._depth(now, index, self.coarse, own)
-        return float(grid.revealed_at_most(now.points, now.weight, T, depth, *f)) * self.unit
-
-    def _depth(
-        self, now: _Moment, index: int, camera: Intrinsics, own: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float32], Array, tuple[float, float, float, float]]:
-        """The map's depth image (H, W), the way from the grid's frame to the camera's (3, 4), and fx, fy, cx, cy."""
-        f = (camera.fx, camera.fy, camera.cx, camera.cy)
-        T_grid_camera = now.T_grid_world @ self.poses[index]
-        R, eye = np.ascontiguousarray(T_grid_camera[:3, :3]), T_grid_camera[:3, 3].copy()
-        T = np.ascontiguousarray(np.c_[R.T, -R.T @ eye])
+    def _guess(self, now: _Moment) -> None:
+        """Strike out what views can't reveal, roughly."""
+        camera = self.views.coarse
         depth = np.empty((camera.height, camera.width), np.float32)
-        grid.map_depth(now.occupied, now.voxels.step, now.voxels.cabinet.size_m, *f, R, eye, T, own, self.least_m, depth)
-        return depth, T, f
+        for T, blind, seen in zip(self.views.T, self.views.blind_coarse, self.seen):
+            grid.map_depth(now.occupied, self.step, *_pinhole(camera), T, blind, self.least_m, depth)
+            grid.revealed_at_most(now.rows, now.points, T, depth, *_pinhole(camera), seen)
+        self.guessed = True
+
+
+def _pinhole(camera: Intrinsics) -> tuple[float, float, float, float]:
+    return camera.fx, camera.fy, camera.cx, camera.cy
 
 
 def reduced(camera: Intrinsics, k: int = FINE) -> Intrinsics:

@@ -77,7 +77,6 @@ class Voxels:
         f = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
         T_grid_camera = inverse(self.T_world_grid) @ T_world_camera
         R, eye = np.ascontiguousarray(T_grid_camera[:3, :3]), T_grid_camera[:3, 3].copy()
-        levels = np.zeros((grid.LEVELS, *depth.shape), np.float32)
         own = np.zeros(depth.shape, bool) if own is None else np.ascontiguousarray(own, bool)
         depth = np.where(own, np.float32(0), depth).astype(np.float32)
         clear = np.empty(depth.shape, np.float32)
@@ -90,7 +89,9 @@ class Voxels:
             clear = np.where(count >= ENOUGH, surer, clear)
             ends = np.where(count >= ENOUGH, surer, np.float32(0))
             clear = filled(clear, own, FILL)
-        grid.pyramid(clear, levels)
+        levels = np.empty((grid.LEVELS, *depth.shape), np.float32)
+        levels[0] = clear
+        grid.pyramid(levels)
         grid.mark_free(state, self.step, np.ascontiguousarray(inverse(T_grid_camera)[:3]), levels, *f)
         grid.mark_occupied(state, self.step, ends, *f, R, eye)
         return replace(self, state=state)

@@ -19,8 +19,8 @@ from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics
 from perception.frames import Frame
 from perception.source import DEFAULT, RANGE_M, Camera, robot_depth
-from perception.views import Preview, reduced, sample_poses, sweep_poses
-from perception.voxels import FREE, UNKNOWN, Voxels
+from perception.views import Outlooks, Preview, outlooks, reduced, sample_poses, sweep_poses
+from perception.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
 from planning.motion.timing import time_stamps
 from planning.motion.workcell import Situation, Workcell
 from planning.plan import Blocked, Motion
@@ -70,12 +70,12 @@ class Looked:
 class Vantages:
     """Arm configurations q (C, A) that put the camera at T_world_camera (C, 4, 4), free of the cabinet's walls.
 
-    own (C, h, w): where the robot itself is in the picture, reduced as `perception.views.reduced` does.
+    views: what can be told of them beforehand, whatever stands in the cabinet.
     """
 
     q: Array
     T: Array
-    own: NDArray[np.bool_]
+    views: Outlooks
 
 
 def look_around(
@@ -107,7 +107,7 @@ def look_around(
         return Looked((), (), voxels, (), q, "no view was allowed")
     base = blank.robot.T_world_base
     spots = vantages(robot, blank, intrinsics)
-    preview = Preview(voxels, spots.T, intrinsics, spots.own, RANGE_M[0], focus)
+    preview = Preview(voxels, spots.views, RANGE_M[0], focus)
     order = _order(choose, spots, blank.cabinet, rng)
     frames: list[Frame] = []
     views: list[tuple[Array, float]] = []
@@ -159,7 +159,7 @@ def _next(
             if not done[i] and way.reach(i):
                 return i, way.paths[i]
         return "no other view can be reached"
-    cost = limits.travel * np.linalg.norm(preview.poses[:, :3, 3] - T_now[:3, 3], axis=1) + np.where(done, np.inf, 0.0)
+    cost = limits.travel * np.linalg.norm(way.spots.T[:, :3, 3] - T_now[:3, 3], axis=1) + np.where(done, np.inf, 0.0)
     best = preview.best(voxels, cost, way.reach)
     if best is None:
         return "no other view can be reached"
@@ -288,4 +288,5 @@ def _vantages(robot: Robot, base: bytes, place: tuple[bytes, bytes, float], intr
         raise ValueError(f"robot {robot.name} can't look into this cabinet from anywhere: is the camera mounted the right way round?")
     small = reduced(intrinsics)
     own = np.array([robot_depth(robot, T_base, robot.with_arm(q, gripper), T, small) > 0 for q, T in found])
-    return Vantages(np.array([q for q, _ in found]), np.array([T for _, T in found]), own)
+    at = np.array([T for _, T in found])
+    return Vantages(np.array([q for q, _ in found]), at, outlooks(unknown_voxels(blank.cabinet), at, intrinsics, own))

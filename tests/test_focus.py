@@ -84,7 +84,7 @@ def test_the_view_that_is_chosen_shows_what_is_wanted(ur5e: Robot, truth: Scene)
     spot = apply(voxels.T_world_grid, np.array([32, 12, 7]) * voxels.step)
     chosen = []
     for wish in (None, focus):
-        preview = Preview(voxels, spots.T, DEFAULT, spots.own, RANGE_M[0], wish)
+        preview = Preview(voxels, spots.views, RANGE_M[0], wish)
         best = preview.best(voxels, np.zeros(len(spots.T)), lambda _: True)
         assert best is not None
         chosen.append(best)

@@ -19,7 +19,7 @@ from kinematics.spheres import Levels, box_levels, cylinder_levels, levels
 from kinematics.transforms import Array
 from kinematics.tree import carried
 
-OPENINGS = 32  # gripper values for which the rig is kept
+OPENINGS = 128  # gripper values for which the rig is kept: some five for each width in a scene
 
 
 @lru_cache(maxsize=16)

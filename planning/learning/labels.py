@@ -120,7 +120,7 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
     alone = State(motions.cell.home(), {scene.target: state.poses[scene.target]})
     picks, _ = motions.picks(alone, scene.target, [scene.grasp])
     start, found, times = motions.robot.arm_q(alone.q), list[Array](), list[int]()
-    floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet)
+    floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet, _tallest(motions, state))
     if not picks:
         return Ways((), np.zeros(0, np.int64), 0.0, floor, np.zeros((*floor.n, 0), np.float32))
     empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
@@ -146,6 +146,12 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
     balls = arm_balls(motions.robot, scene.robot.T_world_base, picks[0].gripper_open)
     lows = lowest(motions.cell.arm.chain, empty.problem.weight, balls, floor, found)
     return Ways(tuple(found), np.array(times, np.int64), picks[0].gripper_open, floor, lows)
+
+
+def _tallest(motions: Motions, state: State) -> float:
+    """The height of the tallest non-target object."""
+    extents = [bounds(motions.scene.body(name).shape, state.poses[name]) for name in movable(motions.scene)]
+    return max((float((high - low)[2]) for low, high in extents), default=0.0)
 
 
 def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator) -> bool:

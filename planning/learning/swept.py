@@ -42,7 +42,8 @@ class Balls(NamedTuple):
 
 
 class Floor(NamedTuple):
-    """The cells: T_cabinet_world (4, 4), size (3,) of the inner space, number of cells (2,) along x and y and their edges (2,)."""
+    """The cells: T_cabinet_world (4, 4), size (3,) of the inner space up to where it matters, number of cells (2,) along x and y and their
+    edges (2,)."""
 
     T: Array
     size: Array
@@ -77,10 +78,10 @@ def arm_balls(robot: Robot, T_world_base: Array, gripper: float) -> Balls:
     return Balls(np.array(frames, np.int64), np.array(bounds), start, np.concatenate(balls))
 
 
-def make_floor(size_m: Array, T_world_cabinet: Array) -> Floor:
-    """The cells of a cabinet of inner size (3,)."""
+def make_floor(size_m: Array, T_world_cabinet: Array, top_m: float = np.inf) -> Floor:
+    """The cells of a cabinet of inner size (3,); of the arm above top_m nothing is noted down."""
     n = np.maximum(1, np.round(size_m[:2] / CELL_M)).astype(np.int64)
-    return Floor(inverse(T_world_cabinet), np.asarray(size_m, float), n, np.asarray(size_m[:2] / n, float))
+    return Floor(inverse(T_world_cabinet), np.minimum(size_m, [np.inf, np.inf, top_m]), n, np.asarray(size_m[:2] / n, float))
 
 
 def footprint(shape: Shape, R: Array) -> Footprint:

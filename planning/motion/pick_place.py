@@ -7,7 +7,7 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.arm import Int
+from kinematics.coverage import shape_pieces
 from kinematics.robot import Robot
 from kinematics.scene import Body, Grasp, Held, Scene, State
-from kinematics.shapes import Shape, bounds
-from kinematics.transforms import Array, transform
+from kinematics.transforms import Array
 from planning.motion.picking import Pick, Picking
 from planning.motion.placing import LetGo, Place, Placing
+from planning.motion.reaching import stand
 from planning.motion.timing import time_stamps
-from planning.motion.workcell import Situation, Workcell
+from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
@@ -41,7 +42,6 @@ class _Memory:
         self.transits: dict[Pick, Array | Blocked] = {}
         self.reachable: dict[Pick, bool] = {}
         self.placing: dict[Pick, Placing] = {}
-        self.carrying: dict[Pick, Situation] = {}
         self.let_go: dict[tuple[str, float, float], LetGo] = {}
         self.without: dict[str, dict[str, Array]] = {}
 
@@ -81,7 +81,9 @@ class Motions:
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
-        return _standing(self.scene.body(name).shape, T_from[:3, :3], self.scene.regions()[region])
+        T = np.empty((4, 4))
+        stand(shape_pieces(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
+        return T
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         """Take the target out with the scene's grasp x_g: the paper's indicator I, and the way out of the cabinet."""
@@ -92,7 +94,7 @@ class Motions:
             if isinstance(way_in, Blocked):
                 why = way_in
                 continue
-            way_out = self._way_out(state, pick, rng)
+            way_out = self._way_out(pick, rng)
             if isinstance(way_out, Blocked):
                 why = way_out
                 continue
@@ -109,7 +111,7 @@ class Motions:
         if np.linalg.norm((there - state.poses[name])[:3, 3]) < LEAST_M:
             return Blocked("region", name, detail="it stands there already")
         if touch := self.cell.placed(self.scene.body(name), there, self._without(state, name)):
-            return Blocked("region", name, touch.body)
+            return Blocked("region", touch.link, touch.body, detail=touch.detail)
         centre, tries = self.scene.regions()[region], 0
         for pick in picks:
             unreached = self._recall(state).transits.get(pick)
@@ -124,7 +126,7 @@ class Motions:
             if isinstance(way_in, Blocked):
                 why = way_in
                 continue
-            across = self.cell.connect(self._carrying(state, pick), pick.lift[-1], place.lower[:1], rng)
+            across = self.cell.connect(pick.carrying, pick.lift[-1], place.lower[:1], rng)
             if not isinstance(across, Blocked):
                 return self._relocated(state, self._without(state, name), name, pick, place, way_in, across)
             why = replace(across, stage="transfer")
@@ -146,7 +148,7 @@ class Motions:
                 break
             down, ends = self._placing(state, pick).ends(centres[open_])
             if len(down):
-                out[open_[down]] = self.cell.reached(self._carrying(state, pick), pick.lift[-1], ends, rng, BRIEFLY)
+                out[open_[down]] = self.cell.reached(pick.carrying, pick.lift[-1], ends, rng, BRIEFLY)
             open_ = open_[~out[open_]]
         return out
 
@@ -158,7 +160,7 @@ class Motions:
             known[pick] = bool(self.cell.reached(moving, self.robot.arm_q(state.q), pick.approach[:1], rng, BRIEFLY)[0])
         return known[pick]
 
-    def picks(self, state: State, name: str, grasps: Iterable[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
+    def picks(self, state: State, name: str, grasps: Sequence[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object that hold up to all checks but RRT-Connect's, the least to turn first; and why others don't.
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
@@ -181,7 +183,7 @@ class Motions:
                 standing = {**rest, name: state.poses[name]}
                 opening = self.cell.moving_fingers(standing, name, pick.gripper_open, pick.gripper_closed)
                 let_go[key] = LetGo(opening, self.cell.problem(standing, pick.gripper_open), *self.cell.standing(name, rest))
-            known[pick] = Placing(self.cell, pick, rest, state.poses[name], let_go[key])
+            known[pick] = Placing(self.cell, pick, state.poses[name], let_go[key])
         return known[pick]
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> list[Motion] | Blocked:
@@ -204,21 +206,13 @@ class Motions:
             motions.append(self._motion("transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open))
         return [*motions, self._motion("transit", path, pick.gripper_open)]
 
-    def _way_out(self, state: State, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
+    def _way_out(self, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
         """From the lifted target to a configuration with its centre well outside the cabinet."""
-        carrying = self._carrying(state, pick)
-        goals = self.cell.outside(carrying, pick.held)
+        goals = self.cell.outside(pick.carrying, pick.held)
         if len(goals) == 0:
             return Blocked("transfer", "hand", pick.held.body, detail="no free configuration holds it outside the cabinet")
-        path = self.cell.connect(carrying, pick.lift[-1], goals, rng)
+        path = self.cell.connect(pick.carrying, pick.lift[-1], goals, rng)
         return replace(path, stage="transfer") if isinstance(path, Blocked) else path
-
-    def _carrying(self, state: State, pick: Pick) -> Situation:
-        """The object in the closed hand, off the floor."""
-        known = self._recall(state).carrying
-        if pick not in known:
-            known[pick] = self.cell.problem(self._without(state, pick.held.body), pick.gripper_closed, held=pick.held)
-        return known[pick]
 
     @property
     def state(self) -> State:
@@ -285,9 +279,3 @@ class Motions:
         if on_floor and body:
             may_touch.append((body, "floor"))
         return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(may_touch))
-
-
-def _standing(shape: Shape, R: Array, centre: Array) -> Array:
-    """The pose (4, 4) of a shape with rotation R (3, 3), its box's middle over `centre` (3,) and its bottom at the centre's height."""
-    low, high = bounds(shape, transform(R))
-    return transform(R, centre - np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))

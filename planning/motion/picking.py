@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from kinematics.scene import APPROACHES, Grasp, Held
 from kinematics.transforms import Array, inverse
 from planning.grasps import open_width, sample_grasps
 from planning.motion import reaching
+from planning.motion.once import Once
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.workcell import Situation, Workcell, tasks_of
 from planning.plan import Blocked
@@ -28,7 +28,10 @@ STAGES = {
 
 @dataclass(frozen=True, eq=False)
 class Pick:
-    """A way to take hold of an object: arm waypoints of the straight pieces, gripper values, and where the object sits in the hand."""
+    """A way to take hold of an object: arm waypoints of the straight pieces, gripper values, and where the object sits in the hand.
+
+    carrying: the object in the closed hand; lifting: the same while it may touch the floor.
+    """
 
     grasp: Grasp
     approach: Array
@@ -36,6 +39,8 @@ class Pick:
     gripper_open: float
     gripper_closed: float
     held: Held
+    carrying: Situation
+    lifting: Situation
 
 
 class Picking:
@@ -57,51 +62,76 @@ class Picking:
         return self._picks(self._known[key], poses, rest, name, q)
 
     def picks_with(
-        self, grasps: Iterable[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
+        self, grasps: Sequence[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
     ) -> tuple[list[Pick], Blocked]:
         """As `picks`, with these grasps and no others."""
-        return self._picks(_Grasps(self.cell, grasps), poses, rest, name, q)
+        key = (name, b"".join(grasp.T_world_hand.tobytes() + np.float64(grasp.width_m).tobytes() for grasp in grasps))
+        if key not in self._known:
+            self._known[key] = _Grasps(self.cell, grasps)
+        return self._picks(self._known[key], poses, rest, name, q)
 
     def _picks(
         self, grasps: _Grasps, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
     ) -> tuple[list[Pick], Blocked]:
-        cell, hands = self.cell, dict[float, _OpenHand]()
+        cell, hands, failures = self.cell, dict[float, _OpenHand](), _Failures(self.cell, name)
         picks: list[Pick] = []
-        why, got_to = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening"), 0
-        for i, grasp in grasps:
-            hand = hands.get(grasp.width_m)
+        for i, grasp in enumerate(grasps):
+            width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
+            hand = hands.get(width)
             if hand is None:
-                hand = hands[grasp.width_m] = _OpenHand(cell, poses, name, grasp.width_m)
-            alone = reaching.hand_way_in(cell.hand, hand.reaching.task, grasp.T_world_hand, cell.memory)
-            free, said, found = 0, np.array([alone]), np.empty((0, 0, 0))
-            if alone[0] == reaching.OK:
-                solutions = grasps.solutions(i)
-                found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
-                free = reaching.ways_in(
-                    cell.hand, hand.reaching.task, tasks_of(hand.closing), grasp.T_world_hand, solutions, cell.memory, found, said
-                )
-                if len(said) == 0 and got_to == 0:
-                    why, got_to = Blocked("ik", "hand", name, detail="the grasp is out of reach"), 1
-            for code, pair in said:
-                if code != reaching.OK and 1 + code >= got_to:
-                    named = hand.closing[0] if code == reaching.FINGERS else hand.reaching
-                    why, got_to = cell.blocked(STAGES[code], named, pair, name), 1 + code
-            if free == 0:
+                hand = hands[width] = _OpenHand(cell, poses, name, width)
+            ways = [way for way in self._ways_in(hand, grasp, grasps, i, failures) if hand.closes(way[-1], failures)]
+            if not ways:
                 continue
             held = Held(name, inverse(grasp.T_world_hand) @ poses[name])
-            lifting = cell.problem(rest, hand.closed, held=held, ignore=[(name, "floor")])
-            for way in found[:free]:
+            carrying = cell.problem(rest, hand.closed, held=held)
+            lifting = cell.allowing(carrying, name, "floor")
+            for way in ways:
                 up = np.empty((LIFT_STEPS + 1, way.shape[1]))
                 code, pair = reaching.lift(cell.hand, lifting.task, grasp.T_world_hand, way[-1], up, cell.memory)
                 if code == reaching.OK:
-                    picks.append(Pick(grasp, way, up, hand.opened, hand.closed, held))
-                elif 1 + code >= got_to:
-                    why, got_to = cell.blocked(STAGES[code], lifting, pair, name), 1 + code
+                    picks.append(Pick(grasp, way, up, hand.opened, hand.closed, held, carrying, lifting))
+                else:
+                    failures.note(code, lifting, pair)
             if len(picks) >= MAX_PICKS or (picks and i + 1 >= ENOUGH_GRASPS):
                 break
         cell.forget()
         picks.sort(key=lambda p: float(np.abs(p.approach[0] - q).max()))
-        return picks, why
+        return picks, failures.furthest
+
+    def _ways_in(self, hand: _OpenHand, grasp: Grasp, grasps: _Grasps, i: int, failures: _Failures) -> Array:
+        """Arm waypoints (W, n, A) of the straight ways of an open hand to grasp i: the hand alone first, then the arm's solutions."""
+        cell, task = self.cell, hand.reaching.task
+        code, pair = reaching.hand_way_in(cell.hand, task, grasp.T_world_hand, cell.memory)
+        if code != reaching.OK:
+            failures.note(code, hand.reaching, pair)
+            return np.empty((0, 0, 0))
+        solutions = grasps.solutions(grasp, i)
+        if len(solutions) == 0:
+            failures.out_of_reach()
+        found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
+        free = reaching.ways_in(cell.hand, task, grasp.T_world_hand, solutions, cell.memory, found, said)
+        for code, pair in said:
+            if code != reaching.OK:
+                failures.note(code, hand.reaching, pair)
+        return found[:free]
+
+
+class _Failures:
+    """How far the best of the ways that failed got, in words."""
+
+    def __init__(self, cell: Workcell, name: str) -> None:
+        self.furthest = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening")
+        self._cell, self._name, self._got_to = cell, name, 0
+
+    def out_of_reach(self) -> None:
+        if self._got_to == 0:
+            self.furthest, self._got_to = Blocked("ik", "hand", self._name, detail="the grasp is out of reach"), 1
+
+    def note(self, code: int, situation: Situation, pair: int) -> None:
+        """One got as far as a code of `reaching`, where a pair of the situation touched."""
+        if 1 + code >= self._got_to:
+            self.furthest, self._got_to = self._cell.blocked(STAGES[code], situation, pair, self._name), 1 + code
 
 
 class _OpenHand:
@@ -119,28 +149,26 @@ class _OpenHand:
         """Not asked for where the open hand does not even get there."""
         return self._cell.moving_fingers(self._poses, self._name, self.opened, self.closed)
 
+    def closes(self, q: Array, failures: _Failures) -> bool:
+        """Whether nothing touches while the fingers close, the arm being at q (A,)."""
+        pair = reaching.fingers(tasks_of(self.closing), q, self._cell.memory)
+        if pair >= 0:
+            failures.note(reaching.FINGERS, self.closing[0], pair)
+        return bool(pair < 0)
 
-class _Grasps:
+
+class _Grasps(Once[Grasp]):
     """The grasps on an object where it stands, and the arm's solutions for each; both are found when asked for, and once."""
 
     def __init__(self, cell: Workcell, grasps: Iterable[Grasp]) -> None:
-        self._cell, self._rest = cell, iter(grasps)
-        self._found: list[Grasp] = []
+        super().__init__(grasps)
+        self._cell = cell
         self._solutions: dict[int, Array] = {}
 
-    def __iter__(self) -> Iterator[tuple[int, Grasp]]:
-        for i in count():
-            if i == len(self._found):
-                grasp = next(self._rest, None)
-                if grasp is None:
-                    return
-                self._found.append(grasp)
-            yield i, self._found[i]
-
-    def solutions(self, i: int) -> Array:
-        """Arm configurations (S, A) for grasp i, the nearest to home first."""
+    def solutions(self, grasp: Grasp, i: int) -> Array:
+        """Arm configurations (S, A) for a grasp, which is number i, the nearest to home first."""
         if i not in self._solutions:
-            self._solutions[i] = self._cell.ik(self._found[i].T_world_hand)
+            self._solutions[i] = self._cell.ik(grasp.T_world_hand)
         return self._solutions[i]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,14 +45,12 @@ class LetGo:
 class Placing:
     """A held object that is put down, anywhere: for the compiled core, with the names behind its indices."""
 
-    def __init__(self, cell: Workcell, pick: Pick, rest: Mapping[str, Array], T_world_object: Array, let_go: LetGo) -> None:
-        """rest: the poses of the other objects; T_world_object (4, 4): of this one when it was picked."""
-        name = pick.held.body
+    def __init__(self, cell: Workcell, pick: Pick, T_world_object: Array, let_go: LetGo) -> None:
+        """T_world_object (4, 4): where the object was picked."""
         self.cell, self.pick, self.R, self.let_go = cell, pick, T_world_object[:3, :3], let_go
-        self.lowering = cell.problem(rest, pick.gripper_closed, held=pick.held, ignore=[(name, "floor")])
-        rows = [i - len(cell.arm.links) for i, n in enumerate(let_go.open.names) if n == name]
-        tasks = self.lowering.task, tasks_of(let_go.opening), let_go.open.task
-        self._compiled = reaching.Placing(*tasks, rows[0], rows[-1] + 1, let_go.standing, pick.held.T_hand_body)
+        rows = [i - len(cell.arm.links) for i, n in enumerate(let_go.open.names) if n == pick.held.body]
+        tasks = pick.lifting.task, tasks_of(let_go.opening), let_go.open.task
+        self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, let_go.standing, pick.held.T_hand_body)
 
     def place(self, centre: Array) -> Place | Blocked:
         """Put the object down over `centre` (3,), turned as suits the hand: static checks and the straight pieces.
@@ -61,14 +58,15 @@ class Placing:
         The arm should turn no more than it must: first the solutions near the pick's are tried, for every turn of the hand, then all.
         """
         cell, p, near = self.cell, self._compiled, self.pick.lift[-1]
-        natural, lower, retreat, T = self._natural_turn(centre), *self._waypoints()
-        code, pair = reaching.put_down(cell.hand, p, self.R, natural, centre, near, cell.memory, lower, retreat, T)
+        natural, (lower, retreat, T) = float(self._natural_turns(centre)), self._waypoints()
+        turns = np.array(reaching.PLACE_TURNS)
+        code, pair = reaching.put_down(cell.hand, p, self.R, natural, centre, turns, near, cell.memory, lower, retreat, T)
         cell.forget()
         if code == reaching.OK:
             return Place(lower, retreat, T)
         if code != reaching.REGION:
             for turn in reaching.PLACE_TURNS:
-                reaching.stand(p.standing.body, self.R, natural + turn, centre, T)
+                reaching.stand(p.standing.body.vertices, self.R, natural + turn, centre, T)
                 if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
                     T_hand = T @ inverse(self.pick.held.T_hand_body)
                     for q in cell.ik(T_hand, near=near, tries=TRIES):
@@ -82,11 +80,11 @@ class Placing:
     def ends(self, centres: Array) -> tuple[Int, Array]:
         """Over which of centres (N, 3) the object can be put down by solutions near the pick's: their indices (K,), and the arm's
         configurations where the ways down begin (K, A)."""
-        natural = np.array([self._natural_turn(centre) for centre in centres])
+        natural, turns = self._natural_turns(centres), np.array(reaching.PLACE_TURNS)
         near, (lower, retreat, T) = self.pick.lift[-1], self._waypoints()
         ends, codes = np.empty((len(centres), len(near))), np.empty(len(centres), np.int64)
         reaching.put_down_all(
-            self.cell.hand, self._compiled, self.R, natural, centres, near, self.cell.memory, lower, retreat, T, ends, codes
+            self.cell.hand, self._compiled, self.R, natural, centres, turns, near, self.cell.memory, lower, retreat, T, ends, codes
         )
         self.cell.forget()
         down = np.flatnonzero(codes == reaching.OK)
@@ -97,16 +95,17 @@ class Placing:
         A = self.pick.lift.shape[1]
         return np.empty((LIFT_STEPS + 1, A)), np.empty((APPROACH_STEPS + 1, A)), np.empty((4, 4))
 
-    def _natural_turn(self, centre: Array) -> float:
-        """How far an object turns with the hand: for a level grasp the hand comes in along the bearing of the place, else not at all."""
+    def _natural_turns(self, centres: Array) -> Array:
+        """How far an object turns with the hand to centres (..., 3): for a level grasp the hand comes in along the bearing of the place,
+        else not at all."""
         ahead = self.pick.grasp.T_world_hand[:3, 2]
         if np.hypot(ahead[0], ahead[1]) <= 0.3:
-            return 0.0
-        bearing = centre[:2] - self.cell.scene.robot.T_world_base[:2, 3]
-        return float(np.arctan2(bearing[1], bearing[0]) - np.arctan2(ahead[1], ahead[0]))
+            return np.zeros(centres.shape[:-1])
+        bearing = centres[..., :2] - self.cell.scene.robot.T_world_base[:2, 3]
+        return np.asarray(np.arctan2(bearing[..., 1], bearing[..., 0]) - np.arctan2(ahead[1], ahead[0]))
 
     def _seen_at(self, code: int) -> Situation:
         """The situation in which `reaching.put_down` got to say a code."""
         if code in (reaching.AT_GRASP, reaching.BACKWARDS):
             return self.let_go.open
-        return {reaching.FINGERS: self.let_go.opening[0], reaching.REGION: self.let_go.among}.get(code, self.lowering)
+        return {reaching.FINGERS: self.let_go.opening[0], reaching.REGION: self.let_go.among}.get(code, self.pick.lifting)

@@ -68,7 +68,7 @@ class Standing(NamedTuple):
 
 
 @record
-class Placing(NamedTuple):
+class PutDown(NamedTuple):
     """Putting a held object down: the tasks with it in the hand, and with it standing, its solids being rows first:last of those worlds.
 
     lowering: in the hand, which is closed; opening (3): it stands, fingers on their way open; retreating: it stands, the hand is open.
@@ -141,17 +141,16 @@ def hand_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory)
 def ways_in(
     hand: Hand,
     reaching: Task,
-    closing: tuple[Task, Task, Task],
     T_world_hand: Array,
     solutions: Array,
     memory: Memory,
     found: Array,
     said: Int,
 ) -> int:
-    """The ways to close the hand at a pose (4, 4), where solutions (S, A) put it: how many are free.
+    """The straight ways of an open hand to a pose (4, 4), where solutions (S, A) put it: how many are free.
 
-    reaching: the hand open; closing (3): the fingers on their way, what they hold allowed. found (S, n, A): waypoints of the free ones,
-    from before the object to it. said (S, 2): how far each solution got, and the pair that touched.
+    found (S, n, A): waypoints of the free ones, from before the object to it. said (S, 2): how far each solution got, and the pair that
+    touched.
     """
     n, last = 0, found.shape[1] - 1
     for s in range(solutions.shape[0]):
@@ -163,9 +162,6 @@ def ways_in(
         said[s, 0] = BACKWARDS
         free, said[s, 1] = straight(hand, reaching, T_world_hand, -APPROACH_M, way, memory)
         if not free:
-            continue
-        said[s, 0], said[s, 1] = FINGERS, fingers(closing, solutions[s], memory)
-        if said[s, 1] >= 0:
             continue
         said[s, 0] = OK
         for k in range((last + 1) // 2):
@@ -193,7 +189,7 @@ def touching(task: Task, q: Array, memory: Memory) -> int:
     return int(exact.first_contact(task.exact, q, memory.exact))
 
 
-@inner
+@bare
 def fingers(tasks: tuple[Task, Task, Task], q: Array, memory: Memory) -> int:
     """What touches while the fingers move, the arm being at q (A,): a pair of the tasks, which all have the same pairs, or -1."""
     for task in tasks:
@@ -205,40 +201,51 @@ def fingers(tasks: tuple[Task, Task, Task], q: Array, memory: Memory) -> int:
 
 @bare
 def put_down(
-    hand: Hand, p: Placing, R: Array, natural: float, centre: Array, near: Array, memory: Memory, lower: Array, retreat: Array,
-    T_body: Array,
+    hand: Hand, p: PutDown, R: Array, natural: float, centre: Array, turns: Array, near: Array, memory: Memory, lower: Array,
+    retreat: Array, T_body: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """Put the held object down with its middle over `centre` (3,) on the floor, turned from R (3, 3) by `natural` rad about the vertical,
-    or by that and one of PLACE_TURNS, the arm turning little from `near` (A,). How far it got, and the pair that touched.
+    """Put the held object down with its middle over `centre` (3,) on the floor, turned from R (3, 3) by `natural` rad about the vertical
+    and one of `turns` more, the arm turning little from `near` (A,). How far it got, and the pair that touched.
 
-    lower (n, A): the waypoints down, retreat (m, A): those back, T_body (4, 4): where the object stands then.
+    turns: in which order they are tried; the one that works is moved to the front. lower (n, A): the waypoints down, retreat (m, A): those
+    back, T_body (4, 4): where the object stands then.
     """
     said, pair = REGION, FREE
-    for turn in PLACE_TURNS:
-        stand(p.standing.body, R, natural + turn, centre, T_body)
-        touch = stands(p.standing, T_body, memory)
-        if touch != FREE:
-            if said == REGION:
-                pair = touch
-            continue
-        copy_row(near, lower[0])
-        hand_at(T_body, p.T_hand_body, hand.T[1])
-        exact.enter(p.lowering.exact, memory.exact)
-        code, touch = LIFTED, hand_touches(hand, p.lowering, hand.T[1], memory)
-        if touch < 0:
-            code = REACH
-            if descend(hand.chain, hand.T_frame_hand, hand.T[1], lower[0], hand.frames, hand.work, BRISK):
-                code, touch = put_down_at(hand, p, T_body, hand.T[1], lower[0], memory, lower, retreat)
-                if code == OK:
-                    return OK, -1
-        if said == REGION or code > said:
+    for i in range(turns.shape[0]):
+        code, touch = put_down_turned(hand, p, R, natural + turns[i], centre, near, memory, lower, retreat, T_body)
+        if code == OK:
+            for k in range(i, 0, -1):
+                turns[k], turns[k - 1] = turns[k - 1], turns[k]
+            return OK, -1
+        if said == REGION or (code > said and code != REGION):
             said, pair = code, touch
     return said, pair
 
 
 @bare
+def put_down_turned(
+    hand: Hand, p: PutDown, R: Array, turn: float, centre: Array, near: Array, memory: Memory, lower: Array, retreat: Array, T_body: Array
+) -> tuple[int, int]:
+    """Put the held object down, turned from R (3, 3) by `turn` rad about the vertical. See `put_down`."""
+    stand(p.standing.body.vertices, R, turn, centre, T_body)
+    touch = stands(p.standing, T_body, memory)
+    if touch != FREE:
+        return REGION, touch
+    T_hand = hand.T[1]
+    hand_at(T_body, p.T_hand_body, T_hand)
+    exact.enter(p.lowering.exact, memory.exact)
+    touch = hand_touches(hand, p.lowering, T_hand, memory)
+    if touch >= 0:
+        return LIFTED, touch
+    copy_row(near, lower[0])
+    if not descend(hand.chain, hand.T_frame_hand, T_hand, lower[0], hand.frames, hand.work, BRISK):
+        return REACH, -1
+    return put_down_at(hand, p, T_body, T_hand, lower[0], memory, lower, retreat)
+
+
+@bare
 def put_down_at(
-    hand: Hand, p: Placing, T_body: Array, T_hand: Array, q: Array, memory: Memory, lower: Array, retreat: Array
+    hand: Hand, p: PutDown, T_body: Array, T_hand: Array, q: Array, memory: Memory, lower: Array, retreat: Array
 ) -> tuple[int, int]:
     """Put the held object down at T_body (4, 4), the hand being at T_hand (4, 4) with the arm at q (A,). See `put_down`."""
     pair = touching(p.lowering, q, memory)
@@ -272,12 +279,12 @@ def put_down_at(
 
 @bare
 def put_down_all(
-    hand: Hand, p: Placing, R: Array, natural: Array, centres: Array, near: Array, memory: Memory, lower: Array, retreat: Array,
-    T_body: Array, ends: Array, codes: Int,
+    hand: Hand, p: PutDown, R: Array, natural: Array, centres: Array, turns: Array, near: Array, memory: Memory, lower: Array,
+    retreat: Array, T_body: Array, ends: Array, codes: Int,
 ) -> None:  # fmt: skip
     """`put_down` over each of centres (N, 3): where each lowering begins, ends (N, A), and how far each got, codes (N,)."""
     for i in range(centres.shape[0]):
-        codes[i], _ = put_down(hand, p, R, natural[i], centres[i], near, memory, lower, retreat, T_body)
+        codes[i], _ = put_down(hand, p, R, natural[i], centres[i], turns, near, memory, lower, retreat, T_body)
         copy_row(lower[0], ends[i])
 
 
@@ -310,7 +317,7 @@ def stands(s: Standing, T_body: Array, memory: Memory) -> int:
 def stands_over(s: Standing, R: Array, centres: Array, T: Array, memory: Memory, free: NDArray[np.bool_]) -> None:
     """Over which of centres (N, 3) the object stands free with rotation R (3, 3): free (N,). T (4, 4) is overwritten."""
     for i in range(centres.shape[0]):
-        stand(s.body, R, 0.0, centres[i], T)
+        stand(s.body.vertices, R, 0.0, centres[i], T)
         free[i] = stands(s, T, memory) == FREE
 
 
@@ -324,8 +331,9 @@ def move_body(task: Task, b: int, T: Array) -> None:
 
 
 @bare
-def stand(body: Rig, R: Array, turn: float, centre: Array, T: Array) -> None:
-    """Pose T (4, 4) of a body turned from R (3, 3) about the vertical: its box's middle over `centre` (3,), its bottom on that height."""
+def stand(v: Array, R: Array, turn: float, centre: Array, T: Array) -> None:
+    """Pose T (4, 4) of a body with vertices v (3, V), turned from R (3, 3) about the vertical: its box's middle over `centre` (3,), its
+    bottom on that height."""
     co, si = np.cos(turn), np.sin(turn)
     for c in range(3):
         T[0, c] = co * R[0, c] - si * R[1, c]
@@ -333,7 +341,6 @@ def stand(body: Rig, R: Array, turn: float, centre: Array, T: Array) -> None:
         T[2, c] = R[2, c]
         T[3, c] = 0.0
     T[3, 3] = 1.0
-    v = body.vertices
     for r in range(3):
         low, high = np.inf, -np.inf
         for i in range(v.shape[1]):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -16,16 +17,18 @@ from kinematics.coverage import Carriage, shape_pieces
 from kinematics.lanes import model_of
 from kinematics.rig import carry, join_rigs
 from kinematics.robot import Robot
-from kinematics.scene import Body, Held, Scene
+from kinematics.scene import Body, Cabinet, Held, Scene
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
-from planning.motion.reaching import FREE, HANGS_OVER, Standing, make_hand, stands, stands_over
+from planning.motion.once import Once
+from planning.motion.reaching import HANGS_OVER, Standing, make_hand, stands, stands_over
 from planning.motion.rrt_connect import plan, reach
 from planning.motion.shortcut import shorten
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
 SHORTCUTS = 60
+KEPT = 6  # sets of poses for which the packed bodies are kept
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,16 @@ class Situation(NamedTuple):
         return self.task.exact
 
 
+class _Bodies(NamedTuple):
+    """What stands at some poses, packed, with the names; and the queries of an empty hand among them, by the gripper's value. The poses
+    are kept, too, for they are told from others by their identity."""
+
+    poses: Mapping[str, Array]
+    solids: Solids
+    names: tuple[str, ...]
+    known: dict[float, Situation]
+
+
 class Workcell:
     """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query.
 
@@ -60,7 +73,7 @@ class Workcell:
         self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
         self.walls = [*scene.cabinet.walls(), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
-        self._standing_now: tuple[object, Solids, tuple[str, ...]] | None = None
+        self._bodies: dict[int, _Bodies] = {}
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
         pairs = (n_links + most) * len(self._rows) + len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
@@ -96,7 +109,7 @@ class Workcell:
         gripper: float,
         *,
         held: Held | None = None,
-        ignore: Iterable[tuple[str, str]] = (),
+        ignore: Collection[tuple[str, str]] = (),
         moving: Collection[str] | None = None,
     ) -> Situation:
         """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
@@ -105,7 +118,10 @@ class Workcell:
         about, the others having been asked before.
         """
         (rig, model), links = self.arm.packed(gripper), self.arm.links
-        solids, bodies = self._standing(poses)
+        _, solids, bodies, known = self._standing(poses)
+        plain = held is None and moving is None and not ignore
+        if plain and gripper in known:
+            return known[gripper]
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
@@ -125,7 +141,20 @@ class Workcell:
         task = pose_task(self.arm.chain, rig, model, solids, Query(check, pairs), exact.MARGIN_M)
         if held is not None:
             task, self._entered = without_still(task, self.memory), None
-        return Situation(task, links + bodies)
+        situation = Situation(task, links + bodies)
+        if plain:
+            known[gripper] = situation
+        return situation
+
+    def allowing(self, situation: Situation, a: str, b: str) -> Situation:
+        """The same query, but link or held object a may touch body b."""
+        task, names = situation
+        first, second = (np.array([n == name for n in names]) for name in (a, b))
+        problem, world, P = task.exact, task.world, len(task.world.check)
+        kept = ~(first[problem.pairs[:, 0]] & second[problem.pairs[:, 1]])
+        check = np.where(first[:P, None] & second[P:], np.uint8(0), world.check)
+        problem = problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept])
+        return Situation(task._replace(exact=problem, world=world._replace(check=check)), names)
 
     def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> tuple[Situation, ...]:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
@@ -137,7 +166,7 @@ class Workcell:
         pieces = shape_pieces(self.scene.body(name).shape)
         n = len(pieces.start) - 1
         rig = carry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
-        solids, bodies = self._standing(poses)
+        _, solids, bodies, _ = self._standing(poses)
         check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
         query = Query(check, np.zeros((0, 2), np.int64))
         task = pose_task(self.arm.chain, rig, model_of(self.arm.chain, rig), solids, query, exact.MARGIN_M)
@@ -147,9 +176,7 @@ class Workcell:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
         standing, among = self._among(body.name, poses)
         pair = int(stands(standing, T, self.memory))
-        if pair == HANGS_OVER:
-            return Touch(body.name, "floor", "it would hang over the front edge")
-        return None if pair == FREE else self.name_of(among, pair)
+        return self._in_the_way(among, pair)
 
     def room_over(self, name: str, R: Array, centres: Array, poses: Mapping[str, Array]) -> NDArray[np.bool_]:
         """Over which of centres (N, 3), its bottom at their height, an object with rotation R (3, 3) stands free: see `placed`."""
@@ -157,6 +184,12 @@ class Workcell:
         free = np.empty(len(centres), np.bool_)
         stands_over(standing, R, centres, np.empty((4, 4)), self.memory, free)
         return free
+
+    def _in_the_way(self, among: Situation, pair: int) -> Touch | None:
+        """What `reaching.stands` found, in words."""
+        if pair == HANGS_OVER:
+            return Touch(among.names[0], "floor", "it would hang over the front edge")
+        return self.name_of(among, pair)
 
     def _among(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
         """What an object is held against that is to stand among others; the memory will serve it."""
@@ -229,11 +262,9 @@ class Workcell:
         """What the compiled core found, in words: the stage and the two bodies, or that it was the arm's reach."""
         if stage == "ik":
             return Blocked("ik", "hand", name, detail=PLACE_OUT_OF_REACH)
-        touch = self.name_of(situation, pair)
+        touch = self._in_the_way(situation, pair) if stage == "region" else self.name_of(situation, pair)
         if touch is not None:
-            return Blocked(stage, touch.link, touch.body)
-        if stage == "region":
-            return Blocked("region", name, "floor", detail="it would hang over the front edge")
+            return Blocked(stage, touch.link, touch.body, detail=touch.detail)
         return Blocked(stage, "hand", name, detail="the straight way is not free, or leaves the arm's reach")
 
     def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
@@ -248,18 +279,22 @@ class Workcell:
                     break
         return np.array(goals).reshape(-1, len(self.home_arm))
 
-    def _waiting(self) -> Array:
+    def _waiting(self) -> Iterable[Array]:
         cabinet = self.scene.cabinet
         return _waiting(self.arm, cabinet.size_m.tobytes(), cabinet.T_world_cabinet.tobytes(), cabinet.wall_m)
 
-    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
-        if self._standing_now is None or self._standing_now[0] is not poses:
+    def _standing(self, poses: Mapping[str, Array]) -> _Bodies:
+        found = self._bodies.pop(id(poses), None)
+        if found is None:
+            if len(self._bodies) == KEPT:
+                self._bodies.pop(next(iter(self._bodies)))  # the one that was not asked about for longest
             fixed = {b.name: b.T_world_body for b in self.walls}
             which = [i for i, name in enumerate(self._rows) if name in poses or name in fixed]
             names = tuple(self._rows[i] for i in which)
             T = np.array([poses[name] if name in poses else fixed[name] for name in names])
-            self._standing_now = (poses, stand(self._stock, np.array(which), T), names)
-        return self._standing_now[1], self._standing_now[2]
+            found = _Bodies(poses, stand(self._stock, np.array(which), T), names, {})
+        self._bodies[id(poses)] = found
+        return found
 
 
 class Arm(Carriage):
@@ -283,31 +318,27 @@ def _arm(robot: Robot, base: bytes) -> Arm:
 
 
 @lru_cache(maxsize=8)
-def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Array:
-    """Arm configurations with the hand before the cabinet's front, looking in, free of its walls; the most central first."""
-    from kinematics.scene import Cabinet
+def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Iterable[Array]:
+    return Once(_find_waiting(arm, Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)))
 
-    cabinet = Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)
+
+def _find_waiting(arm: Arm, cabinet: Cabinet) -> Iterator[Array]:
+    """Arm configurations with the hand before the cabinet's front, looking in, free of its walls; the most central first."""
     solids, names = make_solids(cabinet.walls())
     rig = arm.rig(float(arm.robot.home[arm.robot.gripper_joint]))
     check = np.ones((len(rig.frame), len(names)), np.uint8)
     check[rig.frame == 0] = 0
     problem = exact.pose(arm.chain, rig, solids, Query(check, arm.self_pairs), exact.MARGIN_M)
     scratch = exact.make_scratch(problem)
-    found = []
     _, width, height = cabinet.size_m
     home = arm.robot.arm_q(arm.robot.home)
     level = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
-    for back in (0.08, 0.16):
-        for z in (0.5, 0.9, 0.2):
-            for y in (0.0, 0.25, -0.25, 0.5, -0.5):
-                for yaw in (0.0, 0.6, -0.6, 1.2, -1.2):
-                    R = rotation_about((0.0, 0.0, 1.0), yaw) @ level
-                    T = cabinet.T_world_cabinet @ transform(R, [-back, y * width, z * height])
-                    for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
-                        if exact.config_free(problem, q, scratch):
-                            found.append(q)
-    return np.array(found).reshape(-1, len(home))
+    for back, z, y, yaw in product((0.08, 0.16), (0.5, 0.9, 0.2), (0.0, 0.25, -0.25, 0.5, -0.5), (0.0, 0.6, -0.6, 1.2, -1.2)):
+        R = rotation_about((0.0, 0.0, 1.0), yaw) @ level
+        T = cabinet.T_world_cabinet @ transform(R, [-back, y * width, z * height])
+        for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
+            if exact.config_free(problem, q, scratch):
+                yield q
 
 
 def tasks_of(situations: Sequence[Situation]) -> tuple[Task, Task, Task]:

@@ -48,6 +48,10 @@ AROUND = 32
 """So many cells around one say which objects it may belong to."""
 
 
+class NoSurfaces(ValueError):
+    """Depth images show points all over the cabinet, as no surfaces would: they are noise, or the cameras' poses are wrong."""
+
+
 @dataclass(frozen=True, eq=False)
 class Witness:
     """What the frames can say about empty space: see `perception.pixels.seen`."""
@@ -104,8 +108,8 @@ def _cells(views: Views) -> tuple[Array, Int, Int]:
 def group(cells: Array, index: Int, seen: Witness) -> NDArray[np.int32]:
     """The object (C,) of each cell, numbered from the front of the cabinet to its back, -1 for none.
 
-    cells (C, 3): mean points in the cabinet, metres; index (C, 3): their place in a grid of CELL_M. Raises: ValueError when they fill the
-    cabinet as no surfaces would.
+    cells (C, 3): mean points in the cabinet, metres; index (C, 3): their place in a grid of CELL_M. Raises: NoSurfaces when they fill the
+    cabinet.
     """
     patch = _patches(index)
     size = np.bincount(patch)
@@ -114,7 +118,7 @@ def group(cells: Array, index: Int, seen: Witness) -> NDArray[np.int32]:
     if not len(large):
         return np.full(len(cells), -1, np.int32)
     if len(large) > MOST_PATCHES:
-        raise ValueError(
+        raise NoSurfaces(
             "the depth images show no surfaces but points all over the cabinet: they are noise, or the cameras' poses are wrong"
         )
     cluster = np.full(len(size), -1, np.int64)

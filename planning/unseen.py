@@ -19,6 +19,7 @@ from kinematics.transforms import Array, inverse
 from perception.belief import Belief, believe, observation, without_bodies, without_objects
 from perception.camera import DepthNoise
 from perception.frames import Frame
+from perception.grouping import NoSurfaces
 from perception.source import Camera, synthetic_camera
 from perception.voxels import FREE, UNKNOWN, unknown_voxels
 from planning.focus import wanted
@@ -112,11 +113,14 @@ class _Mind:
             fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.noise) for f in fresh)
         self.frames += fresh
         self.voxels, self.q = looked.voxels, looked.q
+        return looked
+
+    def understand(self) -> None:
+        """Believe what all pictures together show. Raises: NoSurfaces when they show nothing but noise."""
         self.belief = believe(
             self.blank, self.frames, self.voxels,
             by=self.by, target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
         )  # fmt: skip
-        return looked
 
     def moved(self, name: str, T_world_body: Array, q: Array) -> None:
         """An object has been put down: the room that it took is free now, and where it stands is its own."""
@@ -161,6 +165,12 @@ def retrieve_unseen(
         with moving:
             looked = mind.look(world, limits, focus, on_step)
         way += looked.motions
+        try:
+            with moving:
+                mind.understand()
+        except NoSurfaces as e:
+            taken: tuple[Motion, ...] | Blocked = Blocked("look", body=truth.target, detail=f"the target was not found: {e}")
+            break
         with moving:
             motions, state = _ready(mind, iterations, time_budget_s)
             taken = _try_target(mind, looked, motions, state, rng)

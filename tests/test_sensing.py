@@ -17,7 +17,7 @@ from perception.camera import DepthNoise, look_at, realsense_d435i
 from perception.footprint import upright_solid
 from perception.frames import Frame
 from perception.raycast import moved, raycast, surfaces
-from perception.source import DEFAULT, RANGE_M, robot_depth, synthetic_camera
+from perception.source import DEFAULT, RANGE_M, Camera, robot_depth, synthetic_camera
 from perception.voxels import FREE, UNKNOWN, unknown_voxels
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
@@ -81,7 +81,7 @@ def test_an_empty_cabinet_is_known_soon(ur5e: Robot, scene: Scene) -> None:
     assert believe(replace(scene, objects=()), seen.frames, seen.voxels).boxes == {}
 
 
-def _fixed(depth: Array) -> object:
+def _fixed(depth: Array) -> Camera:
     none = np.full(depth.shape, -1, np.int32)
     return lambda T, q: Frame(depth.astype(np.float32), none, (), DEFAULT, T, None)
 
@@ -125,6 +125,22 @@ def test_noise_alone_is_no_object_or_is_told(ur5e: Robot, scene: Scene, by: Lite
     else:
         with pytest.raises(ValueError, match="no surfaces"):
             believe(blank, seen.frames, seen.voxels, by="geometry")
+
+
+def test_a_plan_from_pictures_of_noise_fails_with_its_reason(ur5e: Robot, scene: Scene) -> None:
+    """Nothing is raised, so that a batch goes on with the next scene."""
+
+    class Noisy(Simulated):
+        def camera(self, rng: np.random.Generator) -> Camera:
+            return _fixed(rng.uniform(0.2, 1.5, (DEFAULT.height, DEFAULT.width)))
+
+    world = Noisy(ur5e, scene, scene.poses(), by="geometry")
+    plan = retrieve_unseen(world, lambda m: make_policy("local", m), name="local", rng=np.random.default_rng(0))
+    assert not plan.success
+    assert plan.reason is not None
+    assert plan.reason.stage == "look"
+    assert "show no surfaces" in str(plan.reason)
+    assert plan.verified
 
 
 def test_limits_hold(ur5e: Robot, scene: Scene) -> None:

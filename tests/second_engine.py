@@ -2,16 +2,17 @@
 
 What goes in are the raw JSON objects of the scene and plan formats and the URDF that `retrieve robots NAME --urdf FILE` writes. Everything
 else (walls, mimic joints, which links are neighbours, where objects stand) is worked out here a second time, from the formats' text.
+
+A plan is asked about at samples so near to each other that no point moves further than a step. Few of them have to be looked at: a distance
+is also a statement about its surroundings, since it cannot shrink faster than the two bodies move. See `_deepest`.
 """
 
 from __future__ import annotations
 
-import json
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ GAP = 1e-6
 LIMIT = 1e-5  # rad or m; files round
 GRIP_M = 0.003  # a finger this near to the object holds it
 REST_M = 0.005  # what is put down stands at most this far above the floor
+PIECE_RAD = 0.02  # rad or m; no joint moves further in a piece of a path
+SLACK_M = 2e-5  # what coal's distances and depths are trusted to, twentyfold
 
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
 FLOOR_STAGES = ("grasp", "lift", "lower", "release")
@@ -53,10 +56,10 @@ def replay(
 ) -> list[Problem]:
     """Everything that is wrong with a plan; an empty list when it holds.
 
-    step_m: no point of the arm or the held object moves further between two samples. folder: where the scene's mesh files are.
-    touch_m: how deep bodies may press into each other where touching is allowed.
+    step_m: no point of the arm or the held object moves further between two samples; what is said is what looking at every one of them
+    would say. folder: where the scene's mesh files are. touch_m: how deep bodies may press into each other where touching is allowed.
     """
-    return _Replay(scene, plan, _arm(str(urdf_file), Path(urdf_file).stat().st_mtime_ns), step_m, Path(folder), touch_m).run()
+    return Replay(scene, plan, urdf_file, step_m, folder, touch_m).run()
 
 
 # ---------------------------------------------------------------------------------------------------------------- solids
@@ -127,14 +130,27 @@ def walls(cabinet: Json) -> list[tuple[Solid, np.ndarray]]:
     return out
 
 
+def signed(a: Any, Ta: Any, b: Any, Tb: Any) -> float:
+    """Distance of two geometries at coal's transforms; where they touch, minus the depth to which they penetrate."""
+    result, surface = coal.CollisionResult(), _surface(a) or _surface(b)
+    if coal.collide(a, Ta, b, Tb, _MANY if surface else _ONE, result):
+        return -max(abs(c.penetration_depth) for c in result.getContacts())
+    if surface:
+        return float(coal.distance(a, Ta, b, Tb, coal.DistanceRequest(), coal.DistanceResult()))
+    return float(result.distance_lower_bound)  # of convex shapes, the distance itself
+
+
+_ONE, _MANY = coal.CollisionRequest(coal.CONTACT, 1), coal.CollisionRequest(coal.CONTACT, 32)
+
+
+def _surface(geometry: Any) -> bool:
+    return isinstance(geometry, coal.BVHModelBase)
+
+
 def depth(a: Any, Ta: np.ndarray, b: Any, Tb: np.ndarray) -> float | None:
     """How deep two geometries at poses (4, 4) penetrate; None when they are apart."""
-    result = coal.CollisionResult()
-    surface = isinstance(a, coal.BVHModelBase) or isinstance(b, coal.BVHModelBase)
-    request = coal.CollisionRequest(coal.CONTACT, 32 if surface else 1)
-    if not coal.collide(a, _tf(Ta), b, _tf(Tb), request, result):
-        return None
-    return max(abs(c.penetration_depth) for c in result.getContacts())
+    distance = signed(a, _tf(Ta), b, _tf(Tb))
+    return None if distance > 0 else -distance
 
 
 def nearest(a: Any, Ta: np.ndarray, b: Any, Tb: np.ndarray) -> tuple[float, np.ndarray]:
@@ -164,6 +180,9 @@ class Arm:
         self.offset = np.array([o.placement.homogeneous for o in objects])
         hand = self.model.frames[self.model.getFrameId("hand")]
         self.hand = (hand.parentJoint, hand.placement.homogeneous)
+        self.above = np.zeros((self.model.njoints, self.model.njoints), bool)  # [carrier, joint]: the joint moves the carrier
+        for carrier, chain in enumerate(self.model.supports):
+            self.above[carrier, list(chain)[1:]] = True
         self._read(ElementTree.fromstring(text))
         self.pairs = self._pairs()
 
@@ -175,6 +194,7 @@ class Arm:
         moving = [n for n, j in joints.items() if j.get("type") != "fixed"]
         self.follows = {n: self._source(joints, n) for n in moving}
         self.actuated = [n for n in moving if joints[n].find("mimic") is None]
+        self.slides = np.array([n in joints and joints[n].get("type") == "prismatic" for n in self.model.names])
         self.low, self.high, self.speed = {}, {}, {}
         for name in self.actuated:
             limit = joints[name].find("limit")
@@ -202,23 +222,44 @@ class Arm:
             yield self.parent_joint[link]
             link = self.parent_link[link]
 
-    def configurations(self, Q: np.ndarray) -> np.ndarray:
-        """pinocchio's configurations (S, nq) for the actuated joints' values Q (S, J), in the order of `actuated`."""
-        column = {name: j for j, name in enumerate(self.actuated)}
-        out = np.tile(pin.neutral(self.model), (len(Q), 1))
+    def values(self, Q: np.ndarray) -> np.ndarray:
+        """Values (S, M) of pinocchio's joints, mimic joints too, for those of the actuated joints Q (S, J), in the order of `actuated`."""
+        out = np.zeros((len(Q), self.model.njoints))
         for name, (source, factor, offset) in self.follows.items():
-            joint = self.model.joints[self.model.getJointId(name)]
-            x = factor * Q[:, column[source]] + offset
+            out[:, self.model.getJointId(name)] = factor * Q[:, self.actuated.index(source)] + offset
+        return out
+
+    def configurations(self, values: np.ndarray) -> np.ndarray:
+        """pinocchio's configurations (S, nq) for the values (S, M) of its joints."""
+        out = np.tile(pin.neutral(self.model), (len(values), 1))
+        for joint, x in zip(self.model.joints[1:], values.T[1:]):
             out[:, joint.idx_q : joint.idx_q + joint.nq] = x[:, None] if joint.nq == 1 else np.stack([np.cos(x), np.sin(x)], -1)
+        return out
+
+    def joint_poses(self, values: np.ndarray) -> np.ndarray:
+        """Poses (S, M, 4, 4) of pinocchio's joints in the base frame for their values (S, M)."""
+        out = np.empty((*values.shape, 4, 4))
+        for i, q in enumerate(self.configurations(values)):
+            pin.forwardKinematics(self.model, self.data, q)
+            out[i] = [M.homogeneous for M in self.data.oMi]
         return out
 
     def place(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses in the base frame of the solids (S, G, 4, 4) and of the hand (S, 4, 4) for configurations (S, J)."""
-        joints = np.empty((len(Q), self.model.njoints, 4, 4))
-        for i, q in enumerate(self.configurations(Q)):
-            pin.forwardKinematics(self.model, self.data, q)
-            joints[i] = [M.homogeneous for M in self.data.oMi]
+        joints = self.joint_poses(self.values(Q))
         return joints[:, self.carrier] @ self.offset, joints[:, self.hand[0]] @ self.hand[1]
+
+    def levers(self, carrier: int, radius: float, furthest: np.ndarray) -> np.ndarray:
+        """(M,) how far a point moves at most per rad of each joint above it, wherever the joints stand.
+
+        radius: the point's distance from its carrier's origin; furthest (M,): how far sliding joints go. A sliding joint moves a point by 1
+        per m; it counts twice, for which see `Sweep`.
+        """
+        out, reach = np.zeros(self.model.njoints), radius
+        for joint in list(self.model.supports[carrier])[:0:-1]:
+            out[joint] = 2.0 if self.slides[joint] else reach
+            reach += float(np.linalg.norm(self.model.jointPlacements[joint].translation)) + self.slides[joint] * furthest[joint]
+        return out
 
     def _pairs(self) -> np.ndarray:
         """Pairs (N, 2) of solids that may never touch: not on the same piece of the arm, not neighbours, not together all the time."""
@@ -255,23 +296,110 @@ def _arm(urdf_file: str, _stamp: int) -> Arm:
 
 
 def close(Ta: np.ndarray, a: Solid, Tb: np.ndarray, b: Solid) -> np.ndarray:
-    """Whether a's ball reaches into b's box and b's into a's, for poses (S, 4, 4), or (4, 4) which stands for all: (S,) bool."""
-    return _reaches(Ta, a, Tb, b) & _reaches(Tb, b, Ta, a)
+    """Whether two solids may touch, for poses (S, 4, 4), or (4, 4) which stands for all: (S,) bool."""
+    return between(Ta, a, Tb, b) <= 0
 
 
-def _reaches(Ta: np.ndarray, a: Solid, Tb: np.ndarray, b: Solid) -> np.ndarray:
+def between(Ta: np.ndarray, a: Solid, Tb: np.ndarray, b: Solid) -> np.ndarray:
+    """(S,) at least how far it is from a to b, by a's ball and b's box, and the other way round; 0 or less says nothing."""
+    return np.maximum(_ball_to_box(Ta, a, Tb, b), _ball_to_box(Tb, b, Ta, a))
+
+
+def _ball_to_box(Ta: np.ndarray, a: Solid, Tb: np.ndarray, b: Solid) -> np.ndarray:
     centre = Ta[..., :3, :3] @ a.centre + Ta[..., :3, 3] - Tb[..., :3, 3]
     local = np.einsum("...ji,...j->...i", Tb[..., :3, :3], centre)
     beyond = np.maximum(np.maximum(b.low - local, local - b.high), 0)
-    return np.asarray(np.einsum("...i,...i->...", beyond, beyond) <= a.radius**2)
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", beyond, beyond)) - a.radius)
+
+
+# ---------------------------------------------------------------------------------------------------------------- a motion
+
+
+@dataclass(frozen=True)
+class Rider:
+    """A solid on one of pinocchio's joints, or on the base, joint 0; offset (4, 4): its pose there."""
+
+    solid: Solid
+    carrier: int
+    offset: np.ndarray
+
+
+class Sweep:
+    """A motion in samples, so near that no point of a rider moves further than step_m from one to the next.
+
+    The path is cut into pieces in which joints move straight and by PIECE_RAD at most; piece p goes from sample starts[p] to starts[p + 1].
+    pace (P, G): how far a point of each rider moves at most from one sample of a piece to the next.
+
+    Let a piece take the time from 0 to 1. A point's velocity differs from its way p(1) - p(0) by at most half its largest acceleration. The
+    length of that way is convex in the point, so the corners of a box around a solid bound it. The acceleration is a sum over pairs of
+    joints, in either order: the turning speed w of the one nearer to the base, times how fast v the other one moves the point. Levers get
+    shorter outwards, so this is at most (sum of w) (sum of v), where v of a sliding joint, which has no lever, counts twice.
+    """
+
+    def __init__(self, arm: Arm, Q: np.ndarray, riders: list[Rider], step_m: float) -> None:
+        self.arm, self.riders = arm, riders
+        carrier = np.array([r.carrier for r in riders])
+        self.above = arm.above[carrier]
+        corners = np.array([r.solid.corners @ r.offset[:3, :3].T + r.offset[:3, 3] for r in riders])
+        values = arm.values(_pieces(Q))
+        joints = arm.joint_poses(values)[:, carrier]
+        self.poses = joints @ np.array([r.offset for r in riders])
+        points = np.einsum("sgij,gkj->sgki", joints[..., :3, :3], corners) + joints[..., None, :3, 3]
+        reach, furthest = np.linalg.norm(corners, axis=-1).max(-1), np.abs(values).max(0)
+        levers = np.array([arm.levers(r.carrier, x, furthest) for r, x in zip(riders, reach)])
+        self.turn = np.abs(np.diff(values, axis=0))
+        bend = ((self.turn * ~arm.slides) @ self.above.T) * (self.turn @ levers.T)
+        travel = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(-1) + bend / 2
+        self.counts = np.maximum(1, np.ceil(travel.max(-1) / step_m)).astype(int)
+        self.pace = travel / self.counts[:, None]
+        self.starts = np.concatenate([[0], np.cumsum(self.counts)])
+        self.values = np.concatenate([values[:1], *map(_inside, values, values[1:], self.counts)])
+        self._configurations = arm.configurations(self.values)
+        self._offsets = [pin.SE3(r.offset) for r in riders]
+        self._joints: dict[int, Any] = {}
+        self._placed: dict[tuple[int, int], Any] = {}
+
+    def at(self, sample: int, g: int) -> Any:
+        """coal's transform of a rider at a sample."""
+        carrier = self.riders[g].carrier
+        key = (sample if carrier else 0, g)
+        if key not in self._placed:
+            if sample not in self._joints:
+                pin.forwardKinematics(self.arm.model, self.arm.data, self._configurations[sample])
+                self._joints[sample] = pin.StdVec_SE3(self.arm.data.oMi)
+            M = self._joints[sample][carrier] * self._offsets[g]
+            self._placed[key] = coal.Transform3s(M.rotation, M.translation)
+        return self._placed[key]
+
+    def nearing(self, one: np.ndarray, two: np.ndarray) -> np.ndarray:
+        """(N, P) how much nearer pairs of riders (N,) may come in one step; 0 where no joint between them moves."""
+        apart = ((self.above[one] ^ self.above[two]).astype(float) @ self.turn.T) > 0
+        return np.where(apart, (self.pace[:, one] + self.pace[:, two]).T, 0.0)
+
+
+def _pieces(Q: np.ndarray) -> np.ndarray:
+    """The ends of the pieces of a path, at least two."""
+    Q = Q if len(Q) > 1 else Q[[0, 0]]
+    counts = np.maximum(1, np.ceil(np.abs(np.diff(Q, axis=0)).max(-1) / PIECE_RAD)).astype(int)
+    return np.concatenate([Q[:1], *map(_inside, Q, Q[1:], counts)])
+
+
+def _inside(a: np.ndarray, b: np.ndarray, n: int) -> np.ndarray:
+    """n points evenly on the way from a to b, without a and with b."""
+    return np.asarray(a + np.linspace(0, 1, n + 1)[1:, None] * (b - a))
 
 
 # ---------------------------------------------------------------------------------------------------------------- the replay
 
 
-class _Replay:
-    def __init__(self, scene: Json, plan: Json, arm: Arm, step_m: float, folder: Path, touch_m: float) -> None:
-        self.scene, self.plan, self.arm, self.step_m, self.touch_m = scene, plan, arm, step_m, touch_m
+class Replay:
+    """One plan on its way; see `replay`. samples: how many the motions so far were cut into."""
+
+    def __init__(
+        self, scene: Json, plan: Json, urdf_file: str | Path, step_m: float = 0.001, folder: str | Path = ".", touch_m: float = TOUCH_M
+    ) -> None:
+        self.scene, self.plan, self.step_m, self.touch_m = scene, plan, step_m, touch_m
+        self.arm, folder, self.samples = _arm(str(urdf_file), Path(urdf_file).stat().st_mtime_ns), Path(folder), 0
         self.problems: list[Problem] = []
         self.T_base_world = np.linalg.inv(matrix(scene["robot"]["T_world_base"]))
         self.bodies = {o["name"]: body_solid(o, folder) for o in scene["objects"]}
@@ -291,7 +419,7 @@ class _Replay:
                 self._say("gap", f"starts {np.abs(Q[0] - last).max():.2g} rad from where the one before ends", i)
             last = Q[-1]
             self._timing(i, motion, Q)
-            self._move(i, motion, self._samples(Q, motion["held"]))
+            self._move(i, motion, Q)
         if self.held is not None and not self.plan["success"]:
             self._say("move", f"{self.held} is still in the hand at the end")
         self._moves()
@@ -340,38 +468,10 @@ class _Replay:
             if len(ratio) and ratio.max() > 1:
                 self._say("speed", f"{name} moves {ratio.max():.3f} times as fast as it can", i)
 
-    def _samples(self, Q: np.ndarray, held: Json | None) -> np.ndarray:
-        """Configurations (S, J) along straight segments, so near that no point moves further than step_m from one to the next."""
-        rows = [Q[:1]]
-        for a, b in pairwise(Q):
-            coarse = a + np.linspace(0, 1, int(np.ceil(np.abs(b - a).max() / 0.02)) + 1)[:, None] * (b - a)
-            for c, d, travel in zip(coarse, coarse[1:], self._travel(coarse, held)):
-                n = max(1, int(np.ceil(1.02 * travel / self.step_m)))
-                rows.append(c + np.linspace(0, 1, n + 1)[1:, None] * (d - c))
-        fine = np.concatenate(rows)
-        widest = self._travel(fine, held).max(initial=0.0)
-        assert widest <= self.step_m * (1 + 1e-9), f"a step of {widest} m"
-        return fine
-
-    def _travel(self, Q: np.ndarray, held: Json | None) -> np.ndarray:
-        """(S - 1,) the furthest that a corner of a box around a solid moves from one configuration to the next.
-
-        The distance that a point moves under a rigid motion is convex in the point, so the corners bound all that is between them.
-        """
-        poses, hand = self.arm.place(Q)
-        furthest = np.zeros(len(Q) - 1)
-        groups = [(poses[:, g], s.corners) for g, s in enumerate(self.arm.solids)]
-        if held is not None:
-            groups.append((hand @ matrix(held["T_hand_body"]), self.bodies[held["body"]].corners))
-        for T, corners in groups:
-            points = np.einsum("sij,kj->ski", T[:, :3, :3], corners) + T[:, None, :3, 3]
-            furthest = np.maximum(furthest, np.linalg.norm(np.diff(points, axis=0), axis=-1).max(-1, initial=0.0))
-        return furthest
-
     def _move(self, i: int, motion: Json, Q: np.ndarray) -> None:
         """Carry out one motion: what is taken, what touches, what is left behind."""
-        poses, hand = self.arm.place(Q)
-        held, moving = motion["held"], None
+        poses, hand = self.arm.place(Q[[0, -1]])
+        held = motion["held"]
         name = held["body"] if held else None
         if self.held is not None and name != self.held:
             self._put_down(i, self.held)
@@ -389,7 +489,7 @@ class _Replay:
             self.carries[-1] = (name, self.carries[-1][1], self.poses[name])
         self.held = name
         self._allowances(i, motion)
-        self._contacts(i, motion, poses, moving, name)
+        self._contacts(i, motion, Q)
 
     def _grip(self, i: int, name: str, T_body: np.ndarray, poses: np.ndarray, T_hand: np.ndarray) -> None:
         """An object that is taken lies between two fingers."""
@@ -429,32 +529,30 @@ class _Replay:
             if len(mine) != 1 or len(other) != 1 or other[0] not in usual:
                 self._say("allowance", f"{' and '.join(pair)} may not touch", i)
 
-    def _contacts(self, i: int, motion: Json, poses: np.ndarray, moving: np.ndarray | None, name: str | None) -> None:
+    def _contacts(self, i: int, motion: Json, Q: np.ndarray) -> None:
         """Every pair that touches too deeply, at its deepest sample."""
+        sweep, pairs = self._sweep(motion["held"], Q)
+        self.samples += len(sweep.values)
         allowed = {frozenset(pair) for pair in motion["may_touch"]}
-        movers = [(s, poses[:, g]) for g, s in enumerate(self.arm.solids)]
-        still = self.walls + [(self.bodies[n], T) for n, T in self.poses.items() if n != name]
-        still = [(s, self.T_base_world @ T) for s, T in still]
-        first = len(movers)
-        pairs = [tuple(pair) for pair in self.arm.pairs]
-        if name is not None and moving is not None:
-            movers.append((self.bodies[name], moving))
-            pairs += [(first, g) for g in range(first)]
-        solids = [s for s, _ in movers + still]
-        centres = np.stack([np.broadcast_to(T[..., :3, :3] @ s.centre + T[..., :3, 3], (len(poses), 3)) for s, T in movers + still])
-        radii = np.array([s.radius for s in solids])
-        pairs += [(g, h) for g in range(len(movers)) for h in range(len(movers), len(solids))]
-        one, two = np.array(pairs).T
-        near = (((centres[one] - centres[two]) ** 2).sum(-1) <= (radii[one] + radii[two])[:, None] ** 2).any(1)
-        deepest: dict[tuple[str, str], tuple[float, int]] = {}
-        for (a, Ta), (b, Tb) in ((movers[g], (movers + still)[h]) for g, h in zip(one[near], two[near])):
+        one, two, near = _near(sweep, pairs)
+        for g, h, open_pieces, nearing in zip(one, two, near, sweep.nearing(one, two)):
+            a, b = sweep.riders[g].solid, sweep.riders[h].solid
             bound = self.touch_m if frozenset((a.name, b.name)) in allowed else CONTACT_M
-            for s in np.flatnonzero(close(Ta, a, Tb, b)):
-                d = depth(a.geometry, Ta[s], b.geometry, Tb if Tb.ndim == 2 else Tb[s])
-                if d is not None and d > max(bound, deepest.get((a.name, b.name), (0.0, 0))[0]):
-                    deepest[a.name, b.name] = d, int(s)
-        for (a_name, b_name), (d, s) in deepest.items():
-            self._say("contact", f"{a_name} is {1000 * d:.1f} mm inside {b_name} (sample {s} of {len(poses)})", i, d)
+            d, s = _deepest(sweep, int(g), int(h), np.flatnonzero(open_pieces), nearing, bound)
+            if d > bound:
+                self._say("contact", f"{a.name} is {1000 * d:.1f} mm inside {b.name} (sample {s} of {len(sweep.values)})", i, d)
+
+    def _sweep(self, held: Json | None, Q: np.ndarray) -> tuple[Sweep, np.ndarray]:
+        """A motion with all that moves and all that stands, and the pairs (N, 2) of riders that are to be apart."""
+        movers = [Rider(s, int(c), T) for s, c, T in zip(self.arm.solids, self.arm.carrier, self.arm.offset)]
+        pairs = [tuple(pair) for pair in self.arm.pairs]
+        if held is not None:
+            pairs += [(len(movers), g) for g in range(len(movers))]
+            movers.append(Rider(self.bodies[held["body"]], self.arm.hand[0], self.arm.hand[1] @ matrix(held["T_hand_body"])))
+        still = self.walls + [(self.bodies[n], T) for n, T in self.poses.items() if held is None or n != held["body"]]
+        riders = movers + [Rider(s, 0, self.T_base_world @ T) for s, T in still]
+        pairs += [(g, h) for g in range(len(movers)) for h in range(len(movers), len(riders))]
+        return Sweep(self.arm, Q, riders, self.step_m), np.array(pairs)
 
     def _moves(self) -> None:
         """The moves say what the motions did, and a success ends with the target outside, in the hand."""
@@ -481,6 +579,47 @@ class _Replay:
                     self._say("move", f"{name} is {1000 * far:.2f} mm and {1000 * turned:.2f} mrad from the move's {key}")
 
 
+def _near(sweep: Sweep, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The pairs (N,), (N,) that balls and boxes don't prove apart, and in which pieces they don't (N, P)."""
+    one, two = pairs.T
+    centres = np.stack([T[:, :3, :3] @ r.solid.centre + T[:, :3, 3] for r, T in zip(sweep.riders, sweep.poses.swapaxes(0, 1))])
+    radii = np.array([r.solid.radius for r in sweep.riders])
+    closest = np.linalg.norm(centres[one] - centres[two], axis=-1) - (radii[one] + radii[two])[:, None]
+    shrinks = sweep.nearing(one, two) * sweep.counts + 2 * SLACK_M
+    near = closest[:, :-1] + closest[:, 1:] < shrinks
+    for k in np.flatnonzero(near.any(1)):
+        g, h = pairs[k]
+        closest[k] = between(sweep.poses[:, g], sweep.riders[g].solid, sweep.poses[:, h], sweep.riders[h].solid)
+        near[k] &= closest[k, :-1] + closest[k, 1:] < shrinks[k]
+    left = near.any(1)
+    return one[left], two[left], near[left]
+
+
+def _deepest(sweep: Sweep, g: int, h: int, pieces: np.ndarray, nearing: np.ndarray, bound: float) -> tuple[float, int]:
+    """The largest depth in some pieces of a motion, and its sample, as if all samples were looked at; depths up to `bound` don't matter.
+
+    The signed distance of two convex bodies shrinks by at most nearing[p] from one sample to the next. Between samples with the distances
+    x and y, n steps apart, it is therefore nowhere below (x + y - n nearing) / 2. Where that does not settle it, the sample in the middle
+    is looked at, and so on, down to neighbours. The depth of a surface is no such thing; but if it touches in between, x + y <= n nearing.
+    """
+    a, b = sweep.riders[g].solid.geometry, sweep.riders[h].solid.geometry
+    least = 2 * (SLACK_M if _surface(a) or _surface(b) else SLACK_M - bound)
+    seen: dict[int, float] = {}
+    for p in pieces:
+        rate = float(nearing[p])
+        stack = [(int(sweep.starts[p]), int(sweep.starts[p + 1]))]
+        while stack:
+            first, last = stack.pop()
+            for s in (first, last):
+                if s not in seen:
+                    seen[s] = signed(a, sweep.at(s, g), b, sweep.at(s, h))
+            if rate > 0 and last - first > 1 and seen[first] + seen[last] - (last - first) * rate < least:
+                middle = (first + last) // 2
+                stack += [(middle, last), (first, middle)]
+    deepest = min(seen, key=lambda s: (seen[s], s))
+    return -seen[deepest], deepest
+
+
 def matrix(pose: Json) -> np.ndarray:
     """(4, 4) of a pose in a file."""
     w, x, y, z = np.array(pose["q_wxyz"], float) / np.linalg.norm(pose["q_wxyz"])
@@ -490,10 +629,3 @@ def matrix(pose: Json) -> np.ndarray:
 def apart(A: np.ndarray, B: np.ndarray) -> tuple[float, float]:
     """Distance in m and angle in rad between two poses (4, 4)."""
     return float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(np.linalg.norm(pin.log3(A[:3, :3].T @ B[:3, :3])))
-
-
-def replay_files(scenes_file: Path, plans_file: Path, urdf_file: Path, step_m: float = 0.002) -> dict[str, list[Problem]]:
-    """Replay every plan of a JSON Lines file; problems by the scene's id."""
-    scenes = {s["id"]: s for s in map(json.loads, scenes_file.read_text().splitlines())}
-    plans = [json.loads(line) for line in plans_file.read_text().splitlines()]
-    return {p["scene"]: replay(scenes[p["scene"]], p, urdf_file, step_m, scenes_file.parent) for p in plans}

@@ -6,11 +6,29 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import coal
 import numpy as np
 import pytest
 import trimesh
 from conftest import Handmade, Json, make_plan, pose
-from second_engine import Arm, Problem, matrix, replay, walls
+from second_engine import (
+    CONTACT_M,
+    SLACK_M,
+    Arm,
+    Problem,
+    Replay,
+    Rider,
+    Sweep,
+    _deepest,
+    _near,
+    close,
+    depth,
+    matrix,
+    replay,
+    signed,
+    solid,
+    walls,
+)
 
 from kinematics.robot import Robot, installed, load
 from kinematics.scene import WALLS, Cabinet
@@ -295,6 +313,141 @@ def test_steps_are_as_short_as_asked(handmade: Handmade, ur5e_urdf: Path) -> Non
     plate = spoil(handmade, _obstacle_in_the_way)
     hits = [p for p in found(plate, ur5e_urdf, 0.001) if p.kind == "contact" and "plate" in p.text]
     assert hits
+
+
+# --------------------------------------------------------------------------------------------------------------------- what is left out
+
+
+class EverySample(Replay):
+    """Looks at every sample of every pair, and infers nothing from its neighbours."""
+
+    def _contacts(self, i: int, motion: Json, Q: np.ndarray) -> None:
+        sweep, pairs = self._sweep(motion["held"], Q)
+        joints = self.arm.joint_poses(sweep.values)
+        allowed = {frozenset(pair) for pair in motion["may_touch"]}
+        for g, h in pairs:
+            (a, Ta), (b, Tb) = ((r.solid, joints[:, r.carrier] @ r.offset) for r in (sweep.riders[g], sweep.riders[h]))
+            found = [(depth(a.geometry, Ta[s], b.geometry, Tb[s]) or 0.0, s) for s in np.flatnonzero(close(Ta, a, Tb, b))]
+            d, s = max(found, key=lambda x: (x[0], -x[1]), default=(0.0, 0))
+            if d > (self.touch_m if frozenset((a.name, b.name)) in allowed else CONTACT_M):
+                self._say("contact", f"{a.name} is {1000 * d:.1f} mm inside {b.name} (sample {s} of {len(sweep.values)})", i, d)
+
+
+def assert_alike(made: Handmade, urdf: Path, step_m: float, touch_m: float = 0.003, folder: Path = Path()) -> list[Problem]:
+    """Looking at every sample says the same; of samples that are as deep, it may be another one that is named."""
+    few, all_ = (engine(made.scene, made.plan, urdf, step_m, folder, touch_m).run() for engine in (Replay, EverySample))
+    assert [str(p).split("(sample")[0] for p in few] == [str(p).split("(sample")[0] for p in all_]
+    np.testing.assert_allclose([p.depth_m for p in few], [p.depth_m for p in all_], atol=1e-7)
+    return few
+
+
+def _pushed(seed: int, by_m: float) -> Callable[[Json, Json], None]:
+    """Waypoints within motions are pushed by some mrad in each joint, about as many mm at the hand, and objects by as many mm."""
+
+    def push(scene: Json, plan: Json) -> None:
+        rng = np.random.default_rng(seed)
+        for motion in plan["motions"]:
+            for q in motion["q"][1:-1]:
+                q[:6] = (q[:6] + rng.normal(size=6) * by_m).tolist()
+        for entry in scene["objects"]:
+            entry["T_world_object"]["p"] = (np.array(entry["T_world_object"]["p"]) + rng.normal(size=3) * by_m).tolist()
+
+    return push
+
+
+@pytest.mark.parametrize(("seed", "by_m", "touch_m"), [(0, 0.0, 0.0), (1, 0.004, 0.0), (2, 0.008, 0.001), (3, 0.015, 0.003)])
+def test_no_sample_that_matters_is_left_out(handmade: Handmade, ur5e_urdf: Path, seed: int, by_m: float, touch_m: float) -> None:
+    problems = assert_alike(spoil(handmade, _pushed(seed, by_m)), ur5e_urdf, 0.001, touch_m)
+    assert "contact" in kinds(problems)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_nearest_sample_is_found_by_inference(handmade: Handmade, ur5e_urdf: Path, seed: int) -> None:
+    """Of every pair, one that is apart, too, with a bound that its nearest sample is just beyond; what is not near is too far off."""
+    made = spoil(handmade, _pushed(seed, 0.15))
+    engine, motion = Replay(made.scene, made.plan, ur5e_urdf, 0.001), stage(made.plan, "transfer")
+    columns = [motion["joint_names"].index(n) for n in engine.arm.actuated]
+    sweep, pairs = engine._sweep(motion["held"], np.array(motion["q"])[:3, columns])
+    one, two, near = _near(sweep, pairs)
+    left, touching = dict(zip(zip(one, two), near)), 0
+    for (g, h), nearing in zip(pairs, sweep.nearing(*pairs.T)):
+        a, b = sweep.riders[g].solid.geometry, sweep.riders[h].solid.geometry
+        distance = np.array([signed(a, sweep.at(s, g), b, sweep.at(s, h)) for s in range(len(sweep.values))])
+        deepest, _ = _deepest(sweep, g, h, np.arange(len(nearing)), nearing, -distance.min() - 1e-6)
+        assert deepest == pytest.approx(-distance.min(), abs=1e-7)
+        assert (np.diff(distance) >= -np.repeat(nearing, sweep.counts) - SLACK_M).all()
+        skipped = ~left.get((g, h), np.zeros(len(nearing), bool))
+        ends = distance[sweep.starts]
+        assert (ends[:-1] + ends[1:] > nearing * sweep.counts)[skipped].all()
+        touching += distance.min() <= 0
+    assert touching
+
+
+def test_no_sample_at_a_surface_is_left_out(handmade: Handmade, ur5e_urdf: Path, tmp_path: Path) -> None:
+    """The box becomes a pipe, of which coal knows the surface only."""
+    trimesh.creation.annulus(0.02, 0.027, 0.16).export(tmp_path / "pipe.stl")
+
+    def as_pipe(scene: Json, _: Json) -> None:
+        scene["objects"][1]["shape"] = {"type": "mesh", "file": "pipe.stl"}
+
+    assert "contact" in kinds(assert_alike(spoil(handmade, as_pipe), ur5e_urdf, 0.001, 0.0005, tmp_path))
+
+
+def _spun_past_a_plate(handmade: Handmade, arm: Arm, angle: float) -> Handmade:
+    """The hand turns the box in place by 0.5 rad; at `angle` its edge is half a micrometre too deep in a plate, for 0.6 mm of its way."""
+    scene, plan = json.loads(json.dumps([handmade.scene, handmade.plan]))
+    motion = plan["motions"][-1]
+    turned = np.array([motion["q"][-1]] * 3)
+    turned[:, motion["joint_names"].index("wrist_3_joint")] += [0.0, angle, 0.5]
+    _, hand = arm.place(turned[:, [motion["joint_names"].index(n) for n in arm.actuated]])
+    edge = np.array([0.08, 0.025, 0.0])  # in the hand, whose z is the wrist's axis
+    out, axis = edge / np.linalg.norm(edge), np.array([0.0, 0.0, 1.0])
+    face = transform(np.stack([out, np.cross(axis, out), axis], 1), edge + (0.01 - CONTACT_M - 5e-7) * out)
+    scene["objects"][1]["T_world_object"] = pose(hand[0] @ matrix(motion["held"]["T_hand_body"]))
+    scene["objects"].append({"name": "plate", "shape": {"type": "box", "size_m": [0.02] * 3}, "T_world_object": pose(hand[1] @ face)})
+    plan.update(moves=[], motions=[{**motion, "q": turned[[0, 2]].tolist(), "t_s": [0.0, 9.0]}])
+    return Handmade(scene, plan)
+
+
+def test_a_contact_between_coarse_samples_is_found(handmade: Handmade, ur5e_urdf: Path) -> None:
+    """Some paths stride over it in steps of 2 mm; none does in steps of 0.2 mm."""
+    arm, missed = Arm(ur5e_urdf.read_text()), 0
+    for angle in np.linspace(0.2, 0.3, 10):
+        made = _spun_past_a_plate(handmade, arm, angle)
+        (problem,) = assert_alike(made, ur5e_urdf, 0.0002)
+        assert "box is 1.0 mm inside plate" in problem.text
+        assert CONTACT_M < problem.depth_m < CONTACT_M + 6e-7
+        missed += not found(made, ur5e_urdf, 0.002)
+    assert 0 < missed < 10
+
+
+def assert_steps_hold(arm: Arm, seed: int) -> None:
+    """No corner moves further than `pace` from a sample to the next, `pace` keeps to the step, and steps are not much shorter than that."""
+    rng = np.random.default_rng(seed)
+    low, high = np.array([(max(arm.low[n], -3.0), min(arm.high[n], 3.0)) for n in arm.actuated]).T
+    Q = np.cumsum([rng.uniform(low, high), *(rng.normal(size=(4, len(low))) * 0.1 * (high - low) / 6)], axis=0)
+    riders = [Rider(s, int(c), T) for s, c, T in zip(arm.solids, arm.carrier, arm.offset)]
+    riders.append(Rider(solid("held", coal.Box(0.1, 0.2, 0.3)), *arm.hand))
+    sweep = Sweep(arm, Q, riders, 0.002)
+    assert sweep.pace.max() <= 0.002 * (1 + 1e-12)
+    poses = arm.joint_poses(sweep.values)[:, [r.carrier for r in riders]] @ np.array([r.offset for r in riders])
+    corners = np.array([r.solid.corners for r in riders])
+    points = np.einsum("sgij,gkj->sgki", poses[..., :3, :3], corners) + poses[..., None, :3, 3]
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(-1)
+    pace = np.repeat(sweep.pace, sweep.counts, axis=0)
+    assert (moved <= pace * (1 + 1e-9) + 1e-12).all()
+    assert np.median(moved.max(1)) > 0.7 * 0.002
+    np.testing.assert_allclose(sweep.poses, poses[sweep.starts], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_outruns_its_bound(robot: Robot, seed: int) -> None:
+    assert_steps_hold(Arm(robot.urdf), seed)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_outruns_its_bound_on_sliding_joints(toy_urdf: Callable[..., Path], seed: int) -> None:
+    assert_steps_hold(Arm(load(str(toy_urdf()), "tcp").urdf), seed)
 
 
 # ------------------------------------------------------------------------------------------------------------------ the planner's plans

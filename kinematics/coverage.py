@@ -79,6 +79,11 @@ class Carriage:
             known[gripper] = rig, model_of(self.chain, rig)
         return known[gripper]
 
+    def rig_of(self, which: Int, pieces: Pieces, gripper: float) -> Rig:
+        """Some of the link hulls alone, which (n,) of them, given as pieces, with the fingers at a gripper value."""
+        frames, T = self._carried(gripper)
+        return carry(self.chain, pieces, frames[self._link[which]], T[self._link[which]])
+
     def in_hand(self, pieces: Pieces, T_hand_body: Array) -> Rig:
         """A held object, alone."""
         n = len(pieces.start) - 1

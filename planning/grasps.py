@@ -124,8 +124,12 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
                     for rank, z in enumerate(levels):
                         point = np.array([middle[0], middle[1], z])
                         candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, reach * np.cos(pitch)))
+    hits: dict[tuple[float, float], Contact | None] = {}
     for _, point, u, R, reach in sorted(candidates, key=lambda c: c[0]):
-        grasp = _antipodal(body, opening, point, u, R, reach)
+        line = (float(u[0]), float(point[2]))  # hands from both sides, and of all pitches, close along it
+        if line not in hits:
+            hits[line] = line_contacts(body.shape, body.T_world_body, point, u)
+        grasp = _antipodal(body, opening, hits[line], point, u, R, reach)
         if grasp is not None:
             yield grasp
 
@@ -156,9 +160,9 @@ def set_back(reach: float, width_m: float, opening: Opening) -> float:
     return min(max(0.0, reach + BEHIND_M - opening.depth_at(width_m)), max(0.0, reach - LEAST_BITE_M))
 
 
-def _antipodal(body: Body, opening: Opening, point: Array, u: Array, R: Array, reach: float) -> Grasp | None:
-    """The grasp with the pads' centre on the line through `point` along u, or where that is too deep, nearer to the hand; or None."""
-    hit = line_contacts(body.shape, body.T_world_body, point, u)
+def _antipodal(body: Body, opening: Opening, hit: Contact | None, point: Array, u: Array, R: Array, reach: float) -> Grasp | None:
+    """The grasp with the pads' centre on the line through `point` along u, which meets the body so, or where that is too deep, nearer to
+    the hand; or None."""
     if hit is None:
         return None
     back = 0.0 if isinstance(body.shape, Cylinder) else set_back(reach, hit.leave - hit.enter, opening)

@@ -14,7 +14,7 @@ from planning.grasps import open_width, sample_grasps
 from planning.motion import reaching
 from planning.motion.once import Once
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
-from planning.motion.workcell import Situation, Workcell, tasks_of
+from planning.motion.workcell import Contacts, Situation, Workcell
 from planning.plan import Blocked
 
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
@@ -128,7 +128,7 @@ class _Failures:
         if self._got_to == 0:
             self.furthest, self._got_to = Blocked("ik", "hand", self._name, detail="the grasp is out of reach"), 1
 
-    def note(self, code: int, situation: Situation, pair: int) -> None:
+    def note(self, code: int, situation: Situation | Contacts, pair: int) -> None:
         """One got as far as a code of `reaching`, where a pair of the situation touched."""
         if 1 + code >= self._got_to:
             self.furthest, self._got_to = self._cell.blocked(STAGES[code], situation, pair, self._name), 1 + code
@@ -145,15 +145,15 @@ class _OpenHand:
         self._cell, self._poses, self._name = cell, poses, name
 
     @cached_property
-    def closing(self) -> tuple[Situation, ...]:
+    def closing(self) -> Contacts:
         """Not asked for where the open hand does not even get there."""
         return self._cell.moving_fingers(self._poses, self._name, self.opened, self.closed)
 
     def closes(self, q: Array, failures: _Failures) -> bool:
         """Whether nothing touches while the fingers close, the arm being at q (A,)."""
-        pair = reaching.fingers(tasks_of(self.closing), q, self._cell.memory)
+        pair = reaching.fingers(self.closing.problem, q, self._cell.memory)
         if pair >= 0:
-            failures.note(reaching.FINGERS, self.closing[0], pair)
+            failures.note(reaching.FINGERS, self.closing, pair)
         return bool(pair < 0)
 
 

@@ -11,7 +11,7 @@ from kinematics.transforms import Array, inverse
 from planning.motion import reaching
 from planning.motion.picking import Pick
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
-from planning.motion.workcell import Situation, Workcell, tasks_of
+from planning.motion.workcell import Contacts, Situation, Workcell
 from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
@@ -36,10 +36,10 @@ class LetGo:
     """The hand once an object stands: the situations while it opens and when it is open, and the object among the others. It is the same
     for all picks with the same gripper values."""
 
-    opening: tuple[Situation, ...]
+    opening: Contacts
     open: Situation
     standing: reaching.Standing
-    among: Situation
+    among: Contacts
 
 
 class Placing:
@@ -49,7 +49,7 @@ class Placing:
         """T_world_object (4, 4): where the object was picked."""
         self.cell, self.pick, self.R, self.let_go = cell, pick, T_world_object[:3, :3], let_go
         rows = [i - len(cell.arm.links) for i, n in enumerate(let_go.open.names) if n == pick.held.body]
-        tasks = pick.lifting.task, tasks_of(let_go.opening), let_go.open.task
+        tasks = pick.lifting.task, let_go.opening.problem, let_go.open.task
         self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, let_go.standing, pick.held.T_hand_body)
 
     def place(self, centre: Array) -> Place | Blocked:
@@ -104,8 +104,13 @@ class Placing:
         bearing = centres[..., :2] - self.cell.scene.robot.T_world_base[:2, 3]
         return np.asarray(np.arctan2(bearing[..., 1], bearing[..., 0]) - np.arctan2(ahead[1], ahead[0]))
 
-    def _seen_at(self, code: int) -> Situation:
+    def _seen_at(self, code: int) -> Situation | Contacts:
         """The situation in which `reaching.put_down` got to say a code."""
-        if code in (reaching.AT_GRASP, reaching.BACKWARDS):
-            return self.let_go.open
-        return {reaching.FINGERS: self.let_go.opening[0], reaching.REGION: self.let_go.among}.get(code, self.pick.lifting)
+        match code:
+            case reaching.AT_GRASP | reaching.BACKWARDS:
+                return self.let_go.open
+            case reaching.FINGERS:
+                return self.let_go.opening
+            case reaching.REGION:
+                return self.let_go.among
+        return self.pick.lifting

@@ -71,12 +71,12 @@ class Standing(NamedTuple):
 class PutDown(NamedTuple):
     """Putting a held object down: the tasks with it in the hand, and with it standing, its solids being rows first:last of those worlds.
 
-    lowering: in the hand, which is closed; opening (3): it stands, fingers on their way open; retreating: it stands, the hand is open.
+    lowering: in the hand, which is closed; opening: it stands, fingers on their way open; retreating: it stands, the hand is open.
     standing: the object among the others. T_hand_body (4, 4).
     """
 
     lowering: Task
-    opening: tuple[Task, Task, Task]
+    opening: exact.Problem
     retreating: Task
     first: int
     last: int
@@ -190,13 +190,10 @@ def touching(task: Task, q: Array, memory: Memory) -> int:
 
 
 @bare
-def fingers(tasks: tuple[Task, Task, Task], q: Array, memory: Memory) -> int:
-    """What touches while the fingers move, the arm being at q (A,): a pair of the tasks, which all have the same pairs, or -1."""
-    for task in tasks:
-        pair = touching(task, q, memory)
-        if pair >= 0:
-            return pair
-    return -1
+def fingers(moving: exact.Problem, q: Array, memory: Memory) -> int:
+    """What touches while the fingers move, the arm being at q (A,): a pair of the problem, which has them at several openings, or -1."""
+    exact.enter(moving, memory.exact)
+    return int(exact.first_contact(moving, q, memory.exact))
 
 
 @bare
@@ -266,9 +263,8 @@ def put_down_at(
     for k in range((last + 1) // 2):
         for j in range(lower.shape[1]):
             lower[k, j], lower[last - k, j] = lower[last - k, j], lower[k, j]
-    for task in p.opening:
-        for b in range(p.first, p.last):
-            move_body(task, b, T_body)
+    for b in range(p.first, p.last):
+        copy_rows(T_body, p.opening.solid_T[b])
     pair = fingers(p.opening, retreat[0], memory)
     if pair >= 0:
         return FINGERS, pair

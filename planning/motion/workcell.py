@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from kinematics import exact, inverse
 from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
-from kinematics.coverage import Carriage, shape_pieces
+from kinematics.coverage import OPENINGS, Carriage, shape_pieces
 from kinematics.lanes import model_of
-from kinematics.rig import carry, join_rigs
+from kinematics.rig import Rig, carry, join_rigs, make_pieces
 from kinematics.robot import Robot
 from kinematics.scene import Body, Cabinet, Held, Scene
 from kinematics.shapes import convex_parts
@@ -28,6 +28,7 @@ from planning.motion.shortcut import shorten
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
 SHORTCUTS = 60
+FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
 KEPT = 6  # sets of poses for which the packed bodies are kept
 
 
@@ -50,6 +51,13 @@ class Situation(NamedTuple):
     def problem(self) -> exact.Problem:
         """The same query for the exact test alone."""
         return self.task.exact
+
+
+class Contacts(NamedTuple):
+    """A question about single configurations: what may not touch, packed for the exact test alone, with the names behind the indices."""
+
+    problem: exact.Problem
+    names: tuple[str, ...]
 
 
 class _Bodies(NamedTuple):
@@ -75,10 +83,11 @@ class Workcell:
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
-        pairs = (n_links + most) * len(self._rows) + len(self.arm.self_pairs) + most * n_links
+        fingers = len(FINGERS_AT) * len(self.arm.fingers)
+        pairs = (n_links + most + fingers) * len(self._rows) + len(FINGERS_AT) * len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
         self._entered: Situation | None = None
-        self._placed: tuple[str, object, Standing, Situation] | None = None
+        self._placed: tuple[str, object, Standing, Contacts] | None = None
         self.hand = make_hand(self.arm.chain, self.arm.T_frame_hand)
         T = scene.cabinet.T_world_cabinet
         self.front: Array = np.append(T[:3, 0], T[:3, 0] @ T[:3, 3])
@@ -110,16 +119,14 @@ class Workcell:
         *,
         held: Held | None = None,
         ignore: Collection[tuple[str, str]] = (),
-        moving: Collection[str] | None = None,
     ) -> Situation:
         """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
 
-        The held object may touch the pads, which hold it, and is checked against the rest of the robot. moving: only these links are asked
-        about, the others having been asked before.
+        The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
         (rig, model), links = self.arm.packed(gripper), self.arm.links
         _, solids, bodies, known = self._standing(poses)
-        plain = held is None and moving is None and not ignore
+        plain = held is None and not ignore
         if plain and gripper in known:
             return known[gripper]
         pairs = self.arm.self_pairs
@@ -134,10 +141,6 @@ class Workcell:
         check[rig.frame == 0] = 0  # the base stands still: the final check judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        if moving is not None:
-            moves = np.array([link in moving for link in links])
-            check[~moves] = 0
-            pairs = pairs[moves[pairs].any(1)]
         task = pose_task(self.arm.chain, rig, model, solids, Query(check, pairs), exact.MARGIN_M)
         if held is not None:
             task, self._entered = without_still(task, self.memory), None
@@ -156,12 +159,15 @@ class Workcell:
         problem = problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept])
         return Situation(task._replace(exact=problem, world=world._replace(check=check)), names)
 
-    def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> tuple[Situation, ...]:
+    def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> Contacts:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
-        ignore = [(pad, name) for pad in self.robot.pads]
-        return tuple(self.problem(poses, float(g), ignore=ignore, moving=self.robot.fingers) for g in np.linspace(opened, closed, 4)[1:])
+        rig, links, pairs, moving = self.arm.moving_fingers(opened, closed)
+        _, solids, bodies, _ = self._standing(poses)
+        check = np.repeat(moving.astype(np.uint8)[:, None], len(bodies), 1)
+        check[np.ix_([i for i, n in enumerate(links) if n in self.robot.pads], [i for i, n in enumerate(bodies) if n == name])] = 0
+        return Contacts(exact.pose(self.arm.chain, rig, solids, Query(check, pairs), exact.MARGIN_M), links + bodies)
 
-    def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
+    def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Contacts]:
         """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
         pieces = shape_pieces(self.scene.body(name).shape)
         n = len(pieces.start) - 1
@@ -169,8 +175,8 @@ class Workcell:
         _, solids, bodies, _ = self._standing(poses)
         check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
         query = Query(check, np.zeros((0, 2), np.int64))
-        task = pose_task(self.arm.chain, rig, model_of(self.arm.chain, rig), solids, query, exact.MARGIN_M)
-        return Standing(rig, task.exact, self.front), Situation(task, (name,) * n + bodies)
+        problem = exact.pose(self.arm.chain, rig, solids, query, exact.MARGIN_M)
+        return Standing(rig, problem, self.front), Contacts(problem, (name,) * n + bodies)
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
@@ -185,13 +191,13 @@ class Workcell:
         stands_over(standing, R, centres, np.empty((4, 4)), self.memory, free)
         return free
 
-    def _in_the_way(self, among: Situation, pair: int) -> Touch | None:
+    def _in_the_way(self, among: Situation | Contacts, pair: int) -> Touch | None:
         """What `reaching.stands` found, in words."""
         if pair == HANGS_OVER:
             return Touch(among.names[0], "floor", "it would hang over the front edge")
         return self.name_of(among, pair)
 
-    def _among(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Situation]:
+    def _among(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Contacts]:
         """What an object is held against that is to stand among others; the memory will serve it."""
         if self._placed is None or self._placed[0] != name or self._placed[1] is not poses:
             self._placed = (name, poses, *self.standing(name, poses))
@@ -251,14 +257,14 @@ class Workcell:
         seed = int(rng.integers(2**31))
         return reach(situation.task, start, goals, max_iterations=iterations, seed=seed, memory=self.enter(situation))
 
-    def name_of(self, situation: Situation, pair: int) -> Touch | None:
+    def name_of(self, situation: Situation | Contacts, pair: int) -> Touch | None:
         """The bodies behind the index of a pair; None behind -1."""
         if pair < 0:
             return None
-        a, b = situation.task.exact.pairs[pair, :2]
+        a, b = situation.problem.pairs[pair, :2]
         return Touch(situation.names[a], situation.names[b])
 
-    def blocked(self, stage: str, situation: Situation, pair: int, name: str) -> Blocked:
+    def blocked(self, stage: str, situation: Situation | Contacts, pair: int, name: str) -> Blocked:
         """What the compiled core found, in words: the stage and the two bodies, or that it was the arm's reach."""
         if stage == "ik":
             return Blocked("ik", "hand", name, detail=PLACE_OUT_OF_REACH)
@@ -304,6 +310,28 @@ class Arm(Carriage):
         super().__init__(robot, T_world_base)
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
+        self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))
+        self._finger_pieces = make_pieces([robot.hulls[i].vertices for i in self.fingers])
+        self._moving: dict[tuple[float, float], tuple[Rig, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
+
+    def moving_fingers(self, opened: float, closed: float) -> tuple[Rig, tuple[str, ...], Int, NDArray[np.bool_]]:
+        """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: the rig, its links, the pairs
+        (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
+        key = (opened, closed)
+        if key not in self._moving:
+            if len(self._moving) == OPENINGS:
+                self._moving.pop(next(iter(self._moving)))  # the oldest
+            *before, last = (opened + share * (closed - opened) for share in FINGERS_AT)
+            own, rig, links = self.fingers, self.rig(last), self.links
+            pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
+            for gripper in before:
+                rig = join_rigs(rig, self.rig_of(own, self._finger_pieces, gripper))
+                copies = np.arange(len(self.links))
+                copies[own] = len(links) + np.arange(len(own))
+                links += tuple(self.links[i] for i in own)
+                pairs.append(copies[pairs[0]])
+            self._moving[key] = rig, links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
+        return self._moving[key]
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -339,9 +367,3 @@ def _find_waiting(arm: Arm, cabinet: Cabinet) -> Iterator[Array]:
         for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
             if exact.config_free(problem, q, scratch):
                 yield q
-
-
-def tasks_of(situations: Sequence[Situation]) -> tuple[Task, Task, Task]:
-    """The three tasks behind the situations of a closing or opening hand."""
-    a, b, c = situations
-    return a.task, b.task, c.task

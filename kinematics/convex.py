@@ -9,8 +9,8 @@ half sizes (3,), or a HULL, vertices[:, b0:b1]. Vertices lie by coordinate becau
 grouping.py sorts large hulls for a quicker search.
 
 `work` (8, 4) is scratch: rows 0–2 the first solid's frame in the second's, rows 3–6 the simplex, row 7 the direction from the second solid
-to the first (in the second's frame), where the search starts and which it leaves behind. A kept row 7 warm-starts the next query of the
-pair; zeros mean no idea.
+to the first (in the second's frame), where the search starts, and in its place the normal of the plane that proves the bound, with the
+bound in column 3 when there is one. A kept row 7 warm-starts the next query of the pair; zeros mean no idea.
 """
 
 from __future__ import annotations
@@ -168,9 +168,9 @@ def gjk(
             wz -= vertices[2, u]
         length = np.sqrt(vx * vx + vy * vy + vz * vz)
         plane = (vx * wx + vy * wy + vz * wz) / length - 1e-13  # every point of the difference lies beyond it
-        work[7, 0], work[7, 1], work[7, 2] = vx, vy, vz
         if plane > bound:
             bound = plane
+            work[7, 0], work[7, 1], work[7, 2], work[7, 3] = vx, vy, vz, bound
             if bound >= high:
                 return float(bound)
         if upper <= low or upper - bound <= (tolerance if bound > low else min(tolerance, TIGHT)) * upper:

@@ -4,9 +4,14 @@
 part and part, or part and solid. Its distance is bounded from below by a ball and a box first, and by GJK (convex.py) where they don't
 decide.
 
-Edges are certified, not sampled. While every joint j goes |dq_j|, no point of one body moves further relative to the other than
-Σ_j reach_j |dq_j|; so a pair that is further apart than that in the middle of an interval can't touch within it. What is undecided is
-halved and asked again, the coarse level of the whole edge first, so that an edge that collides ends early.
+Edges are certified, not sampled. While every joint k goes |dx_k|, no point of one body moves further relative to the other than
+Σ_k reach_k |dx_k|; so a pair that is further apart than that in the middle of an interval can't touch within it. Where GJK has found a
+plane between two bodies more is known: only speed along its normal counts, and that changes, a unit of the edge, by no more than
+
+    Σ_k reach_k |dx_k| (|dx_k| + 2 Σ_{j<k} |dx_j|),    |dx_k| and |dx_j| in brackets of joints that turn only,
+
+which bounds the second derivative of any point. What is undecided is cut where the bounds end and asked again, the coarse level of the
+whole edge first, so that an edge that collides ends early.
 """
 
 from __future__ import annotations
@@ -14,6 +19,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
 from kinematics.compiling import bare, copy_rows, inner
@@ -22,6 +28,7 @@ from kinematics.record import record
 from kinematics.rig import Rig, make_rig
 from kinematics.transforms import Array
 
+Flags = NDArray[np.uint8]
 MARGIN_M = 5e-4
 """Bodies closer than this count as touching; half of it is what a certified edge keeps everywhere."""
 TOLERANCE = 0.05
@@ -39,7 +46,7 @@ class Problem(NamedTuple):
     boxes (P + B, 7): half sizes and centre of the box around each body along its own axes (a box's and a cylinder's sizes), radius of the
     ball about the same centre. vertices (3, N), groups (4, ·): of all bodies, see `grouping.grouped`. pairs (M, 9): the two bodies, the
     first one a part; their two rows of `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices.
-    reach (M, J): metres that one body of the pair moves at most, relative to the other, per unit of each planning coordinate.
+    reach (M, K): metres that one body of the pair moves at most, relative to the other, per unit of each joint.
     weight (J,): the same for the arm as a whole, never 0. solid_T (B, 4, 4).
     """
 
@@ -59,8 +66,10 @@ class Scratch(NamedTuple):
     """One thread's memory for one `Problem`.
 
     poses (K + 1 + B, 4, 4): the chain's frames, then the solids. work (8, 4) and toward (M, 3): GJK's, and each pair's last direction.
-    q (J,); motion (M,): metres a pair moves along the edge at hand. spans (2, ·, 2), lists (2, ·, 2) and pool (2, ·): intervals of the edge
-    that are undecided, where in the pool their undecided pairs are listed, and those lists; this level's and the next one's.
+    q (J,). Of the edge at hand: rate (K,), how far each joint goes; motion (M,) and bend (M,), bounds of a pair's relative speed and
+    acceleration, the whole edge taking 1; twist (K + 1, 6), each frame's angular velocity and its velocity at the world's origin.
+    spans (2, ·, 2), lists (2, ·, 2) and pool (2, ·): intervals of the edge that are undecided, where in the pool their undecided pairs are
+    listed, and those lists; this level's and the next one's.
     counts (4,): configurations looked at, pairs that came to GJK, edges, edges found free. where (1,): how far along the last blocked edge.
     """
 
@@ -68,7 +77,10 @@ class Scratch(NamedTuple):
     work: Array
     toward: Array
     q: Array
+    rate: Array
     motion: Array
+    bend: Array
+    twist: Array
     spans: Array
     lists: Int
     pool: Int
@@ -87,14 +99,14 @@ def make_problem(chain: Chain, parts: Parts, solids: Solids, query: Query, *, ma
 
 def pose(chain: Chain, rig: Rig, solids: Solids, query: Query, margin_m: float) -> Problem:
     """Pack one motion query of a rig: the problem that `edge_free` and the others solve."""
-    count, J = int(np.count_nonzero(query.check)) + len(query.pairs), len(chain.lower)
+    count, J, K = int(np.count_nonzero(query.check)) + len(query.pairs), len(chain.lower), len(chain.q_index)
     problem = Problem(
         chain,
         np.concatenate([rig.boxes, solids.boxes]),
         np.concatenate([rig.vertices, solids.points], 1),
         np.concatenate([rig.groups, solids.groups], 1),
         np.empty((count, 9), np.int64),
-        np.zeros((count, J)),
+        np.zeros((count, K)),
         np.zeros(J),
         solids.T,
         margin_m,
@@ -134,7 +146,7 @@ def _fill(rig: Rig, solids: Solids, query: Query, problem: Problem, listed: Int)
             else:
                 pairs[n, 3], pairs[n, 4], pairs[n, 7], pairs[n, 8] = rig.frame[b], HULL, rig.start[b], rig.start[b + 1]
             for k in range(listed[i, 3], frame):
-                problem.reach[n, chain.q_index[k]] += rig.reach[k, moved] * abs(chain.scale[k])
+                problem.reach[n, k] = rig.reach[k, moved]
             n += 1
     for k in range(frames - 1):
         far = 0.0
@@ -185,7 +197,10 @@ def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scrat
         np.zeros((8, 4)),
         np.zeros((pairs, 3)),
         np.zeros(coordinates),
+        np.zeros(joints),
         np.zeros(pairs),
+        np.zeros(pairs),
+        np.zeros((joints + 1, 6)),
         np.zeros((2, 2048, 2)),
         np.zeros((2, 2048, 2), np.int64),
         np.zeros((2, 16384 + 64 * pairs), np.int64),
@@ -270,55 +285,161 @@ def edge_free(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
 @bare
 def edge_contact(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> int:
     """As `edge_free`: -1 when free, else the index in problem.pairs of a pair that blocks, scratch.where[0] in [0, 1] of the way along."""
+    n_pairs = problem.pairs.shape[0]
+    for n in range(n_pairs):
+        scratch.pool[0, n] = n
+    scratch.spans[0, 0, 0], scratch.spans[0, 0, 1] = 0.0, 1.0
+    return int(_search(problem, qa, qb, 1, n_pairs, scratch))
+
+
+@bare
+def pieces_free(problem: Problem, qa: Array, qb: Array, pieces: Array, count: int, open_: Flags, scratch: Scratch) -> bool:
+    """As `edge_free`, for some pieces of the edge and some pairs alone: from pieces[i, 0] to pieces[i, 1] of the way, i < count, and the
+    pairs of bodies a, b with open_[a, b]."""
+    n_pairs = 0
+    for n in range(problem.pairs.shape[0]):
+        if open_[problem.pairs[n, 0], problem.pairs[n, 1]]:
+            scratch.pool[0, n_pairs] = n
+            n_pairs += 1
+    for i in range(count):
+        scratch.spans[0, i, 0], scratch.spans[0, i, 1] = pieces[i, 0], pieces[i, 1]
+    return bool(_search(problem, qa, qb, count, n_pairs, scratch) < 0)
+
+
+@inner
+def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, scratch: Scratch) -> int:
+    """`edge_contact` for the first `count` spans and the first n_pairs pairs of the pool."""
     pairs, boxes, vertices, groups = problem.pairs, problem.boxes, problem.vertices, problem.groups
-    reach_m, margin = problem.reach, problem.margin_m
     poses, work, toward, counts, q = scratch.poses, scratch.work, scratch.toward, scratch.counts, scratch.q
     spans, lists, pool, motion = scratch.spans, scratch.lists, scratch.pool, scratch.motion
-    n_pairs, n_q, keep = pairs.shape[0], qa.shape[0], 0.5 * margin
+    margin, keep = problem.margin_m, 0.5 * problem.margin_m
     counts[2] += 1
-    for n in range(n_pairs):
-        m = 0.0
-        for j in range(n_q):
-            m += reach_m[n, j] * abs(qb[j] - qa[j])
-        motion[n] = m
-        pool[0, n] = n
-    now, count = 0, 1
-    spans[0, 0, 0], spans[0, 0, 1] = 0.0, 1.0
-    lists[0, 0, 0], lists[0, 0, 1] = 0, n_pairs
+    _set_out(problem, qa, qb, n_pairs, scratch)
+    for s in range(count):
+        lists[0, s, 0], lists[0, s, 1] = 0, n_pairs
+    now = 0
     while count > 0:
         after, next_count, used = 1 - now, 0, 0
         for s in range(count):
             low, high = spans[now, s, 0], spans[now, s, 1]
             t, h = 0.5 * (low + high), 0.5 * (high - low)
-            for j in range(n_q):
+            for j in range(qa.shape[0]):
                 q[j] = qa[j] + t * (qb[j] - qa[j])
             forward(problem.chain, q, poses)
+            _twists(problem.chain, scratch.rate, poses, scratch.twist)
             counts[0] += 1
-            begin, safe = used, np.inf
+            begin, back, ahead = used, h, h
             for i in range(lists[now, s, 0], lists[now, s, 0] + lists[now, s, 1]):
                 n = pool[now, i]
                 need = keep + motion[n] * h
                 bound = ball_gap(pairs, boxes, poses, n)
-                if bound < need:
-                    counts[1] += 1
-                    bound = pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, margin, need, GJK_PAYS_M, LOOSE)
+                if bound >= need:
+                    continue
+                counts[1] += 1
+                bound = pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, margin, need, GJK_PAYS_M, LOOSE)
                 if bound >= need:
                     continue
                 if bound <= margin or used == pool.shape[1] or next_count + 2 > spans.shape[1]:  # out of memory reads as blocked
                     scratch.where[0] = t
                     return int(n)
-                safe = min(safe, (bound - keep) / motion[n])
-                pool[after, used] = n
-                used += 1
-            if used > begin:
-                for side in range(2):
-                    spans[after, next_count, 0] = low if side == 0 else t + safe
-                    spans[after, next_count, 1] = t - safe if side == 0 else high
+                any_way = (bound - keep) / motion[n]
+                to_low, to_high = _lasts(problem, n, keep, scratch)
+                to_low, to_high = max(to_low, any_way), max(to_high, any_way)
+                if to_low < h or to_high < h:
+                    back, ahead = min(back, to_low), min(ahead, to_high)
+                    pool[after, used] = n
+                    used += 1
+            for side in range(2):
+                if (back if side == 0 else ahead) < h:
+                    spans[after, next_count, 0] = low if side == 0 else t + ahead
+                    spans[after, next_count, 1] = t - back if side == 0 else high
                     lists[after, next_count, 0], lists[after, next_count, 1] = begin, used - begin
                     next_count += 1
         now, count = after, next_count
     counts[3] += 1
     return -1
+
+
+@inner
+def _set_out(problem: Problem, qa: Array, qb: Array, n_pairs: int, scratch: Scratch) -> None:
+    """Rates of the joints, and motion and bend of the first n_pairs pairs of the pool."""
+    chain, reach, rate = problem.chain, problem.reach, scratch.rate
+    for k in range(rate.shape[0]):
+        j = chain.q_index[k]
+        rate[k] = chain.scale[k] * (qb[j] - qa[j])
+    for i in range(n_pairs):
+        n = scratch.pool[0, i]
+        motion, bend, turned = 0.0, 0.0, 0.0
+        for k in range(rate.shape[0]):
+            if reach[n, k] > 0.0:
+                way, turn = reach[n, k] * abs(rate[k]), 0.0 if chain.prismatic[k] else abs(rate[k])
+                motion += way
+                bend += way * (turn + 2 * turned)
+                turned += turn
+        scratch.motion[n], scratch.bend[n] = motion, bend
+
+
+@inner
+def _twists(chain: Chain, rate: Array, poses: Array, twist: Array) -> None:
+    """How each frame moves: see `Scratch`."""
+    for c in range(6):
+        twist[0, c] = 0.0
+    for k in range(rate.shape[0]):
+        x, y, z = rate[k] * poses[k + 1, 0, 2], rate[k] * poses[k + 1, 1, 2], rate[k] * poses[k + 1, 2, 2]
+        px, py, pz = poses[k + 1, 0, 3], poses[k + 1, 1, 3], poses[k + 1, 2, 3]
+        slides = chain.prismatic[k] != 0
+        for c in range(6):
+            twist[k + 1, c] = twist[k, c]
+        if not slides:
+            twist[k + 1, 0] += x
+            twist[k + 1, 1] += y
+            twist[k + 1, 2] += z
+        twist[k + 1, 3] += x if slides else py * z - pz * y
+        twist[k + 1, 4] += y if slides else pz * x - px * z
+        twist[k + 1, 5] += z if slides else px * y - py * x
+
+
+@inner
+def _lasts(problem: Problem, n: int, keep: float, scratch: Scratch) -> tuple[float, float]:
+    """How far back and how far ahead on the edge the plane that GJK just found keeps pair n apart, as shares of the edge; 0 without one.
+
+    Seen from the body nearer the base the other one moves, and no point of it nears the plane faster than a corner of its box does.
+    """
+    poses, twist, work, boxes = scratch.poses, scratch.twist, scratch.work, problem.boxes
+    gap = work[7, 3] - keep
+    if gap <= 0.0:
+        return 0.0, 0.0
+    body, i, j = problem.pairs[n, 0], problem.pairs[n, 2], problem.pairs[n, 3]
+    vx, vy, vz = work[7, 0], work[7, 1], work[7, 2]
+    size = 1.0 / np.sqrt(vx * vx + vy * vy + vz * vz)
+    x = (poses[j, 0, 0] * vx + poses[j, 0, 1] * vy + poses[j, 0, 2] * vz) * size
+    y = (poses[j, 1, 0] * vx + poses[j, 1, 1] * vy + poses[j, 1, 2] * vz) * size
+    z = (poses[j, 2, 0] * vx + poses[j, 2, 1] * vy + poses[j, 2, 2] * vz) * size
+    if i < j < twist.shape[0]:
+        body, i, j = problem.pairs[n, 1], j, i
+        x, y, z = -x, -y, -z
+    wx, wy, wz, ux, uy, uz = twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5]
+    if j < twist.shape[0]:
+        wx, wy, wz, ux, uy, uz = wx - twist[j, 0], wy - twist[j, 1], wz - twist[j, 2], ux - twist[j, 3], uy - twist[j, 4], uz - twist[j, 5]
+    bx, by, bz = boxes[body, 3], boxes[body, 4], boxes[body, 5]
+    cx = poses[i, 0, 0] * bx + poses[i, 0, 1] * by + poses[i, 0, 2] * bz + poses[i, 0, 3]
+    cy = poses[i, 1, 0] * bx + poses[i, 1, 1] * by + poses[i, 1, 2] * bz + poses[i, 1, 3]
+    cz = poses[i, 2, 0] * bx + poses[i, 2, 1] * by + poses[i, 2, 2] * bz + poses[i, 2, 3]
+    away = x * (ux + wy * cz - wz * cy) + y * (uy + wz * cx - wx * cz) + z * (uz + wx * cy - wy * cx)
+    rx, ry, rz = y * wz - z * wy, z * wx - x * wz, x * wy - y * wx
+    spin = 0.0
+    for r in range(3):
+        spin += boxes[body, r] * abs(rx * poses[i, 0, r] + ry * poses[i, 1, r] + rz * poses[i, 2, r])
+    return _until(gap, spin + away, scratch.bend[n]), _until(gap, spin - away, scratch.bend[n])
+
+
+@inner
+def _until(gap: float, speed: float, bend: float) -> float:
+    """The s ≥ 0 at which speed · s + bend · s² / 2 reaches a gap > 0."""
+    root = np.sqrt(speed * speed + 2.0 * bend * gap)
+    if speed > 0.0:
+        return float(2.0 * gap / (speed + root))
+    return float((root - speed) / bend) if bend > 0.0 else np.inf
 
 
 @inner
@@ -357,6 +478,7 @@ def pair_bound(
     """
     m = np.uint64(n)
     b = np.uint64(pairs[m, 1])
+    work[7, 3] = 0.0
     relative(poses[np.uint64(pairs[m, 2])], poses[np.uint64(pairs[m, 3])], work)
     cheap = box_gap(boxes, pairs[m, 0], pairs[m, 1], work)
     if cheap >= high or (cheap > low and cheap < high - pays):

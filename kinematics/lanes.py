@@ -123,7 +123,10 @@ class LaneWorld(NamedTuple):
 
 @record
 class LaneScratch(NamedTuple):
-    """Working memory of one thread: `lane_scratch` makes it, and it may be used for any number of calls with the same sizes or smaller."""
+    """Working memory of one thread: `lane_scratch` makes it, and it may be used for any number of calls with the same sizes or smaller.
+
+    left (P, P + B): of the last edge that was undecided, between which bodies; the P parts come first.
+    """
 
     rows: F32
     start: Array
@@ -131,6 +134,7 @@ class LaneScratch(NamedTuple):
     travel: Array
     bodies_on: NDArray[np.uint8]
     pairs_on: NDArray[np.uint8]
+    left: NDArray[np.uint8]
     stack: Array
     lows: Array
 
@@ -228,6 +232,7 @@ def scratch_for(joints: int, parts: int, solids: int, pairs: int) -> LaneScratch
         np.empty((parts, joints + 1)),
         np.empty((parts, solids), np.uint8),
         np.empty(pairs, np.uint8),
+        np.empty((parts, parts + solids), np.uint8),
         np.empty((1024, 2)),
         np.empty(16),
     )
@@ -479,10 +484,11 @@ def _both(a: Any, b: Any) -> Any:
 
 
 @inner
-def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: bool, whole: bool) -> tuple[Mask, Mask]:
+def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: bool, last: bool, whole: bool) -> tuple[Mask, Mask]:
     """Test the 16 configurations in rows _X, balls grown for pieces of this width: lanes that touch, and that do so for certain.
 
-    first: notes the pairs within reach; later batches look at those alone. whole: goes on after a certain contact.
+    first: notes the pairs within reach; later batches look at those alone. last: notes which pairs are left. whole: goes on after a certain
+    contact.
     """
     S = X.rows
     K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])
@@ -514,6 +520,8 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
                     fail |= near
                     continue
                 now, certain = _part_body(S, M, Wd, p, b, grow, slack, ~near | sure)
+                if last and now != _U(0):
+                    X.left[p, P + b] = 1
                 fail |= now
                 sure |= certain
                 if sure != _U(0) and not whole:
@@ -536,6 +544,8 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
                     fail |= near
                     continue
                 now, certain = _part_part(S, M, a, b, grow, slack, ~near | sure)
+                if last and now != _U(0):
+                    X.left[a, b] = X.left[b, a] = 1
                 fail |= now
                 sure |= certain
                 if sure != _U(0) and not whole:
@@ -566,6 +576,8 @@ def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) ->
     for p in range(P):
         for b in range(Wd.kind.shape[0]):
             X.bodies_on[p, b] = Wd.check[p, b]
+        for b in range(P + Wd.kind.shape[0]):
+            X.left[p, b] = 0
     for i in range(Wd.pairs.shape[0]):
         X.pairs_on[i] = 1
     return longest
@@ -593,8 +605,9 @@ def edge_free(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch:
 @bare
 def edge_open(model: LaneModel, world: LaneWorld, qa: Array, qb: Array, scratch: LaneScratch, pieces: Array) -> int:
     """What an exact check still has to look at on the motion from qa to qb: n pieces, from pieces[i, 0] to pieces[i, 1] as shares of the
-    way, i < n; all the rest is free for certain, and 0 means that everything is. -1: it touches for certain. -2: more than pieces (N, 2)
-    holds, or joint values that are refused: look at everything.
+    way, i < n, the last one first and no two of them in touch, and there only at what scratch.left names; all the rest is free for certain,
+    and 0 means that everything is. -1: it touches for certain. -2: more than pieces (N, 2) holds, or joint values that are refused: look at
+    everything.
     """
     return _edge(model, world, qa, qb, scratch, pieces, pieces.shape[0])
 
@@ -613,26 +626,29 @@ def _edge(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch, pie
         S[_AT + _U(w)] = np.float32((w + 0.5) * width)
     while True:
         _set_out(S, X)
-        fail, sure = _batch(M, Wd, X, width, first, False)
+        last = width * longest <= 2 * FINAL_M
+        fail, sure = _batch(M, Wd, X, width, first, last, False)
         first = False
         if sure != 0:
             return _CONTACT
         if fail != 0:
-            last = width * longest <= 2 * FINAL_M
-            for i in range(parents):
-                for j in range(cuts):
-                    if (fail >> _U(i * cuts + j)) & _U(1):
-                        low = lows[i] + j * width
-                        if last:
-                            if found == most:
-                                return _TOO_MUCH
-                            pieces[found, 0], pieces[found, 1] = low, low + width
-                            found += 1
-                        else:
-                            if top == stack.shape[0]:
-                                return _TOO_MUCH
-                            stack[top, 0], stack[top, 1] = low, width
-                            top += 1
+            for e in range(parents * cuts):
+                k = e if last else parents * cuts - 1 - e  # pieces from the edge's end to its start; on the stack the end is on top
+                i, j = k // cuts, cuts - 1 - k % cuts
+                if (fail >> _U(i * cuts + j)) & _U(1):
+                    low = lows[i] + j * width
+                    if not last:
+                        if top == stack.shape[0]:
+                            return _TOO_MUCH
+                        stack[top, 0], stack[top, 1] = low, width
+                        top += 1
+                    elif found > 0 and pieces[found - 1, 0] == low + width:  # no rounding: all these are multiples of a power of two
+                        pieces[found - 1, 0] = low
+                    else:
+                        if found == most:
+                            return _TOO_MUCH
+                        pieces[found, 0], pieces[found, 1] = low, low + width
+                        found += 1
         if top == 0:
             return found
         wide = stack[top - 1, 1]
@@ -663,7 +679,7 @@ def _judge_all(model: LaneModel, world: LaneWorld, Q: Array, zero: Array, scratc
     _begin(model, world, zero, zero, scratch)  # no travel
     for start in range(0, Q.shape[0], 16):
         refused = _take(model, Q, start, scratch.rows)
-        fail, sure = _batch(model, world, scratch, 0.0, False, True)
+        fail, sure = _batch(model, world, scratch, 0.0, False, False, True)
         for w in range(min(16, Q.shape[0] - start)):
             touches, open_ = (sure >> _U(w)) & _U(1), ((fail | refused) >> _U(w)) & _U(1)
             out[start + w] = UNDECIDED if (refused >> _U(w)) & _U(1) else TOUCHES if touches else UNDECIDED if open_ else FREE

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from kinematics import exact
 from kinematics.arm import Chain, Parts, Query, forward, make_parts, make_solids
+from kinematics.compiling import bare
 from kinematics.convex import distance, make_work
 from kinematics.exact import (
     TOLERANCE,
     Problem,
+    Scratch,
     config_clearance,
     config_free,
     edge_contact,
@@ -21,6 +24,7 @@ from kinematics.exact import (
     first_contact,
     make_problem,
     make_scratch,
+    pieces_free,
 )
 from kinematics.rig import make_rig
 from kinematics.scene import Body
@@ -62,7 +66,7 @@ def random_arm(seed: int) -> tuple[Chain, Parts, tuple[Body, ...], Query]:
             + [ConvexMesh((random_hull(rng, 0.05),)) for _ in range(3)]
         )
     )
-    pairs = [(i, j) for i in range(8) for j in range(i) if abs(frames[i] - frames[j]) > 1]
+    pairs = [(i, j) if (i + j) % 2 else (j, i) for i in range(8) for j in range(i) if abs(frames[i] - frames[j]) > 1]
     check = np.ones((8, 9), np.uint8)
     check[0] = 0
     return chain, parts, bodies, Query(check, np.array(pairs))
@@ -166,7 +170,7 @@ def test_reach_bounds_every_motion(seed: int) -> None:
                 was, now = (apply(np.linalg.inv(F[other]) @ F[own], v) for F in (Fa, Fb))
                 moved.append(np.linalg.norm(now - was, axis=1).max())
             # seen from the one that comes first in the chain, the other one moves within its reach
-            allowed = problem.reach[n] @ np.abs(qb - qa)
+            allowed = problem.reach[n] @ np.abs(problem.chain.scale * (qb - qa)[problem.chain.q_index])
             assert min(moved) <= allowed + 1e-12
             most = max(most, min(moved) / max(allowed, 1e-12))
     assert most > 0.5
@@ -216,6 +220,63 @@ def test_edges(seed: int) -> None:
                 assert not peer.touches(q)
     assert free >= 12
     assert blocked >= 12
+
+
+@bare
+def plane_lasts(problem: Problem, qa: Array, qb: Array, q: Array, n: int, keep: float, scratch: Scratch, out: Array) -> None:
+    """out (3,): the bound that GJK's plane proves for pair n at q, on the way from qa to qb, and how far back and ahead it lasts."""
+    scratch.pool[0, 0] = n
+    exact._set_out(problem, qa, qb, 1, scratch)
+    forward(problem.chain, q, scratch.poses)
+    exact._twists(problem.chain, scratch.rate, scratch.poses, scratch.twist)
+    poses, work, toward, far = scratch.poses, scratch.work, scratch.toward, np.inf
+    exact.pair_bound(problem.pairs, problem.boxes, problem.vertices, problem.groups, poses, work, toward, n, 0.0, far, far, 1e-3)
+    out[0] = work[7, 3]
+    out[1], out[2] = exact._lasts(problem, n, keep, scratch)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_plane_lasts_no_longer_than_the_pair_is_apart(seed: int) -> None:
+    """On long edges, to full precision."""
+    problem, _, _ = packed(seed)
+    scratch, rng, out = make_scratch(problem), np.random.default_rng([seed, 5]), np.zeros(3)
+    better: list[bool] = []
+    for n in np.arange(len(problem.pairs)).repeat(4):
+        qa, qb = rng.uniform(problem.chain.lower, problem.chain.upper, (2, 5))
+        t = rng.random()
+        q = qa + t * (qb - qa)
+        plane_lasts(problem, qa, qb, q, n, 0.0, scratch, out)
+        keep = rng.uniform(0, out[0])
+        plane_lasts(problem, qa, qb, q, n, keep, scratch, out)
+        if out[0] == 0:
+            continue
+        for way, lasts in ((-1, out[1]), (1, out[2])):
+            for s in np.linspace(0, min(lasts, t if way < 0 else 1 - t), 12):
+                frames = frames_at(problem, qa + (t + way * s) * (qb - qa))
+                assert pair_distance(problem, frames, n) >= keep - 1e-9, (n, way, s)
+            if scratch.motion[n] > 0:
+                better.append(lasts * scratch.motion[n] > out[0] - keep)
+    assert np.mean(better) > 0.5  # more often than not worth more than the bound without a direction
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_pieces_of_edges(seed: int) -> None:
+    """Some pieces and some pairs: what is free keeps half the margin there; what is not is near at a place that was asked about."""
+    problem, _, _ = packed(seed)
+    scratch, rng = make_scratch(problem), np.random.default_rng([seed, 6])
+    seen, pieces = {True: 0, False: 0}, np.array([[0.6, 0.75], [0.3, 0.35]])
+    for qa in rng.uniform(problem.chain.lower, problem.chain.upper, (60, 5)):
+        qb = np.clip(qa + rng.normal(size=5) * 0.3, problem.chain.lower, problem.chain.upper)
+        some = rng.random((8, 8 + 9)) < 0.4
+        asked = [n for n, (a, b, *_) in enumerate(problem.pairs) if some[a, b]]
+        free = pieces_free(problem, qa, qb, pieces, 2, some.astype(np.uint8), scratch)
+        seen[free] += 1
+        where = scratch.where[0]
+        assert free or 0.3 <= where <= 0.35 or 0.6 <= where <= 0.75
+        S = np.concatenate([np.linspace(*piece, 12) for piece in pieces]) if free else [where]
+        least = min(pair_distance(problem, frames_at(problem, qa + s * (qb - qa)), n) for s in S for n in asked)
+        assert least >= 0.5 * problem.margin_m if free else least <= problem.margin_m * (1 + 2 * TOLERANCE)
+    assert min(seen.values()) >= 5
 
 
 def test_a_thin_obstacle_is_never_stepped_over() -> None:

@@ -80,15 +80,18 @@ class Problem:
 
     def touches(self, q):
         """FCL's verdict on one configuration."""
+        return next(self.contacts(q), None) is not None
+
+    def contacts(self, q):
+        """The pairs of bodies that touch for FCL; the parts come first."""
         forward(self.chain, q, self.frames)
         for p, part in enumerate(self.fcl_parts):
             T = self.frames[self.parts.frame[p]]
             part.setTransform(placed(T))
-        close = [(self.fcl_parts[p], self.fcl_bodies[b]) for p, b in zip(*np.nonzero(self.query.check), strict=True)] + [
-            (self.fcl_parts[a], self.fcl_parts[b]) for a, b in self.query.pairs
-        ]
-        request = fcl.CollisionRequest()
-        return any(fcl.collide(a, b, request, fcl.CollisionResult()) > 0 for a, b in close)
+        everything, request = [*self.fcl_parts, *self.fcl_bodies], fcl.CollisionRequest()
+        for a, b in [*(np.argwhere(self.query.check) + np.array([0, len(self.fcl_parts)])), *self.query.pairs]:
+            if fcl.collide(everything[a], everything[b], request, fcl.CollisionResult()) > 0:
+                yield a, b
 
 
 def placed(T):
@@ -278,6 +281,8 @@ def test_what_an_edge_leaves_open_is_all_that_may_touch():
             s = np.linspace(0, 1, 100)
             closed = ~((pieces[:n, 0] <= s[:, None]) & (s[:, None] <= pieces[:n, 1])).any(1)
             assert not any(p.touches(a + t * (b - a)) for t in s[closed])
+            assert all(p.scratch.left[pair] for t in s[~closed] for pair in p.contacts(a + t * (b - a)))
+            assert (pieces[1:n, 1] < pieces[: n - 1, 0]).all()
         if n > 1:
             assert lanes.edge_open(p.model, p.world, a, b, p.scratch, pieces[: n - 1]) == -2
     assert partly > 20

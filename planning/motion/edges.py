@@ -34,12 +34,11 @@ class Task(NamedTuple):
 
 @record
 class Memory(NamedTuple):
-    """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge; ends (2, J): of one of them."""
+    """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge."""
 
     exact: exact.Scratch
     lanes: LaneScratch
     pieces: Array
-    ends: Array
 
 
 def make_task(problem: exact.Problem, model: LaneModel | None = None, world: LaneWorld | None = None) -> Task:
@@ -82,9 +81,7 @@ def make_memory(task: Task) -> Memory:
 def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
     """Memory for one thread, for all tasks with this chain that are no larger; `exact.enter` each of them first."""
     K, J = len(chain.q_index), len(chain.lower)
-    return Memory(
-        exact.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)), np.zeros((2, J))
-    )
+    return Memory(exact.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)))
 
 
 @bare
@@ -99,10 +96,4 @@ def connects(task: Task, qa: Array, qb: Array, memory: Memory) -> bool:
         return False
     if n == _EVERYTHING:
         return bool(exact.edge_free(task.exact, qa, qb, memory.exact))
-    for i in range(n):
-        for j in range(qa.shape[0]):
-            memory.ends[0, j] = qa[j] + memory.pieces[i, 0] * (qb[j] - qa[j])
-            memory.ends[1, j] = qa[j] + memory.pieces[i, 1] * (qb[j] - qa[j])
-        if not exact.edge_free(task.exact, memory.ends[0], memory.ends[1], memory.exact):
-            return False
-    return True
+    return bool(exact.pieces_free(task.exact, qa, qb, memory.pieces, n, memory.lanes.left, memory.exact))

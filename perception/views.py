@@ -58,11 +58,10 @@ def sweep_poses(cabinet: Cabinet) -> Array:
 class Outlooks:
     """Views of one cabinet, and what the preview knows of them whatever stands in it; see `outlooks`.
 
-    poses (C, 4, 4): T_world_camera. T (C, 3, 4): from the map's grid to the camera. fine, coarse: the cameras of the preview and of its
-    first guess. blind, blind_coarse (C, h, w): the pixels that teach nothing, because the robot itself or a wall is in the way.
+    T (C, 3, 4): from the map's grid to the camera. fine, coarse: the cameras of the preview and of its first guess.
+    blind, blind_coarse (C, h, w): the pixels that teach nothing, because the robot itself or a wall is in the way.
     """
 
-    poses: Array
     T: Array
     fine: Intrinsics
     coarse: Intrinsics
@@ -83,7 +82,7 @@ def outlooks(voxels: Voxels, poses: Array, intrinsics: Intrinsics, own: NDArray[
     blind |= own
     rows, columns = coarse.height * COARSE, coarse.width * COARSE
     squares = blind[:, :rows, :columns].reshape(-1, coarse.height, COARSE, coarse.width, COARSE)
-    return Outlooks(poses, np.ascontiguousarray(inverse(T_grid_camera)[:, :3]), fine, coarse, blind, np.asarray(squares.all((2, 4))))
+    return Outlooks(np.ascontiguousarray(inverse(T_grid_camera)[:, :3]), fine, coarse, blind, np.asarray(squares.all((2, 4))))
 
 
 class _Moment(NamedTuple):
@@ -110,7 +109,7 @@ class Preview:
         self.places = np.argwhere(sparse | (extra > 0))
         self.weight = (sparse + extra / self.unit)[tuple(self.places.T)]
         # which places each view would reveal when it was last looked at, more than it would reveal now
-        self.seen = np.ones((len(views.poses), len(self.places)), np.uint8)
+        self.seen = np.ones((len(views.T), len(self.places)), np.uint8)
         self.guessed = False
         self._levels = np.empty((grid.LEVELS, views.fine.height, views.fine.width), np.float32)
 

@@ -248,9 +248,7 @@ def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
 
 
 @bare
-def _spread(
-    task: Task, start: Array, goals: Array, memory: Memory, found: NDArray[np.bool_], tried: NDArray[np.bool_]
-) -> None:  # fmt: skip
+def _spread(task: Task, start: Array, goals: Array, memory: Memory, found: NDArray[np.bool_], tried: NDArray[np.bool_]) -> None:
     """Mark in found (G,) which goals (G, J) an edge leads to from the start or from a goal that was found, the nearest few of these.
 
     tried (G, G + 1): edges to a goal that were looked at before, from another goal or, in the last column, from the start.

@@ -15,12 +15,13 @@ import pytest
 from kinematics.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box
-from kinematics.transforms import rotation_about, transform
+from kinematics.transforms import inverse, rotation_about, transform
 from planning.learning import shards
 from planning.learning.labels import NOT_ASKED, Row, find_ways, label, movable
 from planning.learning.states import MOVES, Variety, next_move, rows, varied_scene
 from planning.learning.swept import footprint, meets
 from planning.motion.pick_place import Done, Motions
+from planning.plan import Blocked
 from planning.problems import generate, load_spec
 from retrieve_cli import label as command
 from retrieve_cli.__main__ import main
@@ -94,6 +95,25 @@ def test_a_feasible_cell_is_free(row: Row, scene: Scene, motions: Motions) -> No
         for region in np.flatnonzero(row.hits[i] == NOT_ASKED):  # it would stick out there
             assert motions.cell.placed(scene.body(name), motions.place_pose(name, state.poses[name], int(region)), {}) is not None
             assert not row.feasible[i, region]
+
+
+def test_a_brief_look_finds_what_a_long_one_finds(row: Row, scene: Scene, ur5e: Robot) -> None:
+    motions, rng = Motions(ur5e, scene), np.random.default_rng(1)
+    state = motions.start()
+    for i, name in enumerate(movable(scene)):
+        found = motions.pickable(state, name, rng, briefly=True)
+        assert found >= bool(row.pickable[i])
+        assert found <= any(motions.reachable(state, pick, rng) for pick in motions.picks(state, name)[0])
+
+
+def test_a_place_over_the_front_edge_is_refused_in_these_words(row: Row, scene: Scene, ur5e: Robot) -> None:
+    motions = Motions(ur5e, replace(scene, regions_n=20))
+    state, name = motions.start(), movable(scene)[int(np.argmax(row.pickable))]
+    at = inverse(scene.cabinet.T_world_cabinet) @ np.column_stack([motions.scene.regions(), np.ones(400)]).T
+    refused = motions.relocate(state, name, int(np.argmin(at[0] + np.abs(at[1]))), np.random.default_rng(0))
+    assert isinstance(refused, Blocked)
+    assert (refused.stage, refused.link, refused.body) == ("region", name, "floor")
+    assert refused.detail == "it would hang over the front edge"
 
 
 def test_what_blocks_every_path_keeps_the_target_in(row: Row, scene: Scene, motions: Motions) -> None:

@@ -19,7 +19,7 @@ from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse
 from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
-from planning.motion.pick_place import MAX_TRIES, Motions
+from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 
 ITERATIONS = 1500  # of a search in the emptied cabinet
@@ -86,9 +86,9 @@ def label(motions: Motions, state: State, ways: Ways, rng: np.random.Generator, 
     cells = scene.cabinet.regions(scene.regions_n) @ T[:3, :3].T + T[:3, 3]
     fits = np.array([_fits(scene, state, name, cells) for name in names], np.bool_).reshape(len(names), len(cells))
     blocks, hits = _met(motions, state, names, cells, ways)
-    can = np.array([pickable(motions, state, name, rng) for name in names], np.uint8)
+    can, asked = _can(motions, state, names, blocks, objects, rng)
     feasible = np.where(can[:, None] == 1, NOT_ASKED, np.uint8(0)) * np.ones((1, len(cells)), np.uint8)
-    for i in _asked(blocks, can, objects, rng):
+    for i in asked:
         at = np.flatnonzero(fits[i])
         feasible[i] = 0
         feasible[i, at] = motions.placeable(state, names[i], at, rng)
@@ -154,11 +154,6 @@ def _tallest(motions: Motions, state: State) -> float:
     return max((float((high - low)[2]) for low, high in extents), default=0.0)
 
 
-def pickable(motions: Motions, state: State, name: str, rng: np.random.Generator) -> bool:
-    """Whether an object can be picked now: some grasp holds up to the static checks, and the arm gets there from where it is."""
-    return any(motions.reachable(state, pick, rng) for pick in motions.picks(state, name)[0][:MAX_TRIES])
-
-
 def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: Ways) -> tuple[Counts, Counts]:
     """How many of the ways meet each object: where it stands (m,), and over each cell (m, B)."""
     scene, T = motions.scene, inverse(motions.scene.cabinet.T_world_cabinet)
@@ -181,10 +176,17 @@ def _fits(scene: Scene, state: State, name: str, cells: Array) -> NDArray[np.boo
     return np.asarray((room >= 2 * MARGIN_M).all(0) & (cells[:, 0] >= half[0]))
 
 
-def _asked(blocks: Counts, can: Bytes, most: int | None, rng: np.random.Generator) -> list[int]:
-    """The objects whose regions are looked at: of those that can be picked, the blocking ones first, then any."""
-    order = sorted(rng.permutation(len(blocks)), key=lambda i: blocks[i] == 0)
-    return [int(i) for i in order if can[i]][:most]
+def _can(
+    motions: Motions, state: State, names: Sequence[str], blocks: Counts, most: int | None, rng: np.random.Generator
+) -> tuple[Bytes, list[int]]:
+    """Whether each object can be picked (m,), and whose regions are looked at: of those that can, the blocking ones first, then any."""
+    can, asked = np.zeros(len(names), np.uint8), list[int]()
+    for i in sorted(rng.permutation(len(names)), key=lambda i: blocks[i] == 0):
+        more = most is None or len(asked) < most
+        can[i] = motions.pickable(state, names[i], rng, briefly=not more)
+        if can[i] and more:
+            asked.append(int(i))
+    return can, asked
 
 
 def _opens(motions: Motions, state: State, names: Sequence[str], blocks: Counts, rng: np.random.Generator) -> Bytes:

@@ -152,6 +152,17 @@ class Motions:
             open_ = open_[~out[open_]]
         return out
 
+    def pickable(self, state: State, name: str, rng: np.random.Generator, *, briefly: bool = False) -> bool:
+        """Whether an object can be picked now: some pick holds up to the static checks, and the arm gets there from where it is.
+
+        briefly: the first picks that are found will do, if the arm gets there; for objects about which nothing more will be asked.
+        """
+        if briefly and name not in self._recall(state).picks:
+            found = self._picking.some_picks(state.poses, self._without(state, name), name)
+            if any(self.reachable(state, pick, rng) for pick in islice(found, MAX_TRIES)):
+                return True
+        return any(self.reachable(state, pick, rng) for pick in self.picks(state, name)[0][:MAX_TRIES])
+
     def reachable(self, state: State, pick: Pick, rng: np.random.Generator) -> bool:
         """Whether the arm gets from where it is to the beginning of a pick's approach, sought briefly."""
         known = self._recall(state).reachable

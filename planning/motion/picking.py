@@ -56,10 +56,11 @@ class Picking:
 
         poses: of all objects; rest: of all besides this one.
         """
-        key = (name, poses[name].tobytes())
-        if key not in self._known:
-            self._known[key] = _Grasps(self.cell, _sampled(self.cell, name, poses[name]))
-        return self._picks(self._known[key], poses, rest, name, q)
+        return self._picks(self._grasps(poses, name), poses, rest, name, q)
+
+    def some_picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str) -> Iterator[Pick]:
+        """The same ways, but in the order in which they are found, and each when it is asked for."""
+        return self._one_by_one(self._grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
 
     def picks_with(
         self, grasps: Sequence[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
@@ -70,11 +71,25 @@ class Picking:
             self._known[key] = _Grasps(self.cell, grasps)
         return self._picks(self._known[key], poses, rest, name, q)
 
+    def _grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
+        key = (name, poses[name].tobytes())
+        if key not in self._known:
+            self._known[key] = _Grasps(self.cell, _sampled(self.cell, name, poses[name]))
+        return self._known[key]
+
     def _picks(
         self, grasps: _Grasps, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
     ) -> tuple[list[Pick], Blocked]:
-        cell, hands, failures = self.cell, dict[float, _OpenHand](), _Failures(self.cell, name)
-        picks: list[Pick] = []
+        failures = _Failures(self.cell, name)
+        picks = list(self._one_by_one(grasps, poses, rest, name, failures))
+        picks.sort(key=lambda p: float(np.abs(p.approach[0] - q).max()))
+        return picks, failures.furthest
+
+    def _one_by_one(
+        self, grasps: _Grasps, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, failures: _Failures
+    ) -> Iterator[Pick]:
+        """The picks in the grasps' order, each when it is asked for."""
+        cell, hands, found = self.cell, dict[float, _OpenHand](), 0
         for i, grasp in enumerate(grasps):
             width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
             hand = hands.get(width)
@@ -90,14 +105,14 @@ class Picking:
                 up = np.empty((LIFT_STEPS + 1, way.shape[1]))
                 code, pair = reaching.lift(cell.hand, lifting.task, grasp.T_world_hand, way[-1], up, cell.memory)
                 if code == reaching.OK:
-                    picks.append(Pick(grasp, way, up, hand.opened, hand.closed, held, carrying, lifting))
+                    found += 1
+                    cell.forget()
+                    yield Pick(grasp, way, up, hand.opened, hand.closed, held, carrying, lifting)
                 else:
                     failures.note(code, lifting, pair)
-            if len(picks) >= MAX_PICKS or (picks and i + 1 >= ENOUGH_GRASPS):
+            if found >= MAX_PICKS or (found and i + 1 >= ENOUGH_GRASPS):
                 break
         cell.forget()
-        picks.sort(key=lambda p: float(np.abs(p.approach[0] - q).max()))
-        return picks, failures.furthest
 
     def _ways_in(self, hand: _OpenHand, grasp: Grasp, grasps: _Grasps, i: int, failures: _Failures) -> Array:
         """Arm waypoints (W, n, A) of the straight ways of an open hand to grasp i: the hand alone first, then the arm's solutions."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
 SHORTCUTS = 60
 FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
+ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
 KEPT = 6  # sets of poses for which the packed bodies are kept
 
 
@@ -275,9 +276,11 @@ class Workcell:
 
     def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
-        goals = []
+        goals = list[Array]()
         T_cabinet = np.linalg.inv(self.scene.cabinet.T_world_cabinet)
-        for q in [self.home_arm, *self._waiting()]:
+        for i, q in enumerate(chain([self.home_arm], self._waiting())):
+            if goals and i > ENOUGH_WAITING:
+                break
             centre = (T_cabinet @ self.arm.hand_pose(q) @ held.T_hand_body)[:3, 3]
             if centre[0] < -0.03 and self.touch(carrying, q) is None:
                 goals.append(q)

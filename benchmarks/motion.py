@@ -126,7 +126,7 @@ def _faces(vertices: Array) -> Array:
 
 
 def ask(robot: Robot, kind: str, seed: int, count: tuple[int, int] = (5, 10)) -> Question:
-    """Question number `seed` of a kind: scenes are drawn until one has a goal that FCL calls free."""
+    """Question number `seed` of a kind: scenes are drawn until one has a goal that FCL calls free, and that keeps the core's margin."""
     rng = np.random.default_rng([seed, 99])
     spec = replace(load_spec("paper"), objects_count=count)
     while True:
@@ -146,8 +146,10 @@ def ask(robot: Robot, kind: str, seed: int, count: tuple[int, int] = (5, 10)) ->
         free = [
             q for q in (cell.home_arm, *cell.ik(T_hand)) if not verdict.contacts(State(robot.with_arm(q, gripper), poses, held), may_touch)
         ]
+        situation = cell.problem(poses, gripper, held=held)
+        free = [q for q in free if cell.touch(situation, q) is None]  # nobody is asked for what our margin rules out
         if len(free) >= 2 and np.array_equal(free[0], cell.home_arm):
-            return Question(robot, scene, cell, cell.problem(poses, gripper, held=held), gripper, held, free[0], free[1])
+            return Question(robot, scene, cell, situation, gripper, held, free[0], free[1])
 
 
 class FclWorld:

@@ -1,7 +1,8 @@
 """RRT-Connect (Kuffner and LaValle 2000) from one start to any of several goals, in compiled code, every edge certified.
 
 Two trees grow towards each other in the box of joint limits; all goals are roots of the second one. With dynamic domains (Yershova et al.
-2005): a node that failed to extend is drawn on only by samples near it. Distances are metres moved: each joint weighs what it can move.
+2005): a node that failed to extend is drawn on only by samples near it. Half of the samples are drawn around the roots, of all sizes alike:
+a hand at a grasp, or between objects, has to find its way out first. Distances are metres moved: each joint weighs what it can move.
 
 The loop knows neither arm nor world: it asks `connects` (edges.py), the one place where an edge is judged.
 """
@@ -25,6 +26,8 @@ from planning.motion.edges import Memory, Task, connects, make_memory
 MAX_ITERATIONS = 5000
 STEP = 0.04
 """Longest edge that one extension adds, as a share of the box's diagonal in the weighted metric."""
+AROUND_ROOTS, NARROWEST = 0.5, 0.03
+"""Share of the samples that are drawn around a tree's root, where the ways are narrow: in a box down to this share of the whole one."""
 DOMAIN = 60.0
 """Radius, in steps, of the domain that a node gets when it first fails; it shrinks and grows by 30 % down to a tenth of this."""
 FOUND, SPENT, FULL = 1, 0, 2
@@ -36,7 +39,8 @@ _CHUNK = 16  # iterations between looks at the clock
 class Trees(NamedTuple):
     """Both trees, start's (0) and goals' (1), N nodes at most: q (2, N, J), parent (2, N), -1 for roots, radius (2, N) of the domain.
 
-    size (2,); rng (1,): state of the random numbers; met (3,): the two nodes that met, iterations so far. work (2, J): scratch.
+    size (2,); rng (1,): state of the random numbers; met (4,): the two nodes that met, iterations so far, how many goals there are.
+    work (2, J): scratch.
     """
 
     q: Array
@@ -149,7 +153,7 @@ def _plant(start: Array, goals: Array, seed: int) -> Trees:
         np.full((2, n), np.inf),
         np.array([1, len(goals)], np.int64),
         np.array([seed % 2**64], np.uint64),
-        np.zeros(3, np.int64),
+        np.array([0, 0, 0, len(goals)], np.int64),
         np.empty((2, len(start))),
     )
     trees.q[0, 0], trees.q[1, : len(goals)] = start, goals
@@ -217,8 +221,7 @@ def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
         side = turn % 2
         if turn % 4 != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
             side = 0 if size[0] < size[1] else 1  # balance
-        for j in range(lower.shape[0]):
-            target[j] = lower[j] + uniform(trees.rng) * (upper[j] - lower[j])
+        _sample(trees, side, lower, upper, target)
         near, d = _closest(q, side, size[side], weight, target)
         if d > radius[side, near]:
             continue
@@ -267,6 +270,20 @@ def _spread(task: Task, start: Array, goals: Array, memory: Memory, found: NDArr
             if near >= 0:
                 tried[g, near] = True
                 found[g] = connects(task, goals[near] if near < G else start, goals[g], memory)
+
+
+@inner
+def _sample(trees: Trees, side: int, lower: Array, upper: Array, target: Array) -> None:
+    """Draw a target (J,) for one tree: from the whole box, or from a smaller one around a root, of a size from NARROWEST to 1."""
+    if uniform(trees.rng) >= AROUND_ROOTS:
+        for j in range(lower.shape[0]):
+            target[j] = lower[j] + uniform(trees.rng) * (upper[j] - lower[j])
+        return
+    share = NARROWEST ** uniform(trees.rng)
+    root = int(uniform(trees.rng) * trees.met[3]) if side == 1 else 0
+    for j in range(lower.shape[0]):
+        drawn = trees.q[side, root, j] + share * (uniform(trees.rng) - 0.5) * (upper[j] - lower[j])
+        target[j] = min(max(drawn, lower[j]), upper[j])
 
 
 @inner

@@ -11,13 +11,16 @@ export OMP_NUM_THREADS ?= 1
 # The recipe of the weights that ship. SCALE=0.01 takes a hundredth of the scenes, ends in minutes, and ships nothing.
 SCALE ?= 1
 ROBOTS ?= ur5e panda
+PAPER_ROBOTS ?= ur5e
 LABEL_SCENES_ur5e ?= 4575
 LABEL_SCENES_panda ?= 4950
 LABEL_SPECS ?= paper paper-any paper paper-any shelf
 LABEL_OBJECTS ?= 2
+PARTLY_SEEN ?= 0.5
 LABEL_SEED_ur5e ?= 101
 LABEL_SEED_panda ?= 102
-EPOCHS ?= 24
+EPOCHS ?= 14
+PAPER_EPOCHS ?= 12
 WIDTH ?= 96
 TRAIN_SEED ?= 0
 THREADS ?= 1
@@ -27,7 +30,7 @@ DEVICE ?= auto
 TABLE_SEED ?= 20261122
 TABLE_SCENES ?= 100
 TABLE_SPECS ?= paper paper-any
-POLICIES ?= random local osnet-only rpnet-only neural search
+POLICIES ?= random local osnet-only rpnet-only neural-paper neural search
 RULES ?= deep region strict
 
 .PHONY: demo test bench weights table clean
@@ -43,26 +46,34 @@ test: $(VENV)/ready
 bench: $(VENV)/ready
 	$(BIN)/python benchmarks/motion.py
 
-# Weights: labels of generated scenes, then training; out/weights-SCALE/ROBOT/ holds the labels and the model ---------------------------
+# Weights: labels of generated scenes, then training; out/weights-SCALE/ROBOT/ holds the labels and the models --------------------------
 
 MADE := out/weights-$(SCALE)
 SHIPPED := planning/learning/weights
+MODELS := $(ROBOTS:%=$(MADE)/%/model) $(PAPER_ROBOTS:%=$(MADE)/%/model-paper)
 scenes = $(shell awk 'BEGIN { n = int($(or $(LABEL_SCENES_$*),1000) * $(SCALE) + 0.5); print n < 8 ? 8 : n }')
+train = $(RETRIEVE) train $(MADE)/$*/labels -o $(@D) --form $(1) --epochs $(2) --width $(WIDTH) --seed $(TRAIN_SEED) --threads $(THREADS) --device $(DEVICE) \
+	$$(test -z "$$(ls -A $(@D)/checkpoint 2>/dev/null)" || echo --resume)
+ship = mkdir -p $(SHIPPED)/$(2) && cp $(1)/config.json $(1)/*.safetensors $(SHIPPED)/$(2)/
 
-weights: $(ROBOTS:%=$(MADE)/%/model/config.json)
+weights: $(MODELS:%=%/config.json)
 ifeq ($(SCALE),1)
-	for robot in $(ROBOTS); do \
-		mkdir -p $(SHIPPED)/$$robot && \
-		cp $(MADE)/$$robot/model/config.json $(MADE)/$$robot/model/*.safetensors $(SHIPPED)/$$robot/ || exit 1; \
-	done
+	$(foreach robot,$(ROBOTS),$(call ship,$(MADE)/$(robot)/model,$(robot)) &&) true
+	$(foreach robot,$(PAPER_ROBOTS),$(call ship,$(MADE)/$(robot)/model-paper,$(robot)-paper) &&) true
 endif
 
-$(MADE)/%/model/config.json: | $(VENV)/ready
-	mkdir -p $(MADE)/$*
+.PRECIOUS: $(MADE)/%/labelled
+$(MADE)/%/labelled: | $(VENV)/ready
+	mkdir -p $(@D)
 	$(RETRIEVE) label -n $(scenes) --seed $(or $(LABEL_SEED_$*),103) --robot $* $(LABEL_SPECS:%=--spec %) --objects $(LABEL_OBJECTS) \
-		--workers $(WORKERS) -o $(MADE)/$*/labels
-	$(RETRIEVE) train $(MADE)/$*/labels -o $(MADE)/$*/model --epochs $(EPOCHS) --width $(WIDTH) --seed $(TRAIN_SEED) \
-		--threads $(THREADS) --device $(DEVICE) $$(test -z "$$(ls -A $(MADE)/$*/model/checkpoint 2>/dev/null)" || echo --resume)
+		--partly-seen $(PARTLY_SEEN) --workers $(WORKERS) -o $(@D)/labels
+	touch $@
+
+$(MADE)/%/model/config.json: $(MADE)/%/labelled
+	$(call train,objects,$(EPOCHS))
+
+$(MADE)/%/model-paper/config.json: $(MADE)/%/labelled
+	$(call train,paper,$(PAPER_EPOCHS))
 
 # Table: scenes, plans of every policy under every rule, a report for each spec; what is up to date is not planned again ----------------
 

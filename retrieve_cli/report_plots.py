@@ -16,11 +16,12 @@ COLOURS = {
     "random": "#8a95a1",
     "local": "#3b74b9",
     "neural": "#0f8a5f",
+    "neural-paper": "#2a97a8",
     "osnet-only": "#8a5fbf",
     "rpnet-only": "#c2577b",
     "search": "#1d2733",
 }
-OTHERS = ("#b98a1d", "#2a97a8", "#7a5c3a", "#6b7f2a")
+OTHERS = ("#b98a1d", "#7a5c3a", "#6b7f2a")
 CEILING = ("search",)  # drawn dashed: it shows what can be solved, and is no competitor
 
 Point = tuple[float, float]

@@ -160,20 +160,28 @@ def once_loaded(folder: str) -> Model:
     return from_pretrained(folder)
 
 
-def ships(robot: str) -> bool:
-    """Whether networks ship for a named robot."""
-    return (WEIGHTS / robot / "config.json").is_file()
+def ships(robot: str, form: str = "objects") -> bool:
+    """Whether networks of a form ship for a named robot."""
+    return (_shipped(robot, form) / "config.json").is_file()
 
 
-def shipped(robot: str) -> Model:
-    """The model that ships for a named robot. Raises ValueError, saying what to do instead, when there is none."""
-    if not ships(robot):
-        have = sorted(p.name for p in WEIGHTS.iterdir() if (p / "config.json").is_file()) if WEIGHTS.is_dir() else []
+def shipped(robot: str, form: str = "objects") -> Model:
+    """The model of a form that ships for a named robot. Raises ValueError, saying what to do instead, when there is none."""
+    if not ships(robot, form):
+        end = _shipped("", form).name
+        found = [p.parent.name.removesuffix(end) for p in WEIGHTS.glob("*/config.json") if ships(p.parent.name.removesuffix(end), form)]
+        have, how = ", ".join(sorted(set(found))), "" if form == "objects" else f" --form {form}"
         raise ValueError(
-            f"no networks ship for the robot {robot} ({'only for ' + ', '.join(have) if have else 'nor for any other'}): name a model of "
-            f"yours with --model (retrieve label --robot {robot} -o labels/; retrieve train labels/ -o model/), or plan with --policy local"
+            f"no networks{f' of the form {form}' if how else ''} ship for the robot {robot} "
+            f"({f'only for {have}' if have else 'nor for any other'}): name a model of yours with --model "
+            f"(retrieve label --robot {robot} -o labels/; retrieve train labels/ -o model/{how}), or plan with --policy local"
         )
-    return once_loaded(str(WEIGHTS / robot))
+    return once_loaded(str(_shipped(robot, form)))
+
+
+def _shipped(robot: str, form: str) -> Path:
+    """weights/ROBOT, and weights/ROBOT-FORM for other forms than the first."""
+    return WEIGHTS / (robot if form == FORMS[0] else f"{robot}-{form}")
 
 
 def describe(form: str, heads: int, shapes: Mapping[str, Mapping[str, list[int]]], robot: str, about: Mapping[str, Any]) -> dict[str, Any]:

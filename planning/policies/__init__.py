@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from planning.learning.model import Model, shipped
+from planning.learning.model import FORMS, Model, shipped
 from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
 from planning.policies.neural import Views, make_neural_object, make_neural_region
@@ -12,7 +12,7 @@ from planning.policies.random import random_object, random_region
 from planning.policies.search import Plans, make_search_object, make_search_region
 from planning.retrieval import Policy
 
-NetworkOf = Callable[[], Model]  # a policy that asks no network never calls it
+NetworkOf = Callable[..., Model]  # of a form, `objects` if none is named; a policy that asks no network never calls it
 
 
 def _local(motions: Motions, network: NetworkOf) -> Policy:
@@ -30,6 +30,11 @@ def _neural(motions: Motions, network: NetworkOf) -> Policy:
     return Policy(make_neural_object(views), make_neural_region(views))
 
 
+def _neural_paper(motions: Motions, network: NetworkOf) -> Policy:
+    views = Views(network("paper"))
+    return Policy(make_neural_object(views), make_neural_region(views))
+
+
 def _osnet_only(motions: Motions, network: NetworkOf) -> Policy:
     return Policy(make_neural_object(Views(network())), make_local_region(Lines(motions)))
 
@@ -42,13 +47,14 @@ POLICIES: dict[str, Callable[[Motions, NetworkOf], Policy]] = {
     "random": lambda motions, network: Policy(random_object, random_region),
     "local": _local,
     "neural": _neural,
+    "neural-paper": _neural_paper,
     "osnet-only": _osnet_only,
     "rpnet-only": _rpnet_only,
     "search": _search,
 }
 
 
-NETWORKS = ("neural", "osnet-only", "rpnet-only")
+NETWORKS = ("neural", "neural-paper", "osnet-only", "rpnet-only")
 """The policies that ask a model."""
 
 
@@ -56,14 +62,16 @@ def make_policy(name: str, motions: Motions, *, model: Model | None = None) -> P
     """The policy called `name` for the scene behind `motions`.
 
     model: the networks of a policy that has some; by default those that ship for the robot.
-    Raises: ValueError for an unknown name, listing the valid ones; for a robot without networks, or with those of another robot.
+    Raises: ValueError for an unknown name, listing the valid ones; for a robot without networks, or with those of another robot or form.
     """
     if name not in POLICIES:
         raise ValueError(f"unknown policy {name!r}: the policies are {', '.join(POLICIES)}")
 
-    def network() -> Model:
+    def network(form: str | None = None) -> Model:
         if model is None:
-            return shipped(motions.robot.name)
+            return shipped(motions.robot.name, form or FORMS[0])
+        if form not in (None, model.form):
+            raise ValueError(f"the policy {name} asks networks of the form {form}, and this model's are of the form {model.form}")
         if model.robot != motions.robot.name:
             raise ValueError(f"the model was trained for the robot {model.robot}, and this scene's is {motions.robot.name}")
         return model

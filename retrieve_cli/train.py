@@ -39,7 +39,8 @@ def run(
     from planning.learning import dataset
     from planning.learning.judge import judge_osnet, judge_rpnet
     from planning.learning.model import NETS
-    from planning.learning.train import Settings, make_net, train
+    from planning.learning.settings import Settings
+    from planning.learning.train import make_net, train
 
     where = "cuda" if device == "auto" and torch.cuda.is_available() else {"auto": "cpu"}.get(device, device)
     if where == "cuda" and not torch.cuda.is_available():

@@ -21,8 +21,9 @@ from planning.learning.batches import asked, osnet_batch, rpnet_batch, usable
 from planning.learning.dataset import Data, read, split
 from planning.learning.judge import calibration_error, judge_osnet, judge_rpnet
 from planning.learning.scores import object_score, paper_cost, region_score
+from planning.learning.settings import Settings
 from planning.learning.tokens import LENGTH_M, Tokens, pair_features, token_kinds, tokens
-from planning.learning.train import Epoch, Settings, finished, make_net, train
+from planning.learning.train import Epoch, finished, make_net, train
 from planning.policies.regions import free_regions
 
 SMALL = Settings(width=16, layers=2, batch=32, pairs=24, epochs=3)

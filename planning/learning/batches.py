@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planning.learning.dataset import UNKNOWN, Data, Flags
 from planning.learning.scores import paper_cost
+from planning.learning.settings import Settings
 from planning.learning.tokens import F32
 
-if TYPE_CHECKING:
-    from planning.learning.train import Settings
-
 ASKED = 2  # objects o' of a state in a step, `paper` form
-HIDDEN = 0.3  # share of the states, `paper` form, in which some regions are made unobserved: labels come from fully seen scenes
+HIDDEN = 0.3  # share of the states, `paper` form, in which some regions are made unobserved: most labels come from fully seen scenes
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from torch import nn
 from planning.learning.batches import asked, usable
 from planning.learning.dataset import Data
 from planning.learning.scores import BLOCKING_SHARE, object_score, region_score
+from planning.learning.settings import Settings
 from planning.learning.tokens import F32
-from planning.learning.train import Settings
 
 STATES = 1000  # that are looked at, at most
 

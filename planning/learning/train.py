@@ -25,28 +25,10 @@ from planning.learning.dataset import Data
 from planning.learning.model import NETS
 from planning.learning.osnet import OSNet, PaperOSNet
 from planning.learning.rpnet import PaperRPNet, RPNet
+from planning.learning.settings import Settings
 
 STAGE = 5  # this stage's word in the seeds of random generators
 VALIDATE_ON = 2000  # states of the validation split, at most, that are looked at after each epoch
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What a run depends on, besides its data. layers: of OSNet's encoder, RPNet's encoder and RPNet's decoder have one fewer each."""
-
-    form: str = "objects"
-    epochs: int = 30
-    patience: int = 10  # epochs without a better validation loss after which a run ends
-    width: int = 96
-    layers: int = 3
-    heads: int = 4
-    batch: int = 128  # states
-    pairs: int = 48  # (object, region) pairs of a state in a step, `objects` form
-    lr: float = 1.5e-3
-    weight_decay: float = 0.02
-    warmup: float = 0.03  # share of all steps
-    seed: int = 0
-    threads: int = 1
 
 
 @dataclass(frozen=True)

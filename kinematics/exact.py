@@ -4,14 +4,8 @@
 part and part, or part and solid. Its distance is bounded from below by a ball and a box first, and by GJK (convex.py) where they don't
 decide.
 
-Edges are certified, not sampled. While every joint k goes |dx_k|, no point of one body moves further relative to the other than
-Σ_k reach_k |dx_k|; so a pair that is further apart than that in the middle of an interval can't touch within it. Where GJK has found a
-plane between two bodies more is known: only speed along its normal counts, and that changes, a unit of the edge, by no more than
-
-    Σ_k reach_k |dx_k| (|dx_k| + 2 Σ_{j<k} |dx_j|),    |dx_k| and |dx_j| in brackets of joints that turn only,
-
-which bounds the second derivative of any point. What is undecided is cut where the bounds end and asked again, the coarse level of the
-whole edge first, so that an edge that collides ends early.
+Edges are certified, not sampled: what is apart in the middle of an interval stays so for a while, and certificate.py says how long. What is
+undecided then is cut there and asked again, the coarse level of the whole edge first, so that an edge that collides ends early.
 """
 
 from __future__ import annotations
@@ -22,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.arm import HULL, Chain, Int, Parts, Query, Solids, forward
+from kinematics.certificate import lasts, set_out, twists
 from kinematics.compiling import bare, copy_rows, inner
 from kinematics.convex import box_gap, gjk, relative
 from kinematics.record import record
@@ -66,8 +61,7 @@ class Scratch(NamedTuple):
     """One thread's memory for one `Problem`.
 
     poses (K + 1 + B, 4, 4): the chain's frames, then the solids. work (8, 4) and toward (M, 3): GJK's, and each pair's last direction.
-    q (J,). Of the edge at hand: rate (K,), how far each joint goes; motion (M,) and bend (M,), bounds of a pair's relative speed and
-    acceleration, the whole edge taking 1; twist (K + 1, 6), each frame's angular velocity and its velocity at the world's origin.
+    q (J,). Of the edge at hand rate (K,), motion (M,), bend (M,) and twist (K + 1, 6), see certificate.py.
     spans (2, ·, 2), lists (2, ·, 2) and pool (2, ·): intervals of the edge that are undecided, where in the pool their undecided pairs are
     listed, and those lists; this level's and the next one's.
     counts (4,): configurations looked at, pairs that came to GJK, edges, edges found free. where (1,): how far along the last blocked edge.
@@ -314,7 +308,7 @@ def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, sc
     spans, lists, pool, motion = scratch.spans, scratch.lists, scratch.pool, scratch.motion
     margin, keep = problem.margin_m, 0.5 * problem.margin_m
     counts[2] += 1
-    _set_out(problem, qa, qb, n_pairs, scratch)
+    set_out(problem.chain, problem.reach, qa, qb, pool[0, :n_pairs], scratch.rate, motion, scratch.bend)
     for s in range(count):
         lists[0, s, 0], lists[0, s, 1] = 0, n_pairs
     now = 0
@@ -326,7 +320,7 @@ def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, sc
             for j in range(qa.shape[0]):
                 q[j] = qa[j] + t * (qb[j] - qa[j])
             forward(problem.chain, q, poses)
-            _twists(problem.chain, scratch.rate, poses, scratch.twist)
+            twists(problem.chain, scratch.rate, poses, scratch.twist)
             counts[0] += 1
             begin, back, ahead = used, h, h
             for i in range(lists[now, s, 0], lists[now, s, 0] + lists[now, s, 1]):
@@ -343,7 +337,7 @@ def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, sc
                     scratch.where[0] = t
                     return int(n)
                 any_way = (bound - keep) / motion[n]
-                to_low, to_high = _lasts(problem, n, keep, scratch)
+                to_low, to_high = lasts(pairs, boxes, poses, scratch.twist, work, n, keep, scratch.bend[n])
                 to_low, to_high = max(to_low, any_way), max(to_high, any_way)
                 if to_low < h or to_high < h:
                     back, ahead = min(back, to_low), min(ahead, to_high)
@@ -358,88 +352,6 @@ def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, sc
         now, count = after, next_count
     counts[3] += 1
     return -1
-
-
-@inner
-def _set_out(problem: Problem, qa: Array, qb: Array, n_pairs: int, scratch: Scratch) -> None:
-    """Rates of the joints, and motion and bend of the first n_pairs pairs of the pool."""
-    chain, reach, rate = problem.chain, problem.reach, scratch.rate
-    for k in range(rate.shape[0]):
-        j = chain.q_index[k]
-        rate[k] = chain.scale[k] * (qb[j] - qa[j])
-    for i in range(n_pairs):
-        n = scratch.pool[0, i]
-        motion, bend, turned = 0.0, 0.0, 0.0
-        for k in range(rate.shape[0]):
-            if reach[n, k] > 0.0:
-                way, turn = reach[n, k] * abs(rate[k]), 0.0 if chain.prismatic[k] else abs(rate[k])
-                motion += way
-                bend += way * (turn + 2 * turned)
-                turned += turn
-        scratch.motion[n], scratch.bend[n] = motion, bend
-
-
-@inner
-def _twists(chain: Chain, rate: Array, poses: Array, twist: Array) -> None:
-    """How each frame moves: see `Scratch`."""
-    for c in range(6):
-        twist[0, c] = 0.0
-    for k in range(rate.shape[0]):
-        x, y, z = rate[k] * poses[k + 1, 0, 2], rate[k] * poses[k + 1, 1, 2], rate[k] * poses[k + 1, 2, 2]
-        px, py, pz = poses[k + 1, 0, 3], poses[k + 1, 1, 3], poses[k + 1, 2, 3]
-        slides = chain.prismatic[k] != 0
-        for c in range(6):
-            twist[k + 1, c] = twist[k, c]
-        if not slides:
-            twist[k + 1, 0] += x
-            twist[k + 1, 1] += y
-            twist[k + 1, 2] += z
-        twist[k + 1, 3] += x if slides else py * z - pz * y
-        twist[k + 1, 4] += y if slides else pz * x - px * z
-        twist[k + 1, 5] += z if slides else px * y - py * x
-
-
-@inner
-def _lasts(problem: Problem, n: int, keep: float, scratch: Scratch) -> tuple[float, float]:
-    """How far back and how far ahead on the edge the plane that GJK just found keeps pair n apart, as shares of the edge; 0 without one.
-
-    Seen from the body nearer the base the other one moves, and no point of it nears the plane faster than a corner of its box does.
-    """
-    poses, twist, work, boxes = scratch.poses, scratch.twist, scratch.work, problem.boxes
-    gap = work[7, 3] - keep
-    if gap <= 0.0:
-        return 0.0, 0.0
-    body, i, j = problem.pairs[n, 0], problem.pairs[n, 2], problem.pairs[n, 3]
-    vx, vy, vz = work[7, 0], work[7, 1], work[7, 2]
-    size = 1.0 / np.sqrt(vx * vx + vy * vy + vz * vz)
-    x = (poses[j, 0, 0] * vx + poses[j, 0, 1] * vy + poses[j, 0, 2] * vz) * size
-    y = (poses[j, 1, 0] * vx + poses[j, 1, 1] * vy + poses[j, 1, 2] * vz) * size
-    z = (poses[j, 2, 0] * vx + poses[j, 2, 1] * vy + poses[j, 2, 2] * vz) * size
-    if i < j < twist.shape[0]:
-        body, i, j = problem.pairs[n, 1], j, i
-        x, y, z = -x, -y, -z
-    wx, wy, wz, ux, uy, uz = twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5]
-    if j < twist.shape[0]:
-        wx, wy, wz, ux, uy, uz = wx - twist[j, 0], wy - twist[j, 1], wz - twist[j, 2], ux - twist[j, 3], uy - twist[j, 4], uz - twist[j, 5]
-    bx, by, bz = boxes[body, 3], boxes[body, 4], boxes[body, 5]
-    cx = poses[i, 0, 0] * bx + poses[i, 0, 1] * by + poses[i, 0, 2] * bz + poses[i, 0, 3]
-    cy = poses[i, 1, 0] * bx + poses[i, 1, 1] * by + poses[i, 1, 2] * bz + poses[i, 1, 3]
-    cz = poses[i, 2, 0] * bx + poses[i, 2, 1] * by + poses[i, 2, 2] * bz + poses[i, 2, 3]
-    away = x * (ux + wy * cz - wz * cy) + y * (uy + wz * cx - wx * cz) + z * (uz + wx * cy - wy * cx)
-    rx, ry, rz = y * wz - z * wy, z * wx - x * wz, x * wy - y * wx
-    spin = 0.0
-    for r in range(3):
-        spin += boxes[body, r] * abs(rx * poses[i, 0, r] + ry * poses[i, 1, r] + rz * poses[i, 2, r])
-    return _until(gap, spin + away, scratch.bend[n]), _until(gap, spin - away, scratch.bend[n])
-
-
-@inner
-def _until(gap: float, speed: float, bend: float) -> float:
-    """The s ≥ 0 at which speed · s + bend · s² / 2 reaches a gap > 0."""
-    root = np.sqrt(speed * speed + 2.0 * bend * gap)
-    if speed > 0.0:
-        return float(2.0 * gap / (speed + root))
-    return float((root - speed) / bend) if bend > 0.0 else np.inf
 
 
 @inner

@@ -51,6 +51,10 @@ def record(cls: Class) -> Class:
 class _Record:
     """What `record` adds to a named tuple."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has arrays, and so a table, of its own."""
+        return type(self), tuple(cast(Any, self))
+
     @cached_property
     def address(self) -> int:
         """Where the table starts: for an array its address and its shape, a word each; a number; another record's address."""

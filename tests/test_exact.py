@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from kinematics import exact
 from kinematics.arm import Chain, Parts, Query, forward, make_parts, make_solids
+from kinematics.certificate import lasts, set_out, twists
 from kinematics.compiling import bare
 from kinematics.convex import distance, make_work
 from kinematics.exact import (
@@ -24,6 +24,7 @@ from kinematics.exact import (
     first_contact,
     make_problem,
     make_scratch,
+    pair_bound,
     pieces_free,
 )
 from kinematics.rig import make_rig
@@ -226,13 +227,13 @@ def test_edges(seed: int) -> None:
 def plane_lasts(problem: Problem, qa: Array, qb: Array, q: Array, n: int, keep: float, scratch: Scratch, out: Array) -> None:
     """out (3,): the bound that GJK's plane proves for pair n at q, on the way from qa to qb, and how far back and ahead it lasts."""
     scratch.pool[0, 0] = n
-    exact._set_out(problem, qa, qb, 1, scratch)
+    set_out(problem.chain, problem.reach, qa, qb, scratch.pool[0, :1], scratch.rate, scratch.motion, scratch.bend)
     forward(problem.chain, q, scratch.poses)
-    exact._twists(problem.chain, scratch.rate, scratch.poses, scratch.twist)
+    twists(problem.chain, scratch.rate, scratch.poses, scratch.twist)
     poses, work, toward, far = scratch.poses, scratch.work, scratch.toward, np.inf
-    exact.pair_bound(problem.pairs, problem.boxes, problem.vertices, problem.groups, poses, work, toward, n, 0.0, far, far, 1e-3)
+    pair_bound(problem.pairs, problem.boxes, problem.vertices, problem.groups, poses, work, toward, n, 0.0, far, far, 1e-3)
     out[0] = work[7, 3]
-    out[1], out[2] = exact._lasts(problem, n, keep, scratch)
+    out[1], out[2] = lasts(problem.pairs, problem.boxes, scratch.poses, scratch.twist, scratch.work, n, keep, scratch.bend[n])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -250,12 +251,12 @@ def test_a_plane_lasts_no_longer_than_the_pair_is_apart(seed: int) -> None:
         plane_lasts(problem, qa, qb, q, n, keep, scratch, out)
         if out[0] == 0:
             continue
-        for way, lasts in ((-1, out[1]), (1, out[2])):
-            for s in np.linspace(0, min(lasts, t if way < 0 else 1 - t), 12):
+        for way, free in ((-1, out[1]), (1, out[2])):
+            for s in np.linspace(0, min(free, t if way < 0 else 1 - t), 12):
                 frames = frames_at(problem, qa + (t + way * s) * (qb - qa))
                 assert pair_distance(problem, frames, n) >= keep - 1e-9, (n, way, s)
             if scratch.motion[n] > 0:
-                better.append(lasts * scratch.motion[n] > out[0] - keep)
+                better.append(free * scratch.motion[n] > out[0] - keep)
     assert np.mean(better) > 0.5  # more often than not worth more than the bound without a direction
 
 

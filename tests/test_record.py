@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +57,16 @@ def test_compiled_code_reads_all_fields_and_writes_to_the_arrays() -> None:
     sums = [float(10 * k * (0.5 + k) + np.sum(np.arange(3.0) + k)) for k in (1, 2, 3)]
     assert out.tolist() == [*sums, 2.0, 4.0, 4.0]
     assert branch.table[0, 1] == 7.0
+
+
+def test_a_copy_has_a_table_of_its_own() -> None:
+    branch, out = Branch(leaf(0), (leaf(1), leaf(2), leaf(3)), np.arange(8.0).reshape(2, 4)), np.zeros(6)
+    _look(branch, out)
+    for other in (deepcopy(branch), pickle.loads(pickle.dumps(branch))):
+        other.table[1, 0], other.leaf.values[2] = 5.0, 6.0
+        _look(other, out)
+        assert out.tolist()[3:] == [6.0, 4.0, 5.0]
+        assert branch.table[1, 0] == 4.0
 
 
 def test_a_replaced_field_is_seen_and_the_old_record_stays() -> None:

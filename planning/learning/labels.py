@@ -7,7 +7,7 @@ counts and the verdicts apart, so that training decides how they are weighed.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +24,7 @@ from planning.plan import Blocked
 
 ITERATIONS = 1500  # of a search in the emptied cabinet
 PATHS = 16
+MOST_IN_VAIN = 2  # searches for one solution of x_g
 NOT_ASKED = 255
 
 Bytes = NDArray[np.uint8]
@@ -111,8 +112,8 @@ def movable(scene: Scene) -> tuple[str, ...]:
 def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> Ways:
     """Ways from where the arm waits to x_g through the cabinet without the other objects: what `paths` searches (K) find, shortened.
 
-    The searches are spread evenly over the solutions of x_g that the emptied cabinet allows; one that the first search does not reach is
-    given up. No way at all when there is no solution. Raises: ValueError when paths is not within 1 to 254.
+    The searches are spread evenly over the solutions of x_g that the emptied cabinet allows; one that the first two searches do not reach
+    is given up. No way at all when there is no solution. Raises: ValueError when paths is not within 1 to 254.
     """
     if not 0 < paths < NOT_ASKED:
         raise ValueError(f"paths: {paths} is not within 1 to {NOT_ASKED - 1}")
@@ -124,7 +125,8 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
     if not picks:
         return Ways((), np.zeros(0, np.int64), 0.0, floor, np.zeros((*floor.n, 0), np.float32))
     empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
-    left, straight, reached = deque(range(len(picks))), dict[int, int](), set[int]()
+    left, straight = deque(range(len(picks))), dict[int, int]()
+    reached, in_vain = set[int](), Counter[int]()
     for _ in range(paths):
         if not left:
             break
@@ -135,7 +137,8 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
             continue
         way = motions.cell.connect(empty, start, picks[i].approach[:1], rng, ITERATIONS)
         if isinstance(way, Blocked):
-            if i not in reached:
+            in_vain[i] += 1
+            if in_vain[i] == MOST_IN_VAIN and i not in reached:
                 left.remove(i)
             continue
         reached.add(i)

@@ -168,9 +168,9 @@ def ships(robot: str, form: str = "objects") -> bool:
 def shipped(robot: str, form: str = "objects") -> Model:
     """The model of a form that ships for a named robot. Raises ValueError, saying what to do instead, when there is none."""
     if not ships(robot, form):
-        end = _shipped("", form).name
-        found = [p.parent.name.removesuffix(end) for p in WEIGHTS.glob("*/config.json") if ships(p.parent.name.removesuffix(end), form)]
-        have, how = ", ".join(sorted(set(found))), "" if form == "objects" else f" --form {form}"
+        configs = [json.loads(file.read_text(encoding="utf-8")) for file in WEIGHTS.glob("*/config.json")]
+        have = ", ".join(sorted(config["robot"] for config in configs if config["form"] == form))
+        how = "" if form == FORMS[0] else f" --form {form}"
         raise ValueError(
             f"no networks{f' of the form {form}' if how else ''} ship for the robot {robot} "
             f"({f'only for {have}' if have else 'nor for any other'}): name a model of yours with --model "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from planning.learning.model import FORMS, Model, shipped
 from planning.motion.pick_place import Motions
@@ -31,8 +32,7 @@ def _neural(motions: Motions, network: NetworkOf) -> Policy:
 
 
 def _neural_paper(motions: Motions, network: NetworkOf) -> Policy:
-    views = Views(network("paper"))
-    return Policy(make_neural_object(views), make_neural_region(views))
+    return _neural(motions, partial(network, "paper"))
 
 
 def _osnet_only(motions: Motions, network: NetworkOf) -> Policy:

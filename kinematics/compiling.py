@@ -3,27 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any, TypeVar, cast
 
 from numba import njit
+from numba.core import types
 from numpy.typing import NDArray
 
 from kinematics.inlay import Inlay
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _COMPILE: Any = njit
+_plain: Any = types.unliteral
 BARE = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 
 
 def bare(function: Function) -> Function:
     """Compiled without reference counts, for functions that make no array: of queries that consist of dozens of arrays, counting them would
-    take most of the time, the compiler's and the function's own."""
-    return cast(Function, _COMPILE(**BARE)(function))
+    take most of the time, the compiler's and the function's own.
+
+    It gets machine code, with all that it calls, when Python first calls it; in compiled code it is a part of its callers, as an `inner` one.
+    """
+    part: Any = inner(_twin(function))
+    entry = _COMPILE(**BARE)(function)
+    entry.get_call_template, entry.get_overload = part.get_call_template, part.get_overload
+    return cast(Function, entry)
 
 
 def inner(function: Function) -> Function:
-    """The same, for functions that only compiled code calls: they get no way in from Python and no machine code of their own."""
-    return cast(Function, _COMPILE(**BARE, no_cpython_wrapper=True, pipeline_class=Inlay)(function))
+    """The same, for functions that only compiled code calls: they get no way in from Python and no machine code of their own.
+
+    They are not compiled anew for a number that is written out where it is called, nor for one of which the compiler has only seen yet
+    that it starts at 0.
+    """
+    part = _COMPILE(**BARE, no_cpython_wrapper=True, pipeline_class=Inlay)(function)
+    usual = part.get_call_template
+    part.get_call_template = lambda args, kws: usual([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})
+    return cast(Function, part)
+
+
+def _twin(function: Function) -> Function:
+    """The same function under another name, which numba's cache goes by."""
+    twin = FunctionType(function.__code__, function.__globals__, function.__name__)
+    twin.__module__, twin.__qualname__ = function.__module__, f"{function.__qualname__}.part"
+    return cast(Function, twin)
 
 
 @inner

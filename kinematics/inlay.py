@@ -2,7 +2,7 @@
 
 Numba emits machine code for every compiled function together with all that it calls. For a function that is always a part of others this
 is done once more in each of its callers, all the way up, and most of that code never runs. With `pipeline_class=Inlay` a function stops at
-LLVM's intermediate form, optimised; machine code is emitted for what is called from Python, whole, once.
+LLVM's intermediate form; machine code is emitted for what is called from Python, whole, once.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ _register: Any = register_pass
 
 class _Unemitted(_Library):  # type: ignore[misc]
     """A library without machine code. In numba's cache, too, it is kept in LLVM's form."""
+
+    def _optimize_final_module(self) -> None:
+        """Each function is optimised alone when it is added, and all of them together where machine code is emitted: here would be once
+        more at every level on the way up."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()

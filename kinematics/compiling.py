@@ -22,7 +22,7 @@ def bare(function: Function) -> Function:
     """Compiled without reference counts, for functions that make no array: of queries that consist of dozens of arrays, counting them would
     take most of the time, the compiler's and the function's own.
 
-    It gets machine code, with all that it calls, when Python first calls it; in compiled code it is a part of its callers, as an `inner` one.
+    It gets machine code, with all that it calls, when Python first calls it; compiled code makes it a part of itself, like `inner` ones.
     """
     part: Any = inner(_twin(function))
     entry = _COMPILE(**BARE)(function)

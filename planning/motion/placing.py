@@ -59,8 +59,11 @@ class Placing:
         """
         cell, p, near = self.cell, self._compiled, self.pick.lift[-1]
         natural, (lower, retreat, T) = float(self._natural_turns(centre)), self._waypoints()
-        turns = np.array(reaching.PLACE_TURNS)
-        code, pair = reaching.put_down(cell.hand, p, self.R, natural, centre, turns, near, cell.memory, lower, retreat, T)
+
+        def down(turns: Array, starts: Array) -> tuple[int, int]:
+            return reaching.put_down(cell.hand, p, self.R, natural, centre, turns, starts, cell.memory, lower, retreat, T)
+
+        code, pair = down(np.array(reaching.PLACE_TURNS), near[None])
         cell.forget()
         if code == reaching.OK:
             return Place(lower, retreat, T)
@@ -69,12 +72,11 @@ class Placing:
                 reaching.stand(p.standing.body.vertices, self.R, natural + turn, centre, T)
                 if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
                     T_hand = T @ inverse(self.pick.held.T_hand_body)
-                    for q in cell.ik(T_hand, near=near, tries=TRIES):
-                        got, touch = reaching.put_down_at(cell.hand, p, T, T_hand, q, cell.memory, lower, retreat)
-                        if got == reaching.OK:
-                            return Place(lower, retreat, T)
-                        if got >= code:
-                            code, pair = got, touch
+                    got, touch = down(np.array([turn]), cell.ik(T_hand, near=near, tries=TRIES))
+                    if got == reaching.OK:
+                        return Place(lower, retreat, T)
+                    if got >= code:
+                        code, pair = got, touch
         return cell.blocked(STAGES[code], self._seen_at(code), pair, self.pick.held.body)
 
     def ends(self, centres: Array) -> tuple[Int, Array]:
@@ -84,7 +86,7 @@ class Placing:
         near, (lower, retreat, T) = self.pick.lift[-1], self._waypoints()
         ends, codes = np.empty((len(centres), len(near))), np.empty(len(centres), np.int64)
         reaching.put_down_all(
-            self.cell.hand, self._compiled, self.R, natural, centres, turns, near, self.cell.memory, lower, retreat, T, ends, codes
+            self.cell.hand, self._compiled, self.R, natural, centres, turns, near[None], self.cell.memory, lower, retreat, T, ends, codes
         )
         self.cell.forget()
         down = np.flatnonzero(codes == reaching.OK)

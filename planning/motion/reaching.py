@@ -198,18 +198,19 @@ def fingers(moving: exact.Problem, q: Array, memory: Memory) -> int:
 
 @bare
 def put_down(
-    hand: Hand, p: PutDown, R: Array, natural: float, centre: Array, turns: Array, near: Array, memory: Memory, lower: Array,
+    hand: Hand, p: PutDown, R: Array, natural: float, centre: Array, turns: Array, starts: Array, memory: Memory, lower: Array,
     retreat: Array, T_body: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """Put the held object down with its middle over `centre` (3,) on the floor, turned from R (3, 3) by `natural` rad about the vertical
-    and one of `turns` more, the arm turning little from `near` (A,). How far it got, and the pair that touched.
+    and one of `turns` more, by the solution of inverse kinematics that one of starts (S, A) leads to. How far it got, and the pair that
+    touched.
 
     turns: in which order they are tried; the one that works is moved to the front. lower (n, A): the waypoints down, retreat (m, A): those
     back, T_body (4, 4): where the object stands then.
     """
     said, pair = REGION, FREE
     for i in range(turns.shape[0]):
-        code, touch = put_down_turned(hand, p, R, natural + turns[i], centre, near, memory, lower, retreat, T_body)
+        code, touch = _put_down_turned(hand, p, R, natural + turns[i], centre, starts, memory, lower, retreat, T_body)
         if code == OK:
             for k in range(i, 0, -1):
                 turns[k], turns[k - 1] = turns[k - 1], turns[k]
@@ -219,9 +220,9 @@ def put_down(
     return said, pair
 
 
-@bare
-def put_down_turned(
-    hand: Hand, p: PutDown, R: Array, turn: float, centre: Array, near: Array, memory: Memory, lower: Array, retreat: Array, T_body: Array
+@inner
+def _put_down_turned(
+    hand: Hand, p: PutDown, R: Array, turn: float, centre: Array, starts: Array, memory: Memory, lower: Array, retreat: Array, T_body: Array
 ) -> tuple[int, int]:
     """Put the held object down, turned from R (3, 3) by `turn` rad about the vertical. See `put_down`."""
     stand(p.standing.body.vertices, R, turn, centre, T_body)
@@ -234,17 +235,23 @@ def put_down_turned(
     touch = hand_touches(hand, p.lowering, T_hand, memory)
     if touch >= 0:
         return LIFTED, touch
-    copy_row(near, lower[0])
-    if not descend(hand.chain, hand.T_frame_hand, T_hand, lower[0], hand.frames, hand.work, BRISK):
-        return REACH, -1
-    return put_down_at(hand, p, T_body, T_hand, lower[0], memory, lower, retreat)
+    said, pair = REACH, -1
+    for s in range(starts.shape[0]):
+        copy_row(starts[s], lower[0])
+        if descend(hand.chain, hand.T_frame_hand, T_hand, lower[0], hand.frames, hand.work, BRISK):
+            code, touch = _put_down_from(hand, p, T_body, T_hand, memory, lower, retreat)
+            if code == OK:
+                return OK, -1
+            if code >= said:
+                said, pair = code, touch
+    return said, pair
 
 
-@bare
-def put_down_at(
-    hand: Hand, p: PutDown, T_body: Array, T_hand: Array, q: Array, memory: Memory, lower: Array, retreat: Array
-) -> tuple[int, int]:
-    """Put the held object down at T_body (4, 4), the hand being at T_hand (4, 4) with the arm at q (A,). See `put_down`."""
+@inner
+def _put_down_from(hand: Hand, p: PutDown, T_body: Array, T_hand: Array, memory: Memory, lower: Array, retreat: Array) -> tuple[int, int]:
+    """Put the held object down at T_body (4, 4), the hand being at T_hand (4, 4) with the arm at lower[0] (A,). See `put_down`."""
+    q = retreat[0]
+    copy_row(lower[0], q)
     pair = touching(p.lowering, q, memory)
     if pair >= 0:
         return LIFTED, pair
@@ -254,8 +261,6 @@ def put_down_at(
     if pair >= 0:
         return AT_GRASP, pair
     exact.enter(p.lowering.exact, memory.exact)
-    copy_row(q, retreat[0])
-    copy_row(q, lower[0])
     free, pair = straight(hand, p.lowering, T_hand, LIFT_M, lower, memory)
     if not free:
         return UPWARDS, pair
@@ -265,7 +270,7 @@ def put_down_at(
             lower[k, j], lower[last - k, j] = lower[last - k, j], lower[k, j]
     for b in range(p.first, p.last):
         copy_rows(T_body, p.opening.solid_T[b])
-    pair = fingers(p.opening, retreat[0], memory)
+    pair = fingers(p.opening, q, memory)
     if pair >= 0:
         return FINGERS, pair
     exact.enter(p.retreating.exact, memory.exact)
@@ -275,12 +280,12 @@ def put_down_at(
 
 @bare
 def put_down_all(
-    hand: Hand, p: PutDown, R: Array, natural: Array, centres: Array, turns: Array, near: Array, memory: Memory, lower: Array,
+    hand: Hand, p: PutDown, R: Array, natural: Array, centres: Array, turns: Array, starts: Array, memory: Memory, lower: Array,
     retreat: Array, T_body: Array, ends: Array, codes: Int,
 ) -> None:  # fmt: skip
     """`put_down` over each of centres (N, 3): where each lowering begins, ends (N, A), and how far each got, codes (N,)."""
     for i in range(centres.shape[0]):
-        codes[i], _ = put_down(hand, p, R, natural[i], centres[i], turns, near, memory, lower, retreat, T_body)
+        codes[i], _ = put_down(hand, p, R, natural[i], centres[i], turns, starts, memory, lower, retreat, T_body)
         copy_row(lower[0], ends[i])
 
 

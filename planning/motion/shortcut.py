@@ -27,12 +27,11 @@ def shorten(
     *,
     iterations: int = ITERATIONS,
     seed: int = 0,
-    time_budget_s: float | None = None,
     memory: Memory | None = None,
 ) -> Route:
     """A path (K', J) with the ends of `path` (K, J), at most as long, from a path whose edges are certified.
 
-    The same arguments give the same path, unless time_budget_s cuts it off. Raises: ValueError when the shape doesn't fit the task.
+    The same arguments give the same path. Raises: ValueError when the shape doesn't fit the task.
     """
     began = time.perf_counter()
     path = np.ascontiguousarray(path, float)
@@ -44,13 +43,9 @@ def shorten(
     room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
     work = np.empty((len(room) + 2, path.shape[1]))
     rng = np.array([seed % 2**64], np.uint64)
-    n, done, chunk = int(_prune(task, room, len(path), memory)), 0, iterations if time_budget_s is None else 8
-    while done < iterations and n > 2 and (time_budget_s is None or time.perf_counter() - began < time_budget_s):
-        n = int(_shorten(task, room, n, rng, min(chunk, iterations - done), memory, work))
-        done += chunk
-    n = int(_prune(task, room, n, memory))
+    n = int(_shorten(task, room, len(path), rng, iterations, memory, work))
     spent = scratch.counts - counts
-    return Route(room[:n].copy(), "", -1, None, min(done, iterations), int(spent[0]), int(spent[2]), time.perf_counter() - began)
+    return Route(room[:n].copy(), "", -1, None, iterations, int(spent[0]), int(spent[2]), time.perf_counter() - began)
 
 
 def length(task: Task, path: Array) -> float:
@@ -61,6 +56,7 @@ def length(task: Task, path: Array) -> float:
 @bare
 def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory, work: Array) -> int:
     """Shorten path[:n] in place; returns how many waypoints it has now. work: scratch, two rows more than the path."""
+    n = _prune(task, path, n, memory)
     n_q, weight, misses = path.shape[1], task.exact.weight, 0
     a, b, new = work[0], work[1], work[2:]
     for _ in range(iterations):
@@ -117,7 +113,7 @@ def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iteration
         if free:
             n = _splice(path, n, i, j, new, m)
             misses = 0
-    return n
+    return _prune(task, path, n, memory)
 
 
 @inner
@@ -159,7 +155,7 @@ def _same(a: Array, b: Array) -> bool:
     return True
 
 
-@bare
+@inner
 def _prune(task: Task, path: Array, n: int, memory: Memory) -> int:
     """Leave out, in place, every waypoint that the arm can do without."""
     k = 1

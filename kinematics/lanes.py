@@ -13,7 +13,8 @@ faster than that. Of two parts only the joints between them count. So a lane tha
 are cut finer, down to `FINAL_M` of growth. A piece that still touches then is *undecided*; where an inner ball touches it is
 certain that the edge does. Bodies and pairs out of reach of the whole edge are left aside after the first batch.
 
-Bounds go coarse to fine: a part's bounding ball, its coarse balls, and only the fine balls that a touching coarse ball lists.
+Bounds go coarse to fine: a ball around all that one frame carries, such as a hand, a part's bounding ball, its coarse balls, and only the
+fine balls that a touching coarse ball lists.
 
 Rounding. With u = 2^-24, a lane's joint value is off by at most 4u·|x| with |x| <= X_MAX = 16, so by 64u; sine and cosine by 6u more; the
 products of one joint by 8u of the lengths involved. So one joint moves a point by less than 80u times its distance from the base, K joints
@@ -48,8 +49,10 @@ Real = Any  # a float32
 
 FREE, UNDECIDED, TOUCHES = 0, 1, 2
 _CONTACT, _TOO_MUCH = -1, -2
+_NEAR, _APART = 1, 2
 FINAL_M = 0.0015  # a piece whose balls grow no more than this is not cut again
 FINE_M, COARSE_M = 0.010, 0.060  # up to so much growth the fine and the coarse balls are worth a look
+MANY = 3  # parts on one frame, from which on a look at the ball around all of them pays
 X_MAX = 16.0  # joint values beyond this are refused: float32 has too few digits left for them
 
 _RATIO = 96 * 2.0**-24
@@ -68,7 +71,8 @@ def _inline(function: Function) -> Function:
     return cast(Function, _COMPILE(**BARE, forceinline=True)(function))
 
 
-# Rows of the scratch array, 16 numbers each: places along the edge, a frame, K joint values; then K + 1 frames of 12, P centres of 3
+# Rows of the scratch array, 16 numbers each: places along the edge, a frame, K joint values; then K + 1 frames of 12, P centres of 3, and
+# K + 1 centres of all that a frame carries
 _AT, _REL, _X = _U(0), _U(16), _U(16 * 13)
 
 
@@ -78,6 +82,7 @@ class LaneModel(NamedTuple):
 
     T (K, 12): the rows of T_prev. limit (K,): largest joint value. frame (P,), bound (P, 4): a ball around each part,
     box (P, 6): a box along its frame's axes, middle and half edges.
+    many (K + 1,): whether a frame carries `MANY` parts, all (K + 1, 4): a ball around them, all_slack (K + 1,): as slack.
     coarse (C, 5): centre, outer and inner radius; part p's are coarse_start[p]:coarse_start[p + 1]. fine (F, 5), child_start (C + 1,),
     child (·,): as in `Levels`. reach (P, K): see above. slack (P,): the rounding allowance, metres.
     """
@@ -91,6 +96,9 @@ class LaneModel(NamedTuple):
     frame: Index
     bound: F32
     box: F32
+    many: NDArray[np.uint8]
+    all: F32
+    all_slack: F32
     coarse_start: Index
     coarse: F32
     child_start: Index
@@ -126,12 +134,17 @@ class LaneScratch(NamedTuple):
     """Working memory of one thread: `lane_scratch` makes it, and it may be used for any number of calls with the same sizes or smaller.
 
     left (P, P + B): of the last edge that was undecided, between which bodies; the P parts come first.
+    all_travel (K + 1,): the largest travel of what a frame carries. in_reach (B,): which bodies the parts of the frame at hand may reach.
+    looked (K + 1, P): which parts those of a frame may reach, 0 while nobody looked, _NEAR or _APART.
     """
 
     rows: F32
     start: Array
     step: Array
     travel: Array
+    all_travel: Array
+    in_reach: NDArray[np.uint8]
+    looked: NDArray[np.uint8]
     bodies_on: NDArray[np.uint8]
     pairs_on: NDArray[np.uint8]
     left: NDArray[np.uint8]
@@ -154,6 +167,9 @@ def model_of(chain: Chain, rig: Rig) -> LaneModel:
     K, P = len(chain.q_index), len(rig.frame)
     limit, slide, far, reach = np.full(K, X_MAX), np.zeros(K), np.empty(P), np.zeros((P, K))
     _reaches(chain, rig, limit, slide, far, reach)
+    slack = (_RATIO * (K + 2) * far).astype(np.float32)
+    many, balls, all_slack = np.zeros(K + 1, np.uint8), np.zeros((K + 1, 4), np.float32), np.zeros(K + 1, np.float32)
+    _around_all(rig, slack, many, balls, all_slack)
     children = np.diff(rig.child_start[rig.coarse_start])  # of each part, counted from its first fine ball
     return LaneModel(
         chain.T_prev[:, :3].reshape(K, 12).astype(np.float32),
@@ -165,13 +181,16 @@ def model_of(chain: Chain, rig: Rig) -> LaneModel:
         rig.frame.astype(np.uint64),
         rig.boxes[:, 3:].astype(np.float32, order="C"),
         rig.boxes[:, [3, 4, 5, 0, 1, 2]].astype(np.float32, order="C"),
+        many,
+        balls,
+        all_slack,
         rig.coarse_start.astype(np.uint64),
         rig.coarse.astype(np.float32),
         rig.child_start.astype(np.uint64),
         (rig.child + np.repeat(rig.fine_start[:-1], children)).astype(np.uint64),
         rig.fine.astype(np.float32),
         reach,
-        (_RATIO * (K + 2) * far).astype(np.float32),
+        slack,
     )
 
 
@@ -221,7 +240,7 @@ def lane_scratch(model: LaneModel, world: LaneWorld) -> LaneScratch:
 
 def scratch_for(joints: int, parts: int, solids: int, pairs: int) -> LaneScratch:
     """Working memory for calls with models and worlds that are no larger than this."""
-    rows = np.zeros(16 * (13 + joints + 12 * (joints + 1) + 3 * parts), np.float32)
+    rows = np.zeros(16 * (13 + joints + 15 * (joints + 1) + 3 * parts), np.float32)
     first = 16 * (13 + joints)
     for r in range(3):
         rows[first + 16 * (5 * r) : first + 16 * (5 * r + 1)] = 1.0
@@ -230,6 +249,9 @@ def scratch_for(joints: int, parts: int, solids: int, pairs: int) -> LaneScratch
         np.empty(joints),
         np.empty(joints),
         np.empty((parts, joints + 1)),
+        np.zeros(joints + 1),
+        np.empty(solids, np.uint8),
+        np.empty((joints + 1, parts), np.uint8),
         np.empty((parts, solids), np.uint8),
         np.empty(pairs, np.uint8),
         np.empty((parts, parts + solids), np.uint8),
@@ -263,6 +285,40 @@ def _reaches(chain: Chain, rig: Rig, limit: Array, slide: Array, size: Array, re
             off = np.sqrt(x * x + y * y) + slide[k] + far
             far = np.sqrt(x * x + y * y + z * z) + slide[k] + far
         size[p] = far
+
+
+@bare
+def _around_all(rig: Rig, slack: F32, many: NDArray[np.uint8], balls: F32, all_slack: F32) -> None:
+    """many, balls and all_slack (K + 1,): see `LaneModel`, from the parts' own balls and slack (P,).
+
+    The centre walks towards the part that reaches furthest from it (Badoiu and Clarkson 2003). So it lies between the parts' centres, and
+    is placed as exactly as the worst of them.
+    """
+    for f in range(many.shape[0]):
+        x, y, z, n = 0.0, 0.0, 0.0, 0
+        for step in range(32):
+            furthest, at = -1.0, 0
+            for p in range(rig.frame.shape[0]):
+                if rig.frame[p] == f:
+                    u, v, w = rig.boxes[p, 3] - x, rig.boxes[p, 4] - y, rig.boxes[p, 5] - z
+                    far = np.sqrt(u * u + v * v + w * w) + rig.boxes[p, 6]
+                    if far > furthest:
+                        furthest, at = far, p
+                    if step == 0:
+                        n += 1
+                        all_slack[f] = max(all_slack[f], slack[p])
+            if n < MANY:
+                break
+            share = 1.0 / (step + 1)
+            x += share * (rig.boxes[at, 3] - x)
+            y += share * (rig.boxes[at, 4] - y)
+            z += share * (rig.boxes[at, 5] - z)
+        if n >= MANY:
+            many[f], balls[f, 0], balls[f, 1], balls[f, 2] = 1, x, y, z
+            for p in range(rig.frame.shape[0]):
+                if rig.frame[p] == f:
+                    u, v, w = rig.boxes[p, 3] - balls[f, 0], rig.boxes[p, 4] - balls[f, 1], rig.boxes[p, 5] - balls[f, 2]
+                    balls[f, 3] = max(balls[f, 3], np.float32(1.000001 * (np.sqrt(u * u + v * v + w * w) + rig.boxes[p, 6])))
 
 
 # One batch: 16 lanes against everything. Lanes that touch are bits of an integer
@@ -355,6 +411,19 @@ def _frame_into_body(S: F32, T: U64, R: F32, p: F32, b: U64) -> None:
         store(S, _REL + (c + _U(8)) * _W, w)
 
 
+@_inline
+def _seen_from(S: F32, A: U64, o: U64) -> tuple[Lanes, Lanes, Lanes]:
+    """The point in the three rows from o on, seen from the frame in the rows from A on."""
+    x, y, z = load(S, o), load(S, o + _W), load(S, o + _U(2) * _W)
+    x, y, z = x - load(S, A + _U(3) * _W), y - load(S, A + _U(7) * _W), z - load(S, A + _U(11) * _W)
+    return _turned_back(S, A, x, y, z), _turned_back(S, A + _W, x, y, z), _turned_back(S, A + _U(2) * _W, x, y, z)
+
+
+@_inline
+def _turned_back(S: F32, a: U64, x: Lanes, y: Lanes, z: Lanes) -> Lanes:
+    return load(S, a) * x + load(S, a + _U(4) * _W) * y + load(S, a + _U(8) * _W) * z
+
+
 @inner
 def _frame_into_frame(S: F32, T: U64, A: U64) -> None:
     """Rows _REL: the frame in the rows from T on, seen from the frame in the rows from A on."""
@@ -364,8 +433,7 @@ def _frame_into_frame(S: F32, T: U64, A: U64) -> None:
         if c == _U(3):
             x, y, z = x - load(S, A + _U(3) * _W), y - load(S, A + _U(7) * _W), z - load(S, A + _U(11) * _W)
         for r in range(_U(3)):
-            a = A + r * _W
-            store(S, _REL + (_U(4) * r + c) * _W, load(S, a) * x + load(S, a + _U(4) * _W) * y + load(S, a + _U(8) * _W) * z)
+            store(S, _REL + (_U(4) * r + c) * _W, _turned_back(S, A + r * _W, x, y, z))
 
 
 @_inline
@@ -440,14 +508,15 @@ def _part_body(S: F32, M: LaneModel, Wd: LaneWorld, p: U64, b: U64, grow: Real, 
 
 @inner
 def _part_part(S: F32, M: LaneModel, a: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
-    """Part a's balls against part b's, as `_part_body` does it; everything is seen from a's frame."""
+    """Part a's balls against part b's, as `_part_body` does it; everything is seen from a's frame, so b had better have fewer."""
     fail, sure = _U(0), _U(0)
     more = grow + slack
-    frames = _X + _W * _U(M.T.shape[0])
-    _frame_into_frame(S, frames + _W * _U(12) * M.frame[b], frames + _W * _U(12) * M.frame[a])
-    x, y, z = _put(S, _REL, M.bound, b)
+    K = _U(M.T.shape[0])
+    A = _X + _W * (K + _U(12) * M.frame[a])
+    x, y, z = _seen_from(S, A, _X + _W * (_U(13) * K + _U(12) + _U(3) * b))
     if _near_box(x, y, z, M.box, a, M.bound[b, 3] + more) & ~done == _U(0):
         return fail, sure
+    _frame_into_frame(S, _X + _W * (K + _U(12) * M.frame[b]), A)
     for j in range(M.coarse_start[b], M.coarse_start[b + _U(1)]):
         x, y, z = _put(S, _REL, M.coarse, j)
         if _near_box(x, y, z, M.box, a, M.coarse[j, 3] + more) & ~(done | sure) == _U(0):
@@ -478,9 +547,69 @@ def _part_part(S: F32, M: LaneModel, a: U64, b: U64, grow: Real, slack: Real, do
 
 
 @_inline
+def _balls(M: LaneModel, p: U64) -> U64:
+    """How many coarse balls part p has."""
+    return M.coarse_start[p + _U(1)] - M.coarse_start[p]
+
+
+@_inline
 def _both(a: Any, b: Any) -> Any:
     """The sum of two inner radii, or something negative when a ball has none."""
     return a + b if a > _ZERO and b > _ZERO else -_ONE
+
+
+@_inline
+def _near_body(x: Lanes, y: Lanes, z: Lanes, Wd: LaneWorld, b: U64, r: Real, sure: Mask) -> Mask:
+    """Lanes in which the ball about (x, y, z) reaches body b; maybe more where all of them are in `sure`."""
+    near = _near(x, y, z, Wd.ball, b, Wd.ball[b, 3] + r)
+    if near & ~sure != _U(0):
+        u, v, t = _into_body(Wd.R, b, x - Wd.p[b, 0], y - Wd.p[b, 1], z - Wd.p[b, 2])
+        near, _ = _hits(u, v, t, Wd, b, r, -_ONE)
+    return near
+
+
+@_inline
+def _keep(S: F32, o: U64, x: Lanes, y: Lanes, z: Lanes) -> None:
+    """Put down a centre in the three rows from o on."""
+    store(S, o, x)
+    store(S, o + _W, y)
+    store(S, o + _U(2) * _W, z)
+
+
+@inner
+def _all_near(M: LaneModel, Wd: LaneWorld, X: LaneScratch, f: U64, half: float) -> None:
+    """Note in X.in_reach (B,) which bodies the parts that frame f carries may reach, in some lane, and begin a row of X.looked."""
+    K, P = _U(M.T.shape[0]), _U(M.frame.shape[0])
+    many = M.many[f] != 0
+    if many:
+        x, y, z = _put(X.rows, _X + _W * (K + _U(12) * f), M.all, f)
+        _keep(X.rows, _X + _W * (_U(13) * K + _U(12) + _U(3) * (P + f)), x, y, z)
+        r = M.all[f, 3] + _f(half * X.all_travel[f]) + M.all_slack[f]
+        for b in range(_U(Wd.kind.shape[0])):
+            X.in_reach[b] = _near_body(x, y, z, Wd, b, r + Wd.slack[b], _U(0)) != _U(0)
+    else:
+        for b in range(_U(Wd.kind.shape[0])):
+            X.in_reach[b] = 1
+    for p in range(P):
+        X.looked[f, p] = 0 if many else _NEAR
+
+
+@_inline
+def _apart_from_all(M: LaneModel, X: LaneScratch, a: U64, f: U64, half: float) -> bool:
+    """Whether part a is out of reach of all that frame f carries, in every lane. Parts on one frame are not asked about."""
+    if X.looked[f, a] == 0:
+        S, P = X.rows, _U(M.frame.shape[0])
+        bounds = _X + _W * (_U(13) * _U(M.T.shape[0]) + _U(12))
+        u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * (P + f)
+        x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
+        more = M.all[f, 3] + _f(half * X.all_travel[f]) + M.slack[a] + M.all_slack[f]
+        r = M.bound[a, 3] + more
+        near = below(x * x + y * y + z * z, r * r)
+        if near != _U(0):
+            x, y, z = _seen_from(S, _X + _W * (_U(M.T.shape[0]) + _U(12) * M.frame[a]), v)
+            near = _near_box(x, y, z, M.box, a, more)
+        X.looked[f, a] = _NEAR if near != _U(0) else _APART
+    return bool(X.looked[f, a] == _APART)
 
 
 @inner
@@ -495,24 +624,23 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
     frames, bounds = _X + _W * K, _X + _W * (_U(13) * K + _U(12))
     fail, sure = _U(0), _U(0)
     _frames(S, M)
-    half = width * 0.5
+    half, at, together = width * 0.5, K + _U(1), first or whole  # later batches look at what was near
     for q in range(P):
         p = P - _U(1) - q  # the hand touches most
-        x, y, z = _put(S, frames + _W * _U(12) * M.frame[p], M.bound, p)
-        o = bounds + _W * _U(3) * p
-        store(S, o, x)
-        store(S, o + _W, y)
-        store(S, o + _U(2) * _W, z)
-        grow = _f(half * X.travel[p, M.frame[p]])
+        f = M.frame[p]
+        if together and f != at:
+            at = f
+            _all_near(M, Wd, X, f, half)
+        x, y, z = _put(S, frames + _W * _U(12) * f, M.bound, p)
+        _keep(S, bounds + _W * _U(3) * p, x, y, z)
+        grow = _f(half * X.travel[p, f])
         for b in range(B):
-            if not X.bodies_on[p, b]:
+            if not X.bodies_on[p, b] or (together and not X.in_reach[b]):
+                if first:
+                    X.bodies_on[p, b] = 0
                 continue
             slack = M.slack[p] + Wd.slack[b]
-            r = M.bound[p, 3] + grow + slack
-            near = _near(x, y, z, Wd.ball, b, Wd.ball[b, 3] + r)
-            if near & ~sure != _U(0):
-                u, v, t = _into_body(Wd.R, b, x - Wd.p[b, 0], y - Wd.p[b, 1], z - Wd.p[b, 2])
-                near, _ = _hits(u, v, t, Wd, b, r, -_ONE)
+            near = _near_body(x, y, z, Wd, b, M.bound[p, 3] + grow + slack, sure)
             if first:
                 X.bodies_on[p, b] = near != _U(0)
             if near & ~sure != _U(0):
@@ -531,6 +659,10 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
             a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
             if M.frame[a] > M.frame[b]:
                 a, b = b, a
+            if together and M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], half):
+                if first:
+                    X.pairs_on[i] = 0
+                continue
             grow = _f(half * (X.travel[b, M.frame[b]] - X.travel[b, M.frame[a]]))
             slack = M.slack[a] + M.slack[b]
             r = M.bound[a, 3] + M.bound[b, 3] + grow + slack
@@ -543,6 +675,8 @@ def _batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, width: float, first: boo
                 if grow > _f(COARSE_M):
                     fail |= near
                     continue
+                if _balls(M, a) < _balls(M, b):
+                    a, b = b, a
                 now, certain = _part_part(S, M, a, b, grow, slack, ~near | sure)
                 if last and now != _U(0):
                     X.left[a, b] = X.left[b, a] = 1
@@ -568,11 +702,14 @@ def _begin(M: LaneModel, Wd: LaneWorld, qa: Array, qb: Array, X: LaneScratch) ->
             return -1.0
         X.start[k], X.step[k] = a, d
     longest = 0.0
+    for f in range(K + 1):
+        X.all_travel[f] = 0.0
     for p in range(P):
         X.travel[p, 0] = 0.0
         for k in range(M.frame[p]):
             X.travel[p, k + 1] = X.travel[p, k] + abs(X.step[k]) * M.reach[p, k]
         longest = max(longest, X.travel[p, M.frame[p]])
+        X.all_travel[M.frame[p]] = max(X.all_travel[M.frame[p]], X.travel[p, M.frame[p]])
     for p in range(P):
         for b in range(Wd.kind.shape[0]):
             X.bodies_on[p, b] = Wd.check[p, b]
@@ -705,7 +842,7 @@ def open_pairs(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratc
 def _open_batches(model: LaneModel, world: LaneWorld, Q: Array, scratch: LaneScratch, masks: Index) -> None:
     for batch in range(masks.shape[0]):
         refused = _take(model, Q, 16 * batch, scratch.rows)
-        _open_batch(model, world, scratch.rows, refused, masks[batch])
+        _open_batch(model, world, scratch, refused, masks[batch])
 
 
 @inner
@@ -724,38 +861,42 @@ def _take(M: LaneModel, Q: Array, start: int, S: F32) -> Mask:
 
 
 @inner
-def _open_batch(M: LaneModel, Wd: LaneWorld, S: F32, refused: Mask, out: Index) -> None:
+def _open_batch(M: LaneModel, Wd: LaneWorld, X: LaneScratch, refused: Mask, out: Index) -> None:
     """For every pair the lanes of the 16 configurations in rows _X in which it may touch. out: zeros, one a pair."""
+    S = X.rows
     K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])
     frames, bounds = _X + _W * K, _X + _W * (_U(13) * K + _U(12))
     _frames(S, M)
+    at = K + _U(1)
     for p in range(P):
-        x, y, z = _put(S, frames + _W * _U(12) * M.frame[p], M.bound, p)
-        o = bounds + _W * _U(3) * p
-        store(S, o, x)
-        store(S, o + _W, y)
-        store(S, o + _U(2) * _W, z)
+        f = M.frame[p]
+        if f != at:
+            at = f
+            _all_near(M, Wd, X, f, 0.0)
+        x, y, z = _put(S, frames + _W * _U(12) * f, M.bound, p)
+        _keep(S, bounds + _W * _U(3) * p, x, y, z)
         for b in range(B):
-            if not Wd.check[p, b]:
-                continue
-            slack = M.slack[p] + Wd.slack[b]
-            r = M.bound[p, 3] + slack
-            near = _near(x, y, z, Wd.ball, b, Wd.ball[b, 3] + r)
-            if near != _U(0):
-                u, v, t = _into_body(Wd.R, b, x - Wd.p[b, 0], y - Wd.p[b, 1], z - Wd.p[b, 2])
-                near, _ = _hits(u, v, t, Wd, b, r, -_ONE)
-            if near != _U(0):
-                near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near)
-            out[p * B + b] = near | refused
+            if Wd.check[p, b]:
+                slack, near = M.slack[p] + Wd.slack[b], _U(0)
+                if X.in_reach[b]:
+                    near = _near_body(x, y, z, Wd, b, M.bound[p, 3] + slack, _U(0))
+                if near != _U(0):
+                    near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near)
+                out[p * B + b] = near | refused
     for i in range(n):
         a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
         if M.frame[a] > M.frame[b]:
             a, b = b, a
+        if M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], 0.0):
+            out[P * B + i] = refused
+            continue
         slack = M.slack[a] + M.slack[b]
         r = M.bound[a, 3] + M.bound[b, 3] + slack
         u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * b
         x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
         near = below(x * x + y * y + z * z, r * r)
         if near != _U(0):
+            if _balls(M, a) < _balls(M, b):
+                a, b = b, a
             near, _ = _part_part(S, M, a, b, _ZERO, slack, ~near)
         out[P * B + i] = near | refused

@@ -44,7 +44,7 @@ class Problem:
     def __init__(self, seed, joints):
         rng = np.random.default_rng([7, seed])
         self.chain = random_chain(rng, joints)
-        frames = [0, *range(1, joints + 1), joints]
+        frames = [0, *range(1, joints + 1), joints, joints]  # the last one carries three, which the kernel looks at together first
         hulls = [rng.uniform(-0.09, 0.09, (rng.integers(6, 16), 3)) * rng.uniform(0.4, 1, 3) for _ in frames]
         held = random_pose(rng, 0.1)
         hulls[-1] = Box(np.array([0.06, 0.05, 0.12])).half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -336,6 +336,25 @@ def test_growth_covers_a_piece_to_its_very_ends():
         assert lanes.edge_free(model, world, far * one, (1 - far) * one, scratch) != lanes.FREE
         assert lanes.edge_free(model, world, far * one, 0.5 * one, scratch) == lanes.FREE
         assert lanes.edge_free(model, world, 0.5 * one, 1.001 * one, scratch) == lanes.UNDECIDED  # beyond the limit
+
+
+def test_growth_covers_what_a_frame_carries_as_one():
+    """Three small cubes at the end of a long lever, and one that stands in their way, as a body and as a part, between two of the places
+    that are looked at first."""
+    one, zero = np.ones(1), np.zeros(1, np.int64)
+    chain = Chain(np.eye(4)[None], zero, one, 0 * one, zero, -3 * one, 3 * one, zero)
+    corners = 0.005 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    cubes = [corners + np.array([1.0, 0.0, z]) for z in (-0.02, 0.0, 0.02)]
+    for eighth in range(1, 8):
+        there = np.array([np.cos(0.375 * eighth), np.sin(0.375 * eighth), 0])
+        hulls = [corners + there, *cubes]
+        model = lanes.lane_model(chain, make_parts([0, 1, 1, 1], hulls), [spheres.levels(h) for h in hulls])
+        solids = make_solids([Body("cube", Box(np.full(3, 0.01)), transform(p=there))])[0]
+        for check, pairs in (([0, 1, 1, 1], []), ([0, 0, 0, 0], [(2, 0)])):
+            world = lanes.lane_world(solids, Query(np.array(check, np.uint8)[:, None], np.array(pairs, np.int64).reshape(-1, 2)))
+            scratch = lanes.lane_scratch(model, world)
+            assert lanes.edge_free(model, world, 0 * one, 3 * one, scratch) != lanes.FREE
+            assert lanes.edge_free(model, world, 0 * one, -3 * one, scratch) == lanes.FREE
 
 
 def test_float32_frames_stay_within_a_quarter_of_the_allowance():

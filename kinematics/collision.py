@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.arm import Int
+from kinematics.compiling import bare
 from kinematics.scene import Body, Held, Scene, State
 from kinematics.shapes import Box, Cylinder, Shape, convex_parts
 from kinematics.transforms import Array, apply
@@ -272,15 +273,29 @@ def _ask(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> tupl
 
 def _boxes_meet(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> NDArray[np.bool_]:
     """Of rows (n, i, j) those where boxes along the world's axes around the two solids overlap; see `_ask`."""
+    meet = np.empty(len(ask), np.bool_)
+    T_standing = np.ascontiguousarray(T_standing, float).reshape(-1, 4, 4)
+    _meet(np.array([s.box for s in solids]), np.ascontiguousarray(T), T_standing, np.ascontiguousarray(ask), meet)
+    return meet
+
+
+@bare
+def _meet(boxes: Array, T: Array, T_standing: Array, ask: Int, meet: NDArray[np.bool_]) -> None:
+    """`_boxes_meet` for boxes (M + S, 2, 3), middle and half edges of each in the solid's own frame."""
     movers = T.shape[1]
-    n, i, j = ask.T
-    boxes = np.array([s.box for s in solids])
-    boxes = np.concatenate([np.tile(boxes[:movers], (len(T), 1, 1)), boxes[movers:]])
-    poses = np.concatenate([T.reshape(-1, 4, 4), T_standing])
-    middle = np.einsum("nij,nj->ni", poses[:, :3, :3], boxes[:, 0]) + poses[:, :3, 3]
-    half = np.einsum("nij,nj->ni", np.abs(poses[:, :3, :3]), boxes[:, 1]) + 1e-9
-    one, two = n * movers + i, np.where(j < movers, n * movers + j, len(T) * movers + j - movers)
-    return np.asarray((np.abs(middle[one] - middle[two]) <= half[one] + half[two]).all(-1))
+    for row in range(ask.shape[0]):
+        n, i, j = ask[row, 0], ask[row, 1], ask[row, 2]
+        A = T[n, i] if i < movers else T_standing[i - movers]
+        B = T[n, j] if j < movers else T_standing[j - movers]
+        meet[row] = True
+        for r in range(3):
+            apart, room = A[r, 3] - B[r, 3], 1e-9
+            for c in range(3):
+                apart += A[r, c] * boxes[i, 0, c] - B[r, c] * boxes[j, 0, c]
+                room += abs(A[r, c]) * boxes[i, 1, c] + abs(B[r, c]) * boxes[j, 1, c]
+            if abs(apart) > room:
+                meet[row] = False
+                break
 
 
 def always_touching(

@@ -129,6 +129,7 @@ class Sieve:
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_pieces(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
         self._fingers = np.isin(self.carriage.links, sorted(robot.fingers))
+        self._last: tuple[object, tuple[Rig, LaneModel, tuple[str, ...]]] | None = None
 
     def judge(self, q: Array, poses: Mapping[str, Array], held: Held | None, may_touch: Iterable[tuple[str, str]]) -> Judged:
         """Ask the covers about configurations q (N, J), N > 0, with objects standing at poses, besides the pairs in may_touch.
@@ -137,12 +138,8 @@ class Sieve:
         everything when a joint that is neither the arm's nor the gripper's is not at home.
         """
         gripper = float(q[0, self.robot.gripper_joint])
-        (rig, model), links = self.carriage.packed(gripper), self.carriage.links
-        own = len(links)
-        if held is not None:
-            grip = self.carriage.in_hand(self._pieces(held.body), held.T_hand_body)
-            rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
-            model = model_of(self.carriage.chain, rig)
+        rig, model, links = self._moving(gripper, held)
+        own = len(self.carriage.links)
         solids, bodies = self._standing(poses)
         P, names = len(links), links + bodies
         judge = np.zeros((P, len(names)), np.bool_)
@@ -166,6 +163,18 @@ class Sieve:
         a, b = which // max(B, 1), P + which % max(B, 1)
         a[~against], b[~against] = pairs[which[~against] - P * B].T
         return Judged(names, judge, rows, a, b)
+
+    def _moving(self, gripper: float, held: Held | None) -> tuple[Rig, LaneModel, tuple[str, ...]]:
+        """What moves with the arm, packed, and the name behind each part; kept while the hand holds on to the same."""
+        grip = None if held is None else (held.body, held.T_hand_body.tobytes())
+        if self._last is None or self._last[0] != (gripper, grip):
+            (rig, model), links = self.carriage.packed(gripper), self.carriage.links
+            if held is not None:
+                own = self.carriage.in_hand(self._pieces(held.body), held.T_hand_body)
+                rig, links = join_rigs(rig, own), links + (held.body,) * len(own.frame)
+                model = model_of(self.carriage.chain, rig)
+            self._last = (gripper, grip), (rig, model, links)
+        return self._last[1]
 
     def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
         """The walls and the objects at poses, packed; and the name behind each solid."""

@@ -20,9 +20,8 @@ PARTLY_SEEN ?= 0.5
 LABEL_SEED_ur5e ?= 101
 LABEL_SEED_panda ?= 102
 EPOCHS ?= 10
-PAPER_EPOCHS ?= 4
+PAPER_EPOCHS ?= 8
 WIDTH ?= 96
-PAPER_WIDTH ?= 48
 TRAIN_SEED ?= 0
 THREADS ?= 1
 DEVICE ?= auto
@@ -53,7 +52,7 @@ MADE := out/weights-$(SCALE)
 SHIPPED := planning/learning/weights
 MODELS := $(ROBOTS:%=$(MADE)/%/model) $(PAPER_ROBOTS:%=$(MADE)/%/model-paper)
 scenes = $(shell awk 'BEGIN { n = int($(or $(LABEL_SCENES_$*),1000) * $(SCALE) + 0.5); print n < 8 ? 8 : n }')
-train = $(RETRIEVE) train $(MADE)/$*/labels -o $(@D) --form $(1) --epochs $(2) --width $(3) --seed $(TRAIN_SEED) --threads $(THREADS) --device $(DEVICE) \
+train = $(RETRIEVE) train $(MADE)/$*/labels -o $(@D) --form $(1) --epochs $(2) --width $(WIDTH) --seed $(TRAIN_SEED) --threads $(THREADS) --device $(DEVICE) \
 	$$(test -z "$$(ls -A $(@D)/checkpoint 2>/dev/null)" || echo --resume)
 ship = mkdir -p $(SHIPPED)/$(2) && cp $(1)/config.json $(1)/*.safetensors $(SHIPPED)/$(2)/
 
@@ -71,10 +70,10 @@ $(MADE)/%/labelled: | $(VENV)/ready
 	touch $@
 
 $(MADE)/%/model/config.json: $(MADE)/%/labelled
-	$(call train,objects,$(EPOCHS),$(WIDTH))
+	$(call train,objects,$(EPOCHS))
 
 $(MADE)/%/model-paper/config.json: $(MADE)/%/labelled
-	$(call train,paper,$(PAPER_EPOCHS),$(PAPER_WIDTH))
+	$(call train,paper,$(PAPER_EPOCHS))
 
 # Table: scenes, plans of every policy under every rule, a report for each spec; what is up to date is not planned again ----------------
 

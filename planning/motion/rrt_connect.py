@@ -2,7 +2,8 @@
 
 Two trees grow towards each other in the box of joint limits; all goals are roots of the second one. With dynamic domains (Yershova et al.
 2005): a node that failed to extend is drawn on only by samples near it. Half of the samples are drawn around the roots, of all sizes alike:
-a hand at a grasp, or between objects, has to find its way out first. Distances are metres moved: each joint weighs what it can move.
+a hand at a grasp, or between objects, has to find its way out first. A search that lasts pulls the hand straight out of stuck roots
+(pulling.py), and later goes towards each sample as far as it can. Distances are metres moved: each joint weighs what it can move.
 
 The loop knows neither arm nor world: it asks `connects` (edges.py), the one place where an edge is judged.
 """
@@ -22,6 +23,7 @@ from kinematics.exact import first_contact
 from kinematics.record import record
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
+from planning.motion.pulling import WAYS, pulled
 
 MAX_ITERATIONS = 5000
 STEP = 0.04
@@ -30,6 +32,12 @@ AROUND_ROOTS, NARROWEST = 0.5, 0.03
 """Share of the samples that are drawn around a tree's root, where the ways are narrow: in a box down to this share of the whole one."""
 DOMAIN = 60.0
 """Radius, in steps, of the domain that a node gets when it first fails; it shrinks and grows by 30 % down to a tenth of this."""
+PULLS_AT, PULLS = 40, 5
+"""Iteration from which on the hand is pulled out of the roots, once each way; pulls in a row, at most."""
+STUCK, PULLED_GOALS = 8, 4
+"""A tree with more nodes than that, roots aside, finds its way without pulls; how many goals are pulled out of, the nearest ones."""
+FAR_FROM = 150
+"""Iteration from which on an extension makes as many steps as are free, not one."""
 FOUND, SPENT, FULL = 1, 0, 2
 _EDGES = 4  # to a goal from others that were reached, before a search is begun
 _CHUNK = 16  # iterations between looks at the clock
@@ -39,17 +47,20 @@ _CHUNK = 16  # iterations between looks at the clock
 class Trees(NamedTuple):
     """Both trees, start's (0) and goals' (1), N nodes at most: q (2, N, J), parent (2, N), -1 for roots, radius (2, N) of the domain.
 
-    size (2,); rng (1,): state of the random numbers; met (4,): the two nodes that met, iterations so far, how many goals there are.
-    work (2, J): scratch.
+    goals: how many roots the second one has. size (2,); rng (1,): state of the random numbers; met (3,): the two nodes that met, and
+    iterations so far. Scratch: work (2, J); descent and T (2, 4, 4) for pulls.
     """
 
     q: Array
     parent: Int
     radius: Array
+    goals: int
     size: Int
     rng: NDArray[np.uint64]
     met: Int
     work: Array
+    descent: Array
+    T: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,15 +157,18 @@ def reach(task: Task, start: Array, goals: Array, *, max_iterations: int, seed: 
 
 
 def _plant(start: Array, goals: Array, seed: int) -> Trees:
-    n = 256 + 2 * len(goals)
+    n, J = 256 + 2 * len(goals), len(start)
     trees = Trees(
-        np.zeros((2, n, len(start))),
+        np.zeros((2, n, J)),
         np.full((2, n), -1, np.int64),
         np.full((2, n), np.inf),
+        len(goals),
         np.array([1, len(goals)], np.int64),
         np.array([seed % 2**64], np.uint64),
-        np.array([0, 0, 0, len(goals)], np.int64),
-        np.empty((2, len(start))),
+        np.zeros(3, np.int64),
+        np.empty((2, J)),
+        np.empty((12 + J, max(6, J))),
+        np.empty((2, 4, 4)),
     )
     trees.q[0, 0], trees.q[1, : len(goals)] = start, goals
     return trees
@@ -202,11 +216,9 @@ def weighted(weight: Array, a: Array, b: Array) -> float:
 @bare
 def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
     """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
-    q, radius, size, weight = trees.q, trees.radius, trees.size, task.exact.weight
+    q, size, weight = trees.q, trees.size, task.exact.weight
     lower, upper = task.exact.chain.lower, task.exact.chain.upper
     step = STEP * weighted(weight, lower, upper)
-    widest, least = DOMAIN * step, 0.1 * DOMAIN * step
-    target, new = trees.work[0], trees.work[1]
     if trees.met[2] == 0:  # the nearest goals straight away
         for g in range(min(size[1], 4)):
             if connects(task, q[0, 0], q[1, g], memory):
@@ -218,36 +230,84 @@ def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
             return FULL
         turn = trees.met[2]
         trees.met[2] += 1
-        side = turn % 2
-        if turn % 4 != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
-            side = 0 if size[0] < size[1] else 1  # balance
-        _sample(trees, side, lower, upper, target)
-        near, d = _closest(q, side, size[side], weight, target)
-        if d > radius[side, near]:
-            continue
-        share = min(1.0, step / max(d, 1e-300))
-        for j in range(lower.shape[0]):
-            new[j] = q[side, near, j] + share * (target[j] - q[side, near, j])
-        if not connects(task, q[side, near], new, memory):
-            radius[side, near] = widest if radius[side, near] == np.inf else max(least, 0.7 * radius[side, near])
-            continue
-        radius[side, near] *= 1.3
-        here = _add(trees, side, near, new)
-        other = 1 - side
-        near, d = _closest(q, other, size[other], weight, new)
-        steps = max(1, int(np.ceil(d / step)))
-        for s in range(steps):
-            if size[other] == q.shape[1]:
-                return FULL
-            for j in range(lower.shape[0]):
-                target[j] = q[other, near, j] + (new[j] - q[other, near, j]) / (steps - s)
-            if not connects(task, q[other, near], target, memory):
-                break
-            if s == steps - 1:
-                trees.met[side], trees.met[other] = here, near
-                return FOUND
-            near = _add(trees, other, near, target)
+        root = _to_pull(trees, turn)
+        if root >= 0:
+            side = min(root, 1)
+            here = _pull(task, trees, side, root - side, (turn - PULLS_AT) % WAYS, memory)
+        else:
+            side = turn % 2
+            if turn % 4 != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
+                side = 0 if size[0] < size[1] else 1  # balance
+            _sample(trees, side, lower, upper, trees.work[0])
+            here = _extend(task, trees, side, step, turn >= FAR_FROM, memory)
+        if here >= 0 and _meet(task, trees, side, here, step, memory):
+            return FOUND
     return SPENT
+
+
+@inner
+def _to_pull(trees: Trees, turn: int) -> int:
+    """Which root the hand is pulled out of in this iteration, 0 for the start, g + 1 for goal g; -1 for none."""
+    root = (turn - PULLS_AT) // WAYS
+    if root < 0 or root > min(trees.goals, PULLED_GOALS):
+        return -1
+    grown = trees.size[0] - 1 if root == 0 else trees.size[1] - trees.goals
+    return root if grown <= STUCK else -1
+
+
+@inner
+def _pull(task: Task, trees: Trees, side: int, root: int, way: int, memory: Memory) -> int:
+    """Pull the hand out of a root, one way; the last new node of that tree, or -1."""
+    q, new, here = trees.q, trees.work[1], root
+    for _ in range(PULLS):
+        pulled(task.exact.chain, q[side, here], way, memory.exact.poses, trees.descent, trees.T, new)
+        if trees.size[side] == q.shape[1] or not connects(task, q[side, here], new, memory):
+            break
+        here = _add(trees, side, here, new)
+    return here if here != root else -1
+
+
+@inner
+def _extend(task: Task, trees: Trees, side: int, step: float, far: bool, memory: Memory) -> int:
+    """Extend one tree towards the target trees.work[0] by a step, or by all that are free; its last new node, or -1."""
+    q, weight, target, new = trees.q, task.exact.weight, trees.work[0], trees.work[1]
+    near, d = _closest(q, side, trees.size[side], weight, target)
+    if d > trees.radius[side, near]:
+        return -1
+    here = near
+    while trees.size[side] < q.shape[1]:
+        share = min(1.0, step / max(d, 1e-300))
+        for j in range(weight.shape[0]):
+            new[j] = q[side, here, j] + share * (target[j] - q[side, here, j])
+        if not connects(task, q[side, here], new, memory):
+            break
+        here = _add(trees, side, here, new)
+        d -= step
+        if not far or share == 1.0:
+            break
+    if here == near:
+        widest = DOMAIN * step
+        trees.radius[side, near] = widest if trees.radius[side, near] == np.inf else max(0.1 * widest, 0.7 * trees.radius[side, near])
+        return -1
+    trees.radius[side, near] *= 1.3
+    return here
+
+
+@inner
+def _meet(task: Task, trees: Trees, side: int, here: int, step: float, memory: Memory) -> bool:
+    """Grow the other tree straight towards a node of this one, as far as it goes. Whether they met: trees.met says where."""
+    q, other, target = trees.q, 1 - side, trees.work[0]
+    near, d = _closest(q, other, trees.size[other], task.exact.weight, q[side, here])
+    steps = max(1, int(np.ceil(d / step)))
+    for s in range(steps):
+        for j in range(target.shape[0]):
+            target[j] = q[other, near, j] + (q[side, here, j] - q[other, near, j]) / (steps - s)
+        if trees.size[other] == q.shape[1] or not connects(task, q[other, near], target, memory):
+            return False
+        if s < steps - 1:
+            near = _add(trees, other, near, target)
+    trees.met[side], trees.met[other] = here, near
+    return True
 
 
 @bare
@@ -280,7 +340,7 @@ def _sample(trees: Trees, side: int, lower: Array, upper: Array, target: Array) 
             target[j] = lower[j] + uniform(trees.rng) * (upper[j] - lower[j])
         return
     share = NARROWEST ** uniform(trees.rng)
-    root = int(uniform(trees.rng) * trees.met[3]) if side == 1 else 0
+    root = int(uniform(trees.rng) * trees.goals) if side == 1 else 0
     for j in range(lower.shape[0]):
         drawn = trees.q[side, root, j] + share * (uniform(trees.rng) - 0.5) * (upper[j] - lower[j])
         target[j] = min(max(drawn, lower[j]), upper[j])

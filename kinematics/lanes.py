@@ -291,34 +291,39 @@ def _reaches(chain: Chain, rig: Rig, limit: Array, slide: Array, size: Array, re
 def _around_all(rig: Rig, slack: F32, many: NDArray[np.uint8], balls: F32, all_slack: F32) -> None:
     """many, balls and all_slack (K + 1,): see `LaneModel`, from the parts' own balls and slack (P,).
 
-    The centre walks towards the part that reaches furthest from it (Badoiu and Clarkson 2003). So it lies between the parts' centres, and
-    is placed as exactly as the worst of them.
+    A ball's centre walks towards the part that reaches furthest from it (Badoiu and Clarkson 2003). So it lies between the parts' centres,
+    and is placed as exactly as the worst of them.
     """
     for f in range(many.shape[0]):
-        x, y, z, n = 0.0, 0.0, 0.0, 0
-        for step in range(32):
-            furthest, at = -1.0, 0
-            for p in range(rig.frame.shape[0]):
-                if rig.frame[p] == f:
-                    u, v, w = rig.boxes[p, 3] - x, rig.boxes[p, 4] - y, rig.boxes[p, 5] - z
-                    far = np.sqrt(u * u + v * v + w * w) + rig.boxes[p, 6]
-                    if far > furthest:
-                        furthest, at = far, p
-                    if step == 0:
-                        n += 1
-                        all_slack[f] = max(all_slack[f], slack[p])
-            if n < MANY:
-                break
-            share = 1.0 / (step + 1)
-            x += share * (rig.boxes[at, 3] - x)
-            y += share * (rig.boxes[at, 4] - y)
-            z += share * (rig.boxes[at, 5] - z)
-        if n >= MANY:
-            many[f], balls[f, 0], balls[f, 1], balls[f, 2] = 1, x, y, z
-            for p in range(rig.frame.shape[0]):
-                if rig.frame[p] == f:
-                    u, v, w = rig.boxes[p, 3] - balls[f, 0], rig.boxes[p, 4] - balls[f, 1], rig.boxes[p, 5] - balls[f, 2]
-                    balls[f, 3] = max(balls[f, 3], np.float32(1.000001 * (np.sqrt(u * u + v * v + w * w) + rig.boxes[p, 6])))
+        n = 0
+        for p in range(rig.frame.shape[0]):
+            if rig.frame[p] == f:
+                n += 1
+                all_slack[f] = max(all_slack[f], slack[p])
+        if n < MANY:
+            continue
+        x, y, z = 0.0, 0.0, 0.0
+        for step in range(1, 33):
+            p, _ = _furthest(rig, f, x, y, z)
+            x += (rig.boxes[p, 3] - x) / step
+            y += (rig.boxes[p, 4] - y) / step
+            z += (rig.boxes[p, 5] - z) / step
+        many[f], balls[f, 0], balls[f, 1], balls[f, 2] = 1, x, y, z
+        _, far = _furthest(rig, f, balls[f, 0], balls[f, 1], balls[f, 2])
+        balls[f, 3] = 1.000001 * far  # float32 may round down
+
+
+@inner
+def _furthest(rig: Rig, f: int, x: float, y: float, z: float) -> tuple[int, float]:
+    """Which part on frame f reaches furthest from (x, y, z), in that frame, and how far."""
+    at, furthest = 0, -1.0
+    for p in range(rig.frame.shape[0]):
+        if rig.frame[p] == f:
+            u, v, w = rig.boxes[p, 3] - x, rig.boxes[p, 4] - y, rig.boxes[p, 5] - z
+            far = np.sqrt(u * u + v * v + w * w) + rig.boxes[p, 6]
+            if far > furthest:
+                at, furthest = p, far
+    return at, furthest
 
 
 # One batch: 16 lanes against everything. Lanes that touch are bits of an integer

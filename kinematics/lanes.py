@@ -50,8 +50,8 @@ Real = Any  # a float32
 FREE, UNDECIDED, TOUCHES = 0, 1, 2
 _CONTACT, _TOO_MUCH = -1, -2
 _NEAR, _APART = 1, 2
-FINAL_M = 0.0015  # a piece whose balls grow no more than this is not cut again
-FINE_M, COARSE_M = 0.010, 0.060  # up to so much growth the fine and the coarse balls are worth a look
+FINAL_M = 0.006  # a piece whose balls grow no more than this is not cut again: the exact test is quicker then
+FINE_M, COARSE_M = 0.010, 0.120  # up to so much growth the fine and the coarse balls are worth a look
 MANY = 3  # parts on one frame, from which on a look at the ball around all of them pays
 X_MAX = 16.0  # joint values beyond this are refused: float32 has too few digits left for them
 

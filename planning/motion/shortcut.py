@@ -17,7 +17,8 @@ from planning.motion.edges import Memory, Task, connects, make_memory
 from planning.motion.rrt_connect import Route, uniform, weighted
 
 ITERATIONS = 100
-PATIENCE = 10  # tries in a row that brought nothing, after which no more are made
+PATIENCE = 3  # a third of the tries in a row that brought nothing, and no more are made
+GAIN = 5e-4  # share of the length that a shortcut has to save
 _ROOM = 64  # waypoints that partial shortcuts may add
 
 
@@ -56,11 +57,11 @@ def length(task: Task, path: Array) -> float:
 @bare
 def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory, work: Array) -> int:
     """Shorten path[:n] in place; returns how many waypoints it has now. work: scratch, two rows more than the path."""
-    n = _prune(task, path, n, memory)
+    n = _leap(task, path, n, memory)
     n_q, weight, misses = path.shape[1], task.exact.weight, 0
     a, b, new = work[0], work[1], work[2:]
     for _ in range(iterations):
-        if n < 3 or misses == PATIENCE:
+        if n < 3 or PATIENCE * misses > iterations:
             break
         misses += 1
         total = 0.0
@@ -103,7 +104,7 @@ def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iteration
         now = 0.0
         for k in range(m - 1):
             now += weighted(weight, new[k], new[k + 1])
-        if now > old - 1e-4 * total or n - (j - i) + m > path.shape[0]:
+        if now > old - GAIN * total or n - (j - i) + m > path.shape[0]:
             continue
         free = True
         for k in range(m - 1):
@@ -153,6 +154,25 @@ def _same(a: Array, b: Array) -> bool:
         if a[c] != b[c]:
             return False
     return True
+
+
+@inner
+def _leap(task: Task, path: Array, n: int, memory: Memory) -> int:
+    """Go straight, in place, over as many waypoints as possible: over all of them, over half, a quarter, … down to one."""
+    span = n - 1
+    while span > 1:
+        k = 0
+        while k < n - 2:
+            j = min(k + span, n - 1)
+            if not connects(task, path[k], path[j], memory):
+                k = j
+                continue
+            for i in range(n - j):
+                copy_row(path[j + i], path[k + 1 + i])
+            n -= j - k - 1
+            k += 1
+        span //= 2
+    return n
 
 
 @inner

@@ -27,7 +27,7 @@ from planning.motion.rrt_connect import plan, reach
 from planning.motion.shortcut import shorten
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
-SHORTCUTS = 60
+SHORTCUTS = 40
 FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
 ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
 KEPT = 6  # sets of poses for which the packed bodies are kept

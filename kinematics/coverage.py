@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.arm import Int, Query, Solids, make_solids, stand
-from kinematics.lanes import LaneModel, lane_scratch, lane_world, model_of, open_pairs
+from kinematics.lane_model import LaneModel, lane_world, model_of
+from kinematics.lanes import lane_scratch, open_pairs
 from kinematics.rig import Pieces, Rig, carry, join_rigs, make_pieces
 from kinematics.robot import Robot
 from kinematics.scene import Held, Scene

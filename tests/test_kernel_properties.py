@@ -18,6 +18,7 @@ from kinematics import exact, lanes
 from kinematics.arm import Query, forward, make_solids
 from kinematics.collision import Solid, hull_solid, shape_solids
 from kinematics.coverage import carriage, link_covers
+from kinematics.lane_model import lane_world, model_of
 from kinematics.robot import Robot
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder
@@ -38,11 +39,11 @@ class Cell:
         self.chain = robot.chain(base)
         bodies = cluttered(np.random.default_rng(8))
         parts, _ = robot.parts(robot.opening.value_at(0.06), base)
-        model = lanes.model_of(self.chain, carriage(robot, base).rig(robot.opening.value_at(0.06)))
+        model = model_of(self.chain, carriage(robot, base).rig(robot.opening.value_at(0.06)))
         solids, _ = make_solids(bodies)
         check = np.repeat((parts.frame > 0)[:, None], len(bodies), 1).astype(np.uint8)
         query = Query(check, robot.self_pairs())
-        self.task: Task = make_task(exact.make_problem(self.chain, parts, solids, query), model, lanes.lane_world(solids, query))
+        self.task: Task = make_task(exact.make_problem(self.chain, parts, solids, query), model, lane_world(solids, query))
         self.memory: Memory = make_memory(self.task)
         hulls = [parts.vertices[a:b] for a, b in zip(parts.start[:-1], parts.start[1:])]
         self.movers: list[Solid] = [hull_solid("", v) for v in hulls]

@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull
 
 from kinematics import lanes, spheres
 from kinematics.arm import BOX, CYLINDER, Chain, Parts, Query, forward, make_parts, make_solids
+from kinematics.lane_model import lane_model, lane_world
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import rotation_about, transform
@@ -68,8 +69,8 @@ class Problem:
         check[0] = 0
         pairs = [(a, b) for a in range(P) for b in range(a) if abs(frames[a] - frames[b]) >= 2 and rng.random() < 0.5]
         self.query = Query(check, np.array(pairs, np.int64).reshape(-1, 2))
-        self.model = lanes.lane_model(self.chain, self.parts, self.covers)
-        self.world = lanes.lane_world(self.solids, self.query)
+        self.model = lane_model(self.chain, self.parts, self.covers)
+        self.world = lane_world(self.solids, self.query)
         self.scratch = lanes.lane_scratch(self.model, self.world)
         self.fcl_parts = [fcl.CollisionObject(convex(h)) for h in hulls]
         self.fcl_bodies = [fcl.CollisionObject(geometry(b.shape), placed(b.T_world_body)) for b in self.bodies]
@@ -299,7 +300,7 @@ def test_a_grain_on_the_way_of_a_corner_is_never_missed(seed):
         vertex = p.parts.vertices[rng.integers(p.parts.start[part], p.parts.start[part + 1])]
         forward(p.chain, a + rng.random() * (b - a), p.frames)
         grain = Body("grain", Box(np.full(3, 0.002)), transform(p=mapped(p.frames[p.parts.frame[part]], vertex)))
-        world = lanes.lane_world(make_solids([grain])[0], query)
+        world = lane_world(make_solids([grain])[0], query)
         assert lanes.edge_free(p.model, world, a, b, lanes.lane_scratch(p.model, world)) != lanes.FREE
 
 
@@ -307,7 +308,7 @@ def test_a_grain_on_the_way_of_a_corner_is_never_missed(seed):
 def test_parts_that_meet_on_the_way_are_never_missed(seed):
     """Long motions, parts against parts alone."""
     p, rng = problem(seed), np.random.default_rng([8, seed])
-    world = lanes.lane_world(p.solids, p.query._replace(check=np.zeros_like(p.query.check)))
+    world = lane_world(p.solids, p.query._replace(check=np.zeros_like(p.query.check)))
     scratch = lanes.lane_scratch(p.model, world)
     request = fcl.CollisionRequest()
     for a, b in zip(p.sample(rng, 60), p.sample(rng, 60), strict=True):
@@ -328,10 +329,10 @@ def test_growth_covers_a_piece_to_its_very_ends():
     one, zero = np.ones(1), np.zeros(1, np.int64)
     chain = Chain(np.eye(4)[None], zero, one, 0 * one, zero + 1, 0 * one, one, zero)
     parts = make_parts([1], [needle])
-    model = lanes.lane_model(chain, parts, [spheres.levels(needle)])
+    model = lane_model(chain, parts, [spheres.levels(needle)])
     for at, far in ((1.1, 0.0), (-0.1, 1.0)):
         grain = Body("grain", Box(np.full(3, 0.001)), transform(p=(0, 0, at)))
-        world = lanes.lane_world(make_solids([grain])[0], Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))
+        world = lane_world(make_solids([grain])[0], Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))
         scratch = lanes.lane_scratch(model, world)
         assert lanes.edge_free(model, world, far * one, (1 - far) * one, scratch) != lanes.FREE
         assert lanes.edge_free(model, world, far * one, 0.5 * one, scratch) == lanes.FREE
@@ -348,10 +349,10 @@ def test_growth_covers_what_a_frame_carries_as_one():
     for eighth in range(1, 8):
         there = np.array([np.cos(0.375 * eighth), np.sin(0.375 * eighth), 0])
         hulls = [corners + there, *cubes]
-        model = lanes.lane_model(chain, make_parts([0, 1, 1, 1], hulls), [spheres.levels(h) for h in hulls])
+        model = lane_model(chain, make_parts([0, 1, 1, 1], hulls), [spheres.levels(h) for h in hulls])
         solids = make_solids([Body("cube", Box(np.full(3, 0.01)), transform(p=there))])[0]
         for check, pairs in (([0, 1, 1, 1], []), ([0, 0, 0, 0], [(2, 0)])):
-            world = lanes.lane_world(solids, Query(np.array(check, np.uint8)[:, None], np.array(pairs, np.int64).reshape(-1, 2)))
+            world = lane_world(solids, Query(np.array(check, np.uint8)[:, None], np.array(pairs, np.int64).reshape(-1, 2)))
             scratch = lanes.lane_scratch(model, world)
             assert lanes.edge_free(model, world, 0 * one, 3 * one, scratch) != lanes.FREE
             assert lanes.edge_free(model, world, 0 * one, -3 * one, scratch) == lanes.FREE
@@ -401,12 +402,12 @@ def test_nothing_to_hit_is_free_and_a_missing_cover_is_an_error():
     p = problem(1)
     empty: Any = make_solids([])[0]
     P = len(p.parts.frame)
-    world = lanes.lane_world(empty, Query(np.zeros((P, 0), np.uint8), np.zeros((0, 2), np.int64)))
+    world = lane_world(empty, Query(np.zeros((P, 0), np.uint8), np.zeros((0, 2), np.int64)))
     scratch = lanes.lane_scratch(p.model, world)
     assert lanes.edge_free(p.model, world, p.chain.lower, p.chain.upper, scratch) == lanes.FREE
     assert not lanes.configs_free(p.model, world, np.zeros((0, len(p.chain.lower))), scratch).size
     with pytest.raises(ValueError, match="covers"):
-        lanes.lane_model(p.chain, p.parts, p.covers[:-1])
+        lane_model(p.chain, p.parts, p.covers[:-1])
 
 
 def test_parts_without_joints_fixed_to_the_world():
@@ -418,8 +419,8 @@ def test_parts_without_joints_fixed_to_the_world():
         np.zeros(0),
         np.zeros(0, np.int64),
     )
-    model = lanes.lane_model(none, parts, [spheres.levels(parts.vertices)])
+    model = lane_model(none, parts, [spheres.levels(parts.vertices)])
     for x, verdict in ((0.3, lanes.FREE), (0.05, lanes.TOUCHES)):
         solids, _ = make_solids([Body("b", Box(np.array([0.02, 0.02, 0.02])), transform(p=(x, 0.05, 0.05)))])
-        world = lanes.lane_world(solids, Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))
+        world = lane_world(solids, Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))
         assert lanes.configs_free(model, world, np.zeros((1, 0)), lanes.lane_scratch(model, world))[0] == verdict

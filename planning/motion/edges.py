@@ -13,7 +13,8 @@ import numpy as np
 from kinematics import exact
 from kinematics.arm import Chain, Query, Solids, make_parts, make_solids
 from kinematics.compiling import bare
-from kinematics.lanes import LaneModel, LaneScratch, LaneWorld, edge_open, lane_model, lane_world, scratch_for
+from kinematics.lane_model import LaneModel, LaneWorld, lane_model, lane_world
+from kinematics.lanes import LaneScratch, edge_open, scratch_for
 from kinematics.record import record
 from kinematics.rig import Rig
 from kinematics.transforms import Array

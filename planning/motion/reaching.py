@@ -15,7 +15,7 @@ from kinematics import exact
 from kinematics.arm import Chain, Int
 from kinematics.compiling import bare, copy_row, copy_rows, inner
 from kinematics.inverse import BRISK, descend, make_work
-from kinematics.lanes import place_body
+from kinematics.lane_model import place_body
 from kinematics.record import record
 from kinematics.rig import Rig
 from kinematics.transforms import Array, inverse

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinematics import exact, inverse
 from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
 from kinematics.coverage import OPENINGS, Carriage, shape_pieces
-from kinematics.lanes import model_of
+from kinematics.lane_model import model_of
 from kinematics.rig import Rig, carry, join_rigs, make_pieces
 from kinematics.robot import Robot
 from kinematics.scene import Body, Cabinet, Held, Scene

@@ -30,13 +30,13 @@ def bare(function: Function) -> Function:
     return cast(Function, entry)
 
 
-def inner(function: Function) -> Function:
+def inner(function: Function, *, forceinline: bool = False) -> Function:
     """The same, for functions that only compiled code calls: they get no way in from Python and no machine code of their own.
 
     They are not compiled anew for a number that is written out where it is called, nor for one of which the compiler has only seen yet
     that it starts at 0.
     """
-    part = _COMPILE(**BARE, no_cpython_wrapper=True, pipeline_class=Inlay)(function)
+    part = _COMPILE(**BARE, forceinline=forceinline, no_cpython_wrapper=True, pipeline_class=Inlay)(function)
     usual = part.get_call_template
     part.get_call_template = lambda args, kws: usual([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})
     return cast(Function, part)

@@ -24,14 +24,13 @@ fifth to spare, and the tests compare with float64. For a UR5e this is below 0.1
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.arm import BOX, CYLINDER, Int
-from kinematics.compiling import BARE, Function, bare, inner
+from kinematics.compiling import Function, bare, inner
 from kinematics.lane_model import F32, Index, LaneModel, LaneWorld
 from kinematics.record import record
 from kinematics.transforms import Array
@@ -55,12 +54,10 @@ _TURN, _TURN_HI, _TURN_LO = _f(1 / (2 * np.pi)), _f(6.28125), _f(2 * np.pi - 6.2
 _S3, _S5, _S7, _S9, _S11 = _f(-1 / 6), _f(1 / 120), _f(-1 / 5040), _f(1 / 362880), _f(-1 / 39916800)
 _C2, _C4, _C6, _C8, _C10, _C12 = _f(-0.5), _f(1 / 24), _f(-1 / 720), _f(1 / 40320), _f(-1 / 3628800), _f(1 / 479001600)
 
-_COMPILE: Any = njit
-
 
 def _inline(function: Function) -> Function:
-    """Compiled without reference counts, and a part of whatever calls it."""
-    return cast(Function, _COMPILE(**BARE, forceinline=True)(function))
+    """Compiled right into whatever calls it."""
+    return inner(function, forceinline=True)
 
 
 # Rows of the scratch array, 16 numbers each: places along the edge, a frame, K joint values; then K + 1 frames of 12, P centres of 3, and

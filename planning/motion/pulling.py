@@ -6,10 +6,6 @@ space such ways are too thin to be met by chance.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
 from kinematics.arm import Chain, forward
 from kinematics.compiling import copy_row, copy_rows, inner
 from kinematics.inverse import descend
@@ -17,7 +13,7 @@ from kinematics.transforms import Array
 
 WAYS = 12
 PULL_M = 0.1
-_ROUGHLY: Any = np.int64(3)
+_ROUGHLY = 3
 """Iterations of `descend`. The millimetres that it may leave do no harm: an edge is certified for itself, whatever it was meant to be."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -27,6 +28,7 @@ def bare(function: Function) -> Function:
     part: Any = inner(_twin(function))
     entry = _COMPILE(**BARE)(function)
     entry.get_call_template, entry.get_overload = part.get_call_template, part.get_overload
+    entry._compile_for_args = _rarely_collecting(entry._compile_for_args)
     return cast(Function, entry)
 
 
@@ -40,6 +42,20 @@ def inner(function: Function, *, forceinline: bool = False) -> Function:
     usual = part.get_call_template
     part.get_call_template = lambda args, kws: usual([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})
     return cast(Function, part)
+
+
+def _rarely_collecting(compile_: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiling makes millions of objects that live as long as it does; to look for garbage among them all the time is a tenth of it."""
+
+    def compile_for_args(*args: Any, **kws: Any) -> Any:
+        usual = gc.get_threshold()
+        gc.set_threshold(100_000, *usual[1:])
+        try:
+            return compile_(*args, **kws)
+        finally:
+            gc.set_threshold(*usual)
+
+    return compile_for_args
 
 
 def _twin(function: Function) -> Function:

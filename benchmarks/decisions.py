@@ -24,7 +24,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(asked.t
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
-from planning.learning import forward  # noqa: E402
+from planning.learning import numpy_inference  # noqa: E402
 from planning.learning.settings import Settings  # noqa: E402
 from planning.learning.tokens import Tokens  # noqa: E402
 from planning.learning.train import make_net  # noqa: E402
@@ -46,7 +46,7 @@ def measure(form: str, t: Tokens) -> None:
     settings, every = Settings(form=form, width=asked.width), np.arange(len(t.regions))
     paper, heads = form == "paper", settings.heads
     nets = {name: make_net(name, settings).eval() for name in ("osnet", "rpnet")}
-    w = {name: forward.turned({k: v.numpy() for k, v in net.state_dict().items()}) for name, net in nets.items()}
+    w = {name: numpy_inference.turned({k: v.numpy() for k, v in net.state_dict().items()}) for name, net in nets.items()}
     scene = [torch.from_numpy(a)[None] for a in (t.context, t.grasp, t.boxes)]
     regions, mask = torch.from_numpy(t.regions)[None], torch.ones(1, len(t.boxes), dtype=torch.bool)
     there, first, all_first = (
@@ -54,12 +54,14 @@ def measure(form: str, t: Tokens) -> None:
         torch.tensor([[1]]),
         torch.ones(1, len(every), dtype=torch.int64),
     )
-    select = forward.paper_osnet if paper else forward.osnet
-    encode = forward.paper_rpnet_encode if paper else forward.rpnet_encode
+    select = numpy_inference.paper_osnet if paper else numpy_inference.osnet
+    encode = numpy_inference.paper_rpnet_encode if paper else numpy_inference.rpnet_encode
     known = encode(w["rpnet"], t, heads)
 
     def place() -> object:
-        return forward.paper_rpnet(w["rpnet"], known, 1, heads) if paper else forward.rpnet(w["rpnet"], known, 1, every, heads)
+        return (
+            numpy_inference.paper_rpnet(w["rpnet"], known, 1, heads) if paper else numpy_inference.rpnet(w["rpnet"], known, 1, every, heads)
+        )
 
     def in_torch() -> object:
         return nets["rpnet"](*scene, regions, there, first) if paper else nets["rpnet"](*scene, mask, regions, all_first)

@@ -17,7 +17,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from planning.intervals import wilson
+from planning.statistics import wilson
 from retrieve_cli.__main__ import main as retrieve
 
 CHANGES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {

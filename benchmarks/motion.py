@@ -27,11 +27,13 @@ from typing import Any
 import numpy as np
 
 import kinematics.cache as cache
-from kinematics import lanes
-from kinematics.arm import BOX, CYLINDER, Chain, Solids, forward, make_solids
-from kinematics.collision import Verdict, hull_solid
-from kinematics.exact import config_free
-from kinematics.robot import Robot, load
+from kinematics.chain import Chain, forward
+from kinematics.collision import sphere_check
+from kinematics.collision.edge_check import config_free
+from kinematics.collision.fcl_check import Verdict
+from kinematics.collision.fcl_solids import hull_solid
+from kinematics.collision.geometry import BOX, CYLINDER, Solids, make_solids
+from kinematics.robots.robot import Robot, load
 from kinematics.scene import Held, RobotRef, Scene, State
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, apply, inverse, transform
@@ -40,9 +42,9 @@ from planning.motion.reaching import APPROACH_M, LIFT_M
 from planning.motion.rrt_connect import plan
 from planning.motion.shortcut import shorten
 from planning.motion.verify import hand_poses, verify
-from planning.motion.workcell import SHORTCUTS, Situation, Workcell
+from planning.motion.workcell import SHORTCUTS, PlanningQuery, Workcell
 from planning.plan import Motion
-from planning.problems import _sample, load_spec
+from planning.scene_generation import _sample, load_spec
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import peers
@@ -66,7 +68,7 @@ class Question:
     robot: Robot
     scene: Scene
     cell: Workcell
-    situation: Situation
+    query: PlanningQuery
     gripper: float
     held: Held | None
     start: Array
@@ -95,7 +97,7 @@ class Question:
     @property
     def pairs(self) -> tuple[Array, Array]:
         """Part against part (S, 2), and part against solid (C, 2): what our task itself looks at."""
-        n, both = len(self.hulls), self.situation.task.exact.pairs[:, :2]
+        n, both = len(self.hulls), self.query.task.exact.pairs[:, :2]
         own = both[:, 1] < n
         return both[own], both[~own] - np.array([0, n])
 
@@ -130,26 +132,28 @@ def ask(robot: Robot, kind: str, seed: int, count: tuple[int, int] = (5, 10)) ->
     rng = np.random.default_rng([seed, 99])
     spec = replace(load_spec("paper"), objects_count=count)
     while True:
-        scene = _sample(spec, RobotRef(transform(p=robot.stand), robot.name), robot.opening, f"{kind}-{seed}", (), rng)
+        scene = _sample(spec, RobotRef(transform(p=robot.base_p), robot.name), robot.opening, f"{kind}-{seed}", (), rng)
         if scene is None:
             continue
         cell, verdict, T = Workcell(robot, scene, iterations=10**6, time_budget_s=BUDGET_S), Verdict(robot, scene), scene.grasp.T_world_hand
         T_hand, held, poses = T.copy(), None, scene.poses()
-        width, may_touch = open_width(scene.grasp.width_m, robot.opening), []
+        width, allowed_contacts = open_width(scene.grasp.width_m, robot.opening), []
         if kind == "pregrasp":
             T_hand[:3, 3] -= APPROACH_M * T[:3, 2]
         if kind == "held":
             T_hand[:3, 3] += LIFT_M * UP
             held = Held(scene.target, inverse(T) @ poses.pop(scene.target))
-            width, may_touch = scene.grasp.width_m, [(pad, scene.target) for pad in robot.pads]
+            width, allowed_contacts = scene.grasp.width_m, [(pad, scene.target) for pad in robot.pads]
         gripper = robot.opening.value_at(width)
         free = [
-            q for q in (cell.home_arm, *cell.ik(T_hand)) if not verdict.contacts(State(robot.with_arm(q, gripper), poses, held), may_touch)
+            q
+            for q in (cell.home_arm, *cell.ik(T_hand))
+            if not verdict.contacts(State(robot.with_arm(q, gripper), poses, held), allowed_contacts)
         ]
-        situation = cell.problem(poses, gripper, held=held)
-        free = [q for q in free if cell.touch(situation, q) is None]  # nobody is asked for what our margin rules out
+        query = cell.problem(poses, gripper, held=held)
+        free = [q for q in free if cell.touch(query, q) is None]  # nobody is asked for what our margin rules out
         if len(free) >= 2 and np.array_equal(free[0], cell.home_arm):
-            return Question(robot, scene, cell, situation, gripper, held, free[0], free[1])
+            return Question(robot, scene, cell, query, gripper, held, free[0], free[1])
 
 
 class FclWorld:
@@ -204,8 +208,8 @@ def ours(question: Question, seed: int, budget_s: float = BUDGET_S) -> Json:
     """Plan and shorten, as the pipeline does: on a task packed just before (not timed)."""
     held = question.held.body if question.held else None
     poses = {name: T for name, T in question.scene.poses().items() if name != held}
-    situation = question.cell.problem(poses, question.gripper, held=question.held)
-    task, memory = situation.task, question.cell.enter(situation)
+    query = question.cell.problem(poses, question.gripper, held=question.held)
+    task, memory = query.task, question.cell.enter(query)
     began = peers.clock()
     found = plan(task, question.start, question.goal[None], seed=seed, time_budget_s=3 * budget_s, max_iterations=10**7, memory=memory)
     planned = peers.clock()
@@ -217,14 +221,14 @@ def ours(question: Question, seed: int, budget_s: float = BUDGET_S) -> Json:
 
 def verdict_ms(question: Question, path: Array) -> float:
     """The final check of one motion; what is held is carried out, from where the goal has it."""
-    robot, scene, may_touch = question.robot, question.scene, ()
+    robot, scene, allowed_contacts = question.robot, question.scene, ()
     q = np.array([robot.with_arm(row, question.gripper) for row in path])
     if question.held is not None:
         q = q[::-1].copy()
         T = hand_poses(robot, scene, q[0]) @ question.held.T_hand_body
         scene = replace(scene, objects=tuple(replace(b, T_world_body=T) if b.name == question.held.body else b for b in scene.objects))
-        may_touch = tuple((pad, question.held.body) for pad in robot.pads)
-    motion = Motion("transit", robot.joint_names, q, np.arange(len(q), dtype=float), question.held, may_touch)
+        allowed_contacts = tuple((pad, question.held.body) for pad in robot.pads)
+    motion = Motion("transit", robot.joint_names, q, np.arange(len(q), dtype=float), question.held, allowed_contacts)
     began = peers.clock()
     blocked = verify(robot, scene, [motion])
     if blocked is not None:
@@ -235,7 +239,7 @@ def verdict_ms(question: Question, path: Array) -> float:
 def checks_per_s(question: Question) -> tuple[Json, Array]:
     """Configurations a second: ours by covers (`checks_per_s`: neighbours on edges, as planners ask; `random`: anywhere), with the exact
     test of what they leave open (`exact`), and python-fcl's managers on the first of the same configurations."""
-    rng, task, memory = np.random.default_rng(0), question.situation.task, question.cell.enter(question.situation)
+    rng, task, memory = np.random.default_rng(0), question.query.task, question.cell.enter(question.query)
     chain = question.chain
     a = rng.uniform(chain.lower, chain.upper, (20000, len(chain.lower)))
     way = rng.normal(size=a.shape)
@@ -247,21 +251,21 @@ def checks_per_s(question: Question) -> tuple[Json, Array]:
         times = []
         for _ in range(5):
             began = peers.clock()
-            lanes.configs_free(task.model, task.world, q, memory.lanes)
+            sphere_check.configs_free(task.model, task.world, q, memory.lanes)
             times.append(peers.clock() - began)
         return len(q) / min(times)
 
     rates = {"checks_per_s": rate(edges), "random": rate(anywhere)}
     few = edges[:64000]
     began = peers.clock()
-    verdicts = lanes.configs_free(task.model, task.world, few, memory.lanes)
-    unsure = np.flatnonzero(verdicts == lanes.UNDECIDED)
+    verdicts = sphere_check.configs_free(task.model, task.world, few, memory.lanes)
+    unsure = np.flatnonzero(verdicts == sphere_check.UNDECIDED)
     touching = [not config_free(task.exact, few[i], memory.exact) for i in unsure]
     rates["exact"] = len(few) / (peers.clock() - began)
     rates["undecided"] = len(unsure) / len(few)
     world = FclWorld(question)
     rates["fcl"] = peers.rate(world.touches, few, 3.0)
-    said = (verdicts == lanes.TOUCHES)[:4000]
+    said = (verdicts == sphere_check.TOUCHES)[:4000]
     said[unsure[unsure < 4000]] = np.array(touching)[unsure < 4000]
     by_fcl = np.array([world.touches(q) for q in few[:4000]])
     rates["wrongly_free"], rates["too_careful"] = int((by_fcl & ~said).sum()), int((said & ~by_fcl).sum())

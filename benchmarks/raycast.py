@@ -22,8 +22,8 @@ from kinematics.scene import Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
 from perception.camera import depth_edges, look_at, ray_directions, realsense_d435i
-from perception.raycast import Mesh, cast_rays, moved, raycast, surfaces
-from perception.shading import PALETTE, TARGET_COLOUR, WALL_COLOUR, Item, Studio, shade
+from perception.rendering.raycast import Mesh, cast_rays, moved, raycast, surfaces
+from perception.rendering.shading import PALETTE, TARGET_COLOUR, WALL_COLOUR, Item, Studio, shade
 
 CAMERA = realsense_d435i(640, 480)
 EYE = look_at(np.array([0.0, 0.1, 0.5]), np.array([0.6, 0.0, 0.3]))

@@ -16,16 +16,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.robot import load
+from kinematics.robots.robot import load
 from kinematics.scene import Cabinet, RobotRef, Scene, object_box
 from kinematics.transforms import Array
 from perception.camera import DepthNoise, look_at, realsense_d435i
 from perception.frames import Frame
-from perception.fusion import prepare
-from perception.grouping import told_apart
-from perception.raycast import raycast, surfaces
-from perception.segment import iou, segment
-from planning.problems import generate, load_spec
+from perception.objects.clustering import cluster_instances
+from perception.objects.prepared_frames import prepare
+from perception.objects.segment import iou, segment
+from perception.rendering.raycast import raycast, surfaces
+from planning.scene_generation import generate, load_spec
 
 CAMERA = realsense_d435i(640, 480)
 ENOUGH_PX = 200
@@ -89,7 +89,7 @@ def measure(scenes: list[Scene], noise: DepthNoise | None, seed: int) -> dict[st
             began = time.process_time()
             boxes = segment(given, scene.cabinet, by=by)
             times[by].append(time.process_time() - began)
-            found = list(told_apart(prepare(bare, scene.cabinet)).frames) if by == "geometry" else []
+            found = list(cluster_instances(prepare(bare, scene.cabinet)).frames) if by == "geometry" else []
             for body in demanded:
                 true = object_box(body)
                 best = (

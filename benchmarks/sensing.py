@@ -14,14 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.robot import Robot, load
+from kinematics.robots.robot import Robot, load
 from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
-from perception.source import synthetic_camera
-from perception.voxels import unknown_voxels
+from perception.mapping.voxels import unknown_voxels
+from perception.rendering.synthetic_camera import synthetic_camera
 from planning.motion.workcell import Workcell
-from planning.problems import generate, load_spec
-from planning.sensing import CHOICES, ITERATIONS, Limits, look_around, vantages
+from planning.scene_generation import generate, load_spec
+from planning.sensing.look_around import CHOICES, ITERATIONS, Limits, look_around, reachable_views
 
 ALL, SHARE = 200, 0.97
 
@@ -31,7 +31,7 @@ def everything(scene: Scene, robot: Robot) -> float:
     cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None)
     gripper = float(robot.home[robot.gripper_joint])
     here = cell.problem(scene.poses(), gripper)
-    spots = vantages(robot, replace(scene, objects=()), seed=1)
+    spots = reachable_views(robot, replace(scene, objects=()), seed=1)
     camera, voxels = synthetic_camera(robot, scene, scene.poses()), unknown_voxels(scene.cabinet)
     taken = 0
     for i in np.random.default_rng(0).permutation(len(spots.q)):
@@ -53,26 +53,26 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=12)
     given = parser.parse_args()
     robot = load("ur5e")
-    ref, spec = RobotRef(transform(p=robot.stand), robot.name), load_spec(given.spec)
+    ref, spec = RobotRef(transform(p=robot.base_p), robot.name), load_spec(given.spec)
     rows: dict[str, list[list[float]]] = {c: [] for c in CHOICES}
     seconds: dict[str, list[float]] = {c: [] for c in CHOICES}
     stopped: list[tuple[int, float, float]] = []
     for index in range(given.scenes):
         scene = generate(spec, robot, ref, given.seed, index)
-        blank, most = replace(scene, objects=()), everything(scene, robot)
+        empty_scene, most = replace(scene, objects=()), everything(scene, robot)
         camera = synthetic_camera(robot, scene, scene.poses())
-        home = Workcell(robot, blank, iterations=ITERATIONS, time_budget_s=None).home()
+        home = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None).home()
         for choice in CHOICES:
             rng = np.random.default_rng([given.seed, 2, index])
             start = time.process_time()
             nothing = unknown_voxels(scene.cabinet)
-            seen = look_around(blank, robot, camera, home, nothing, rng, choose=choice, limits=Limits(1.0, 0.0, given.most))
+            seen = look_around(empty_scene, robot, camera, home, nothing, rng, choose=choice, limits=Limits(1.0, 0.0, given.most))
             seconds[choice].append(time.process_time() - start)
             shares = [known / most for _, known in seen.views]
             rows[choice].append(shares + shares[-1:] * (given.most - len(shares)))
         start = time.process_time()
         rng = np.random.default_rng([given.seed, 2, index])
-        seen = look_around(blank, robot, camera, home, unknown_voxels(scene.cabinet), rng)
+        seen = look_around(empty_scene, robot, camera, home, unknown_voxels(scene.cabinet), rng)
         stopped.append((len(seen.views), seen.voxels.known / most, time.process_time() - start))
         v, known, cpu = stopped[-1]
         print(f"scene {index}: all views {most:.3f}; by gain {v} views, {known:.3f} of that, {cpu:.2f} s; {seen.reason}", flush=True)

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.robot import from_ref
+from kinematics.robots.robot import from_ref
 from perception.observation import Observation
+from planning.io.files import read_scenes
 from planning.motion.pick_place import Motions
 from planning.policies.regions import free_regions
 from planning.retrieval import Policy, Rule, retrieve
-from retrieve_cli.files import read_scenes
 
 TRIAL = Path(__file__).with_name("02_plum_behind_cylinders.jsonl")
 

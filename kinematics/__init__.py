@@ -13,7 +13,7 @@ def _sources() -> str:
     home = _Path(__file__).resolve().parent.parent
     files = sorted(f for name in ("kinematics", "perception", "planning") for f in (home / name).rglob("*.py"))
     texts = [f.read_bytes() for f in files]
-    compiled = [text for text in texts if b"numba" in text or b"kinematics.compiling" in text]
+    compiled = [text for text in texts if b"numba" in text or b"kinematics.jit" in text]
     return _hashlib.sha256(b"".join([str(home).encode(), *compiled])).hexdigest()[:16]
 
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm import Chain, forward
-from kinematics.compiling import bare, copy_row, inner
+from kinematics.chain import Chain, forward
+from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 
 POSITION_TOLERANCE_M = 1e-5
@@ -57,7 +57,7 @@ def solve(
     return out[np.argsort(cost[:found])]
 
 
-@bare
+@jit_entry
 def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, frames: Array, out: Array) -> None:
     K = chain.q_index.shape[0]
     for i in range(q.shape[0]):
@@ -70,7 +70,7 @@ def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, frames: Array, out:
                 out[i, r, c] = x
 
 
-@bare
+@jit_entry
 def _solve(
     chain: Chain, T_frame_hand: Array, table: Array, starts: NDArray[np.int64], T: Array, near: Array, distinct: float, q: Array,
     frames: Array, work: Array, out: Array, cost: Array,
@@ -105,7 +105,7 @@ def _solve(
     return found
 
 
-@bare
+@jit_entry
 def _nearest(table: NDArray[np.float32], T: Array, score: NDArray[np.float32], best: NDArray[np.int64], far: NDArray[np.float32]) -> None:
     """The columns `best` of a table of poses (12, N) nearest to the pose T (4, 4), the nearest first.
 
@@ -133,7 +133,7 @@ def make_work(chain: Chain) -> tuple[Array, Array]:
     return np.empty((K + 1, 4, 4)), np.empty((12 + J, max(6, J)))
 
 
-@bare
+@jit_entry
 def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array, work: Array, iterations: int) -> bool:
     """Levenberg-Marquardt from q (J,), in place, kept inside the limits. Returns whether it arrived (to the module's tolerances).
 
@@ -215,7 +215,7 @@ def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array
     return polish > 0
 
 
-@inner
+@jit_inline
 def _residual(F: Array, H: Array, T: Array, e: Array, D: Array) -> tuple[float, float, float]:
     """Position error and rotation vector (6,) from the hand F @ H to T, in the world; returns the hand's position. D (3, 3): scratch."""
     x = F[0, 0] * H[0, 3] + F[0, 1] * H[1, 3] + F[0, 2] * H[2, 3] + F[0, 3]
@@ -242,7 +242,7 @@ def _residual(F: Array, H: Array, T: Array, e: Array, D: Array) -> tuple[float, 
     return x, y, z
 
 
-@inner
+@jit_inline
 def _cholesky_solve(A: Array, b: Array, x: Array, n: int) -> bool:
     """Solve A x = b for a symmetric positive matrix (n, n) given by its lower half, which is overwritten. False when it is singular."""
     for i in range(n):

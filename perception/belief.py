@@ -14,12 +14,12 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import points_in_camera
 from perception.frames import Frame
-from perception.fusion import Views, prepare
-from perception.grouping import told_apart
+from perception.mapping.voxels import UNKNOWN, Voxels
+from perception.objects.clustering import cluster_instances
+from perception.objects.fit import standing_solids
+from perception.objects.prepared_frames import PreparedFrames, prepare
+from perception.objects.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
 from perception.observation import Observation
-from perception.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
-from perception.solids import standing_solids
-from perception.voxels import UNKNOWN, Voxels
 
 FLAG_SHARE, FLAG_HEIGHT_M = 0.95, 0.05  # a region counts as observed when so much of the space up to this height over it is known
 SPOT_M = 0.005  # what is this near to where an object stands is the object
@@ -44,7 +44,7 @@ class Belief:
 
 
 def believe(
-    blank: Scene,
+    empty_scene: Scene,
     frames: Sequence[Frame],
     voxels: Voxels,
     *,
@@ -55,22 +55,26 @@ def believe(
 ) -> Belief:
     """Find the objects in the frames.
 
-    by: see `perception.segment`. target_box (6,): where the target is, centre and size in the world; by geometry, without it, the target is
-    what the scene's grasp reaches for. tracked: objects that the arm has moved, where they stand now; the frames are not asked about them.
-    before: what was believed last; by geometry, an object found where one was keeps its name.
+    by: see `perception.objects.segment`. target_box (6,): where the target is, centre and size in the world; by geometry, without it,
+    the target is what the scene's grasp reaches for. tracked: objects that the arm has moved, where they stand now; the frames are not
+    asked about them. before: what was believed last; by geometry, an object found where one was keeps its name.
     """
     tracked = tracked or {}
-    views = prepare([without_objects(f, tracked) for f in frames] if by == "mask" else list(frames), blank.cabinet)
-    views = views if by == "mask" else told_apart(views)
+    views = prepare([without_objects(f, tracked) for f in frames] if by == "mask" else list(frames), empty_scene.cabinet)
+    views = views if by == "mask" else cluster_instances(views)
     if by == "geometry":
-        views = _named_as_before(views, blank.cabinet, tracked, before)
+        views = _named_as_before(views, empty_scene.cabinet, tracked, before)
     shown = object_pixels(views)
-    solids = standing_solids(views, shown, blank.cabinet)
-    boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, blank.cabinet).items()}
+    solids = standing_solids(views, shown, empty_scene.cabinet)
+    boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, empty_scene.cabinet).items()}
     if target_box is not None or by == "geometry":
-        wanted = np.append(blank.grasp.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
+        wanted = np.append(empty_scene.grasp.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
         chosen = match({b.name: object_box(b) for b in solids}, wanted)
-        names = {chosen: blank.target, blank.target: chosen} if chosen is not None else {blank.target: f"{blank.target}_other"}
+        names = (
+            {chosen: empty_scene.target, empty_scene.target: chosen}
+            if chosen is not None
+            else {empty_scene.target: f"{empty_scene.target}_other"}
+        )
         solids = tuple(replace(b, name=names.get(b.name, b.name) or b.name) for b in solids)
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
         views = _renamed(views, {n: names.get(n, n) or n for n in shown})
@@ -78,7 +82,7 @@ def believe(
     return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels, views.frames)
 
 
-def _named_as_before(views: Views, cabinet: Cabinet, tracked: Mapping[str, Body], before: Sequence[Body]) -> Views:
+def _named_as_before(views: PreparedFrames, cabinet: Cabinet, tracked: Mapping[str, Body], before: Sequence[Body]) -> PreparedFrames:
     """The views with the names that objects had before, by how much of their boxes is common, and new names for the others.
 
     What little is found on the very spot of a tracked object is a remainder of it, and gets no name.
@@ -91,8 +95,8 @@ def _named_as_before(views: Views, cabinet: Cabinet, tracked: Mapping[str, Body]
         if common > SAME and x not in names and y not in names.values():
             names[x] = y
     free = (name for i in count() if (name := f"object_{i}") not in known and name not in tracked)
-    crumbs = {n for n, a in found.items() if any(_on_the_spot(a, object_box(b)) for b in tracked.values())}
-    names = {n: names.get(n) or next(free) for n in found if n not in crumbs}
+    fragments = {n for n, a in found.items() if any(_on_the_spot(a, object_box(b)) for b in tracked.values())}
+    names = {n: names.get(n) or next(free) for n in found if n not in fragments}
     return _renamed(views, names)
 
 
@@ -101,7 +105,7 @@ def _on_the_spot(a: Array, b: Array) -> bool:
     return bool((np.abs(a[:2] - b[:2]) < b[3:5] / 2).all())
 
 
-def _renamed(views: Views, names: Mapping[str, str]) -> Views:
+def _renamed(views: PreparedFrames, names: Mapping[str, str]) -> PreparedFrames:
     """The views with other names for their instances; those that get none are nobody's."""
     frames = []
     for f in views.frames:
@@ -138,30 +142,30 @@ def without_bodies(frame: Frame, bodies: Sequence[Body], axial: float) -> Frame:
     return replace(frame, depth=np.where(hit, np.float32(0), frame.depth))
 
 
-def observation(blank: Scene, q: Array, belief: Belief) -> Observation:
+def observation(empty_scene: Scene, q: Array, belief: Belief) -> Observation:
     """What policies and networks are given."""
     return Observation(
-        blank.robot.T_world_base[:3, 3],
-        blank.cabinet,
+        empty_scene.robot.T_world_base[:3, 3],
+        empty_scene.cabinet,
         q,
-        blank.grasp,
-        blank.target,
-        blank.approaches,
+        empty_scene.grasp,
+        empty_scene.target,
+        empty_scene.approaches,
         belief.boxes,
-        region_flags(blank, belief),
+        region_flags(empty_scene, belief),
     )
 
 
-def region_flags(blank: Scene, belief: Belief) -> Array:
+def region_flags(empty_scene: Scene, belief: Belief) -> Array:
     """The floor's regions (n², 4): x, y, z of the cell's centre in the world, and 1 where the space over it is known or an object's."""
-    voxels, n = belief.voxels, blank.regions_n
+    voxels, n = belief.voxels, empty_scene.regions_n
     dark = voxels.state == UNKNOWN
     for body in belief.bodies:
         dark &= ~voxels.touched(body)
     low = dark[:, :, : max(1, round(FLAG_HEIGHT_M / voxels.step[2]))].mean(2)
-    regions = blank.regions()
+    regions = empty_scene.regions()
     centres = apply(inverse(voxels.T_world_grid), regions)[:, :2]
-    half = blank.cabinet.size_m[:2] / n / 2
+    half = empty_scene.cabinet.size_m[:2] / n / 2
     first = np.clip(np.floor((centres - half) / voxels.step[:2] + 1e-9), 0, None).astype(int)
     last = np.minimum(np.ceil((centres + half) / voxels.step[:2] - 1e-9).astype(int), low.shape)
     unseen = np.array([low[a[0] : b[0], a[1] : b[1]].mean() for a, b in zip(first, last)])

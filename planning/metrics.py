@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from planning.intervals import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Plan
 from planning.retrieval import MAX_MOVES
+from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 
 MEASURES = ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
 """The fields of `Episode` that are averaged: objects moved, times of choosing and of motion planning, length of the hand's way, eq. 1."""

@@ -38,7 +38,7 @@ class Motion:
     """One stage of the arm's way. Between two waypoints the arm moves straight in joint space.
 
     q: (K, J) waypoints over every actuated joint, in the order of joint_names; t_s: (K,) times from the motion's start.
-    held: the object that moves with the hand during the whole motion. may_touch: pairs that may be in contact during it.
+    held: the object that moves with the hand during the whole motion. allowed_contacts: pairs that may be in contact during it.
     """
 
     stage: str
@@ -46,7 +46,7 @@ class Motion:
     q: Array
     t_s: Array
     held: Held | None = None
-    may_touch: tuple[tuple[str, str], ...] = ()
+    allowed_contacts: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
-from kinematics.robot import Robot
+from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
 from perception.observation import Observation, observe

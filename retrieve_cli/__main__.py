@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from retrieve_cli.errors import InputError, guarded
+from kinematics.errors import InputError
+from retrieve_cli.errors import guarded
 
 OURS = ("kinematics", "perception", "planning", "retrieve_cli")
 

@@ -15,7 +15,8 @@ from typing import Annotated
 
 import typer
 
-from retrieve_cli.errors import INTERRUPTED, InputError
+from kinematics.errors import InputError
+from retrieve_cli.errors import INTERRUPTED
 
 Job = Callable[[], int | None]
 

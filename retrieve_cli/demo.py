@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from retrieve_cli.errors import InputError, blame
-from retrieve_cli.files import plan_writer, read_scenes, scene_writer, write_text
+from kinematics.errors import InputError, blame
+from planning.io.files import plan_writer, read_scenes, scene_writer, write_text
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
-    from kinematics.robot import Robot
+    from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
     from planning.motion.pick_place import Motions
     from planning.plan import Plan
-    from retrieve_cli.picture import Film
+    from retrieve_cli.drawing.picture import Film
 
 ROBOT, SPEC, POLICY = "ur5e", "paper", "neural"
 LOOKS, MOST_LOOKS = 24, 60
@@ -29,7 +29,7 @@ def run(*, out: Path, seed: int) -> None:
     announce_first_run()
     with blame("demo"):
         scene, plan, motions = _hard_scene(seed, folder / "scene.jsonl")
-    from retrieve_cli.picture import Film
+    from retrieve_cli.drawing.picture import Film
 
     film = Film(motions.robot, scene, plan)
     _tell(film, motions)
@@ -58,13 +58,13 @@ def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
 
     Raises: ValueError when there is none.
     """
-    from kinematics.robot import load
+    from kinematics.robots.robot import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
-    from planning.problems import generate, load_spec
+    from planning.scene_generation import generate, load_spec
 
     arm = load(ROBOT, on_step=say)
-    spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.stand), name=arm.name)
+    spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.base_p), name=arm.name)
     say("looking for a scene in which two objects are in the way")
     kept = None
     with progress("scenes", LOOKS, out=file) as step:
@@ -142,9 +142,9 @@ def _in_words(why: object) -> str:
 
 
 def _draw(film: Film, folder: Path) -> None:
-    from retrieve_cli.page import page
-    from retrieve_cli.picture import best_view
-    from retrieve_cli.still import hand_view, save, side_view, time_of_best_carry, time_of_best_sight
+    from retrieve_cli.drawing.page import page
+    from retrieve_cli.drawing.picture import best_view
+    from retrieve_cli.drawing.still import hand_view, save, side_view, time_of_best_carry, time_of_best_sight
 
     write_text(folder / "plan.html", page(film))
     camera = best_view(film)

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, TypeVar
 
-from retrieve_cli.errors import InputError, choose, one_line
+from kinematics.errors import InputError, choose, one_line
 
 ENGINES = ("local", "ray")
 AHEAD = 4  # items a worker may be ahead of the result that is waited for

@@ -6,15 +6,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kinematics.errors import blame
+from planning.io.files import scene_writer
 from retrieve_cli.engine import map_ordered
-from retrieve_cli.errors import blame
-from retrieve_cli.files import scene_writer
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
-    from kinematics.robot import Robot
+    from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
-    from planning.problems import Spec
+    from planning.scene_generation import Spec
 
 
 def run(
@@ -31,8 +31,8 @@ def run(
     address: str | None = None,
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
-    from kinematics.robot import load
-    from planning.problems import load_spec
+    from kinematics.robots.robot import load
+    from planning.scene_generation import load_spec
 
     announce_first_run()
     with blame("gen"):
@@ -48,8 +48,8 @@ def run(
 
 def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
     """Scene number `index` of a seed. Raises: InputError when the spec asks for what the robot can't do."""
-    from kinematics.robot import from_ref
-    from planning.problems import NoScene, generate
+    from kinematics.robots.robot import from_ref
+    from planning.scene_generation import NoScene, generate
 
     with blame("gen", NoScene):
         return generate(spec, from_ref(ref), ref, seed, index)
@@ -57,11 +57,11 @@ def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
 
 def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:
     """How scenes name a robot that was loaded, with its base where it stands."""
-    from kinematics.robot import named_robots
+    from kinematics.robots.robot import named_robots
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
 
-    T_base = transform(p=arm.stand)
+    T_base = transform(p=arm.base_p)
     if arm.name in named_robots():
         return RobotRef(T_base, name=arm.name)
     return RobotRef(T_base, urdf=str(Path(arm.name).resolve()), hand_frame=hand_frame, gripper_joint=arm.joint_names[arm.gripper_joint])

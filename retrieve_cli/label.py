@@ -12,10 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from retrieve_cli.documents import scene_to_json
+from kinematics.errors import InputError, blame
+from planning.io.documents import scene_to_json
+from planning.io.files import read_scenes
 from retrieve_cli.engine import map_ordered
-from retrieve_cli.errors import InputError, blame
-from retrieve_cli.files import read_scenes
 from retrieve_cli.gen import robot_ref
 from retrieve_cli.terminal import announce_first_run, say
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from planning.learning.labels import Row
     from planning.learning.shards import Manifest
     from planning.learning.states import Variety
-    from planning.problems import Spec
+    from planning.scene_generation import Spec
 
 SHARD = 25  # scenes
 SCENES = 100  # generated when nothing says how many
@@ -112,9 +112,9 @@ def run(
 
 def label_item(job: Job, item: Item) -> list[Row]:
     """The rows of one scene. Raises: InputError when it can't be made, or the robot can't stand before it."""
-    from kinematics.robot import from_ref
+    from kinematics.robots.robot import from_ref
     from planning.learning.states import rows, varied_scene
-    from planning.problems import NoScene
+    from planning.scene_generation import NoScene
 
     with blame(item.where, NoScene):
         scene = item.scene
@@ -144,9 +144,9 @@ def _made(
     n: int, spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool
 ) -> tuple[list[Item], dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
     """The numbers of n scenes to be made, and what is needed to make them: spec after spec in turn."""
-    from kinematics.robot import load
+    from kinematics.robots.robot import load
     from planning.learning.states import Variety
-    from planning.problems import load_spec
+    from planning.scene_generation import load_spec
 
     with blame("label"):
         specs = tuple(load_spec(which) for which in spec)

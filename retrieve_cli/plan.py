@@ -9,9 +9,10 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from kinematics.errors import InputError, blame, choose
+from planning.io.files import plan_writer, read_scenes, replacing
 from retrieve_cli.engine import map_ordered
-from retrieve_cli.errors import DONE, UNSOLVED, InputError, blame, choose
-from retrieve_cli.files import plan_writer, read_scenes, replacing
+from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.sense import parse_box
 from retrieve_cli.terminal import announce_first_run, progress, say
 
@@ -128,7 +129,7 @@ def plan_scene(job: Job, item: Item) -> Plan:
     """The plan of one scene. Raises: InputError when the robot can't be loaded, or can't stand there."""
     import numpy as np
 
-    from kinematics.robot import from_ref
+    from kinematics.robots.robot import from_ref
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS, Motions
     from planning.policies import make_policy
@@ -150,13 +151,13 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
     """The plan of one scene of which nothing is known at first. Raises: InputError like `plan_scene`, and for a robot without a camera."""
     import numpy as np
 
-    from kinematics.robot import from_ref
+    from kinematics.robots.robot import from_ref
     from perception.camera import DepthNoise
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
     from planning.retrieval import Rule
-    from planning.unseen import Simulated, retrieve_unseen
+    from planning.sensing.retrieve import Simulated, retrieve_unseen
 
     with blame(item.where):
         arm = from_ref(item.scene.robot, on_step=say)
@@ -192,7 +193,7 @@ _say_once = lru_cache(say)
 
 def _override(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:
     """The robot to plan with: another one, or the scene's own URDF with another hand frame or gripper joint. Raises InputError."""
-    from kinematics.robot import named_robots
+    from kinematics.robots.robot import named_robots
     from kinematics.scene import RobotRef
 
     if robot is None and scene.urdf is not None:

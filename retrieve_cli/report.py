@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from kinematics.errors import InputError
 from planning import metrics
+from planning.io.files import read_plans, read_scenes, write_text
 from planning.metrics import Episode
 from retrieve_cli import terminal
-from retrieve_cli.errors import InputError
-from retrieve_cli.files import read_plans, read_scenes, write_text
-from retrieve_cli.report_forms import WRITERS, to_json, to_terminal
-from retrieve_cli.report_tables import Report, name
+from retrieve_cli.reporting.forms import WRITERS, to_json, to_terminal
+from retrieve_cli.reporting.tables import Report, name
 
 
 def run(*, plans: Sequence[Path], scenes: Sequence[Path], out: Sequence[Path], as_json: bool) -> int | None:

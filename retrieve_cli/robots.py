@@ -6,14 +6,14 @@ import json
 import sys
 from pathlib import Path
 
-from retrieve_cli.errors import InputError, blame, choose
-from retrieve_cli.files import write_text
+from kinematics.errors import InputError, blame, choose
+from planning.io.files import write_text
 from retrieve_cli.terminal import show
 
 
 def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
     """List the robots, or tell about one; write its URDF when asked."""
-    from kinematics.robot import installed, load, named_robots
+    from kinematics.robots.robot import installed, load, named_robots
 
     table = named_robots()
     if name is not None:

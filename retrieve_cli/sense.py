@@ -6,20 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from retrieve_cli.documents import observation_to_json
-from retrieve_cli.errors import InputError, blame, choose
-from retrieve_cli.files import read_scenes, scene_writer
+from kinematics.errors import InputError, blame, choose
+from planning.io.documents import observation_to_json
+from planning.io.files import read_scenes, scene_writer
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from kinematics.robot import Robot
+    from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
     from kinematics.transforms import Array
     from perception.frames import Frame
-    from perception.voxels import Voxels
-    from planning.sensing import Limits
+    from perception.mapping.voxels import Voxels
+    from planning.sensing.look_around import Limits
 
 STAGE = 2  # this stage's word in the seeds of random generators
 BY = ("mask", "geometry")
@@ -42,19 +42,19 @@ def run(
     """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`."""
     import numpy as np
 
-    from kinematics.robot import from_ref
+    from kinematics.robots.robot import from_ref
     from perception.belief import believe, observation
     from perception.frames import read_frames, write_frames, write_ply
-    from perception.fusion import axial_noise
-    from perception.source import marked
-    from planning.sensing import Limits, dark
+    from perception.objects.prepared_frames import axial_noise
+    from perception.rendering.synthetic_camera import marked
+    from planning.sensing.look_around import Limits, unknown_mask
 
     choose("way to tell objects apart (--by)", by, BY)
     box = None if target_box is None else parse_box(target_box)
     announce_first_run()
     with scene_writer(out) as write, progress("scenes", out=out) as advance:
         for index, (where, scene) in enumerate(read_scenes(scenes, "sense")):
-            blank = replace(scene, objects=(), observation=None)
+            empty_scene = replace(scene, objects=(), observation=None)
             with blame(where):
                 arm = from_ref(scene.robot, on_step=say)
                 if from_views is None:
@@ -63,14 +63,14 @@ def run(
                 else:
                     recorded = read_frames(from_views, scene=None if _is_one(from_views) else index)
                     frames = marked(arm, scene.robot.T_world_base, recorded)
-                    voxels, reason = fuse(blank, frames, axial_noise(frames, blank.cabinet)), f"{len(frames)} recorded views"
-                belief = believe(blank, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)
+                    voxels, reason = fuse(empty_scene, frames, axial_noise(frames, empty_scene.cabinet)), f"{len(frames)} recorded views"
+                belief = believe(empty_scene, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)
                 if views is not None:
                     write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
-            seen = observation(blank, arm.home, belief)
-            shares = known_after(blank, frames, axial_noise(frames, blank.cabinet))
+            seen = observation(empty_scene, arm.home, belief)
+            shares = known_after(empty_scene, frames, axial_noise(frames, empty_scene.cabinet))
             views_known = [(f.T_world_camera, k) for f, k in zip(frames, shares)]
-            unknown = voxels.ranges(dark(voxels, belief.bodies))
+            unknown = voxels.ranges(unknown_mask(voxels, belief.bodies))
             document = observation_to_json(seen.boxes, seen.regions, views_known, voxels.known, voxels.state.shape, unknown)
             found = "" if scene.target in seen.boxes else f", the target {scene.target} not among them"
             say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(seen.boxes)} objects{found}; {reason}")
@@ -82,34 +82,34 @@ def run(
 def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.Generator) -> tuple[tuple[Frame, ...], Voxels, str]:
     """Take views of a scene with the synthetic camera, the arm at home first."""
     from perception.camera import DepthNoise
-    from perception.source import synthetic_camera
-    from perception.voxels import unknown_voxels
+    from perception.mapping.voxels import unknown_voxels
+    from perception.rendering.synthetic_camera import synthetic_camera
     from planning.motion.pick_place import Motions
-    from planning.sensing import look_around
+    from planning.sensing.look_around import look_around
 
     model = DepthNoise() if noise else None
     camera = synthetic_camera(arm, scene, scene.poses(), noise=model, rng=rng)
-    blank = replace(scene, objects=(), observation=None)
-    q = Motions(arm, blank).start().q
+    empty_scene = replace(scene, objects=(), observation=None)
+    q = Motions(arm, empty_scene).start().q
     nothing = unknown_voxels(scene.cabinet)
-    looked = look_around(blank, arm, camera, q, nothing, rng, limits=limits, noise_1m_m=model.axial_1m_m if model else 0.0)
+    looked = look_around(empty_scene, arm, camera, q, nothing, rng, limits=limits, noise_1m_m=model.axial_1m_m if model else 0.0)
     return looked.frames, looked.voxels, looked.reason
 
 
-def fuse(blank: Scene, frames: tuple[Frame, ...], noise: float) -> Voxels:
+def fuse(empty_scene: Scene, frames: tuple[Frame, ...], noise: float) -> Voxels:
     """The map that recorded frames give."""
-    return _maps(blank, frames, noise)[-1]
+    return _maps(empty_scene, frames, noise)[-1]
 
 
-def known_after(blank: Scene, frames: tuple[Frame, ...], noise: float) -> list[float]:
+def known_after(empty_scene: Scene, frames: tuple[Frame, ...], noise: float) -> list[float]:
     """The share known after each frame."""
-    return [voxels.known for voxels in _maps(blank, frames, noise)[1:]]
+    return [voxels.known for voxels in _maps(empty_scene, frames, noise)[1:]]
 
 
-def _maps(blank: Scene, frames: tuple[Frame, ...], noise: float) -> list[Voxels]:
-    from perception.voxels import unknown_voxels
+def _maps(empty_scene: Scene, frames: tuple[Frame, ...], noise: float) -> list[Voxels]:
+    from perception.mapping.voxels import unknown_voxels
 
-    maps = [unknown_voxels(blank.cabinet)]
+    maps = [unknown_voxels(empty_scene.cabinet)]
     for f in frames:
         maps.append(maps[-1].fuse(f.depth, f.intrinsics, f.T_world_camera, own=f.arm, noise_1m_m=noise))
     return maps

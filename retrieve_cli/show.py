@@ -6,14 +6,14 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from retrieve_cli.errors import InputError, blame, did_you_mean
-from retrieve_cli.files import read_either, read_scenes, replacing
+from kinematics.errors import InputError, blame, did_you_mean
+from planning.io.files import read_either, read_scenes, replacing
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
     from kinematics.scene import Scene
     from planning.plan import Plan
-    from retrieve_cli.picture import Film
+    from retrieve_cli.drawing.picture import Film
 
 FIRST_PORT, PORTS = 7000, 100
 """meshcat's own choice, and how many ports are tried before any free one."""
@@ -27,7 +27,7 @@ def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None
     with blame(where):
         film = _film(scene, plan)
     if png is not None:
-        from retrieve_cli.still import write_png
+        from retrieve_cli.drawing.still import write_png
 
         write_png(film, png, camera=camera)
     if html is not None:
@@ -42,7 +42,7 @@ def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
 
 
 def _write_page(film: Film, out: Path) -> None:
-    from retrieve_cli.page import page
+    from retrieve_cli.drawing.page import page
 
     with replacing(out) as part:
         part.write_text(page(film), encoding="utf-8")
@@ -50,8 +50,8 @@ def _write_page(film: Film, out: Path) -> None:
 
 def _film(scene: Scene, plan: Plan | None) -> Film:
     """Raises ValueError when the robot can't be loaded, or the plan is not for it."""
-    from kinematics.robot import from_ref
-    from retrieve_cli.picture import Film
+    from kinematics.robots.robot import from_ref
+    from retrieve_cli.drawing.picture import Film
 
     film = Film(from_ref(scene.robot, on_step=say), scene, plan)
     names = {b.name for b in scene.objects}
@@ -98,7 +98,7 @@ def _serve(film: Film) -> None:
     from functools import partial
     from http.server import ThreadingHTTPServer
 
-    from retrieve_cli.page import page
+    from retrieve_cli.drawing.page import page
 
     content = page(film).encode()
     for port in (*range(FIRST_PORT, FIRST_PORT + PORTS), 0):

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from retrieve_cli.errors import InputError, blame
-from retrieve_cli.files import replacing, write_text
+from kinematics.errors import InputError, blame
+from planning.io.files import replacing, write_text
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def run(
     import torch
 
     from planning.learning import dataset
-    from planning.learning.judge import judge_osnet, judge_rpnet
+    from planning.learning.evaluate import judge_osnet, judge_rpnet
     from planning.learning.model import NETS
     from planning.learning.settings import Settings
     from planning.learning.train import make_net, train

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 
 from kinematics.inverse import descend, make_seeds, make_work, solve
-from kinematics.robot import Robot, installed, load, named_robots
+from kinematics.robots.robot import Robot, installed, load, named_robots
 from kinematics.transforms import transform, wxyz_from_rotation
 
 settings.register_profile("repeatable", derandomize=True, database=None, deadline=None)
@@ -148,13 +148,13 @@ def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
     """Scene `index` of a spec before a named robot, and its plan, as they come back from files."""
     pytest.importorskip("planning.retrieval")
     from kinematics.scene import RobotRef
+    from planning.io.documents import plan_to_json, scene_to_json
     from planning.motion.pick_place import Motions
     from planning.policies import make_policy
-    from planning.problems import generate, load_spec
     from planning.retrieval import Rule, retrieve
-    from retrieve_cli.documents import plan_to_json, scene_to_json
+    from planning.scene_generation import generate, load_spec
 
-    scene = generate(load_spec(spec), robot, RobotRef(transform(p=robot.stand), robot.name), 11, index)
+    scene = generate(load_spec(spec), robot, RobotRef(transform(p=robot.base_p), robot.name), 11, index)
     motions = Motions(robot, scene)
     rng = np.random.default_rng([11, index])
     plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule.DEEP, rng=rng)

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-SCHEMAS = Path(__file__).parent / "schema"
+SCHEMAS = Path(__file__).resolve().parents[1] / "planning" / "io" / "schema"
 
 
 def pose(*p: float, q_wxyz: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> dict[str, Any]:

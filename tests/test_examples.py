@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from documents import SCHEMAS
 
-from kinematics.robot import Robot, load
+from kinematics.robots.robot import Robot, load
 from kinematics.scene import Scene, object_box
+from planning.io.files import read_plans, read_scenes
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
 from planning.plan import Blocked
 from planning.policies import make_policy
 from planning.retrieval import Rule, retrieve
-from retrieve_cli.files import read_plans, read_scenes
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"

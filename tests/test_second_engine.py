@@ -30,7 +30,7 @@ from second_engine import (
     walls,
 )
 
-from kinematics.robot import Robot, installed, load
+from kinematics.robots.robot import Robot, installed, load
 from kinematics.scene import WALLS, Cabinet
 from kinematics.shapes import Box
 from kinematics.transforms import rotation_about, transform

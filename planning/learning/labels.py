@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.exact import MARGIN_M
+from kinematics.collision.edge_check import MARGIN_M
 from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse
@@ -65,7 +65,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class PathsToTarget:
     """Distinct paths (·, A) to x_g, approach included, how often each was found (D,), and the gripper's value on them; floor, lows: how
     low the arm comes there (see `swept.lowest`). They ignore the other objects, so all states of a scene have them in common."""
 
@@ -76,8 +76,10 @@ class Ways:
     lows: F32
 
 
-def label(motions: Motions, state: State, ways: Ways, rng: np.random.Generator, *, objects: int | None = None, number: int = 0) -> Row:
-    """Label a state in which the target is still blocked, by the ways to x_g that `find_ways` found.
+def label(
+    motions: Motions, state: State, ways: PathsToTarget, rng: np.random.Generator, *, objects: int | None = None, number: int = 0
+) -> Row:
+    """Label a state in which the target is still blocked, by the ways to x_g that `paths_to_target` found.
 
     objects: how many objects at most are asked where they could be carried to, the blocking ones first; None for all of them.
     number: of the state within its scene.
@@ -109,7 +111,7 @@ def movable(scene: Scene) -> tuple[str, ...]:
     return tuple(b.name for b in scene.objects if b.name != scene.target)
 
 
-def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> Ways:
+def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> PathsToTarget:
     """Ways from where the arm waits to x_g through the cabinet without the other objects: what `paths` searches (K) find, shortened.
 
     The searches are spread evenly over the solutions of x_g that the emptied cabinet allows; one that the first two searches do not reach
@@ -123,7 +125,7 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
     start, found, times = motions.robot.arm_q(alone.q), list[Array](), list[int]()
     floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet, _tallest(motions, state))
     if not picks:
-        return Ways((), np.zeros(0, np.int64), 0.0, floor, np.zeros((*floor.n, 0), np.float32))
+        return PathsToTarget((), np.zeros(0, np.int64), 0.0, floor, np.zeros((*floor.n, 0), np.float32))
     empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
     left, straight = deque(range(len(picks))), dict[int, int]()
     reached, in_vain = set[int](), Counter[int]()
@@ -148,7 +150,7 @@ def find_ways(motions: Motions, state: State, rng: np.random.Generator, paths: i
         times.append(1)
     balls = arm_balls(motions.robot, scene.robot.T_world_base, picks[0].gripper_open)
     lows = lowest(motions.cell.arm.chain, empty.problem.weight, balls, floor, found)
-    return Ways(tuple(found), np.array(times, np.int64), picks[0].gripper_open, floor, lows)
+    return PathsToTarget(tuple(found), np.array(times, np.int64), picks[0].gripper_open, floor, lows)
 
 
 def _tallest(motions: Motions, state: State) -> float:
@@ -157,7 +159,7 @@ def _tallest(motions: Motions, state: State) -> float:
     return max((float((high - low)[2]) for low, high in extents), default=0.0)
 
 
-def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: Ways) -> tuple[Counts, Counts]:
+def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: PathsToTarget) -> tuple[Counts, Counts]:
     """How many of the ways meet each object: where it stands (m,), and over each cell (m, B)."""
     scene, T = motions.scene, inverse(motions.scene.cabinet.T_world_cabinet)
     blocks, hits = np.zeros(len(names), np.int64), np.zeros((len(names), len(cells)), np.int64)

@@ -1,6 +1,6 @@
 """The parts of both networks: two-layer perceptrons, and Transformer blocks (Vaswani et al., 2017; pre-norm, ReLU, no dropout).
 
-Shapes: … batch axes, I queries, J keys, d width, h heads, R numbers a relation. `planning.learning.forward` is the same in numpy.
+Shapes: … batch axes, I queries, J keys, d width, h heads, R numbers a relation. `planning.learning.numpy_inference` is the same in numpy.
 """
 
 from __future__ import annotations

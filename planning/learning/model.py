@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from kinematics.scene import APPROACHES
 from perception.observation import Observation
-from planning.learning import forward
-from planning.learning.forward import Encoding, Weights, sigmoid
+from planning.learning import numpy_inference
+from planning.learning.numpy_inference import Encoding, Weights, sigmoid
 from planning.learning.scores import object_score, region_score
 from planning.learning.tokens import F32, LENGTH_M, tokens
 
@@ -81,10 +81,10 @@ class Seen:
         if not names:
             return Chosen((), *np.zeros((4, 0), np.float32))
         if model.form == "paper":
-            p = sigmoid(forward.paper_osnet(model.osnet, self.tokens, model.heads)[:, 0])
+            p = sigmoid(numpy_inference.paper_osnet(model.osnet, self.tokens, model.heads)[:, 0])
             unknown = np.full_like(p, np.nan)
             return Chosen(names, p, unknown, unknown, p)
-        p, pickable, opens = sigmoid(forward.osnet(model.osnet, self.tokens, model.heads)).T
+        p, pickable, opens = sigmoid(numpy_inference.osnet(model.osnet, self.tokens, model.heads)).T
         return Chosen(names, p, pickable, opens, object_score(p, pickable, opens))
 
     def place(self, name: str, regions: Sequence[int] | NDArray[np.intp] | None = None) -> Placed:
@@ -93,14 +93,14 @@ class Seen:
         index = np.arange(len(t.regions)) if regions is None else np.asarray(regions, np.intp)
         moved = 1 + self.observation.movable.index(name)
         if model.form == "paper":
-            self._encoding = self._encoding or forward.paper_rpnet_encode(model.rpnet, t, model.heads)
-            cost = sigmoid(forward.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
+            self._encoding = self._encoding or numpy_inference.paper_rpnet_encode(model.rpnet, t, model.heads)
+            cost = sigmoid(numpy_inference.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
             unknown = np.full_like(cost, np.nan)
             return Placed(index, cost, unknown, unknown, -cost)
-        self._encoding = self._encoding or forward.rpnet_encode(model.rpnet, t, model.heads)
+        self._encoding = self._encoding or numpy_inference.rpnet_encode(model.rpnet, t, model.heads)
         if len(index) == 0:
             return Placed(index, *np.zeros((4, 0), np.float32))
-        cost, feasible, hits = sigmoid(forward.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
+        cost, feasible, hits = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
         away = np.linalg.norm(t.regions[index, :2] - t.boxes[moved, :2], axis=1) / np.linalg.norm(t.context[3:5])
         return Placed(index, cost, feasible, hits, region_score(feasible, hits, away))
 
@@ -150,7 +150,7 @@ def from_pretrained(folder: str | Path) -> Model:
         for name in sorted(set(shapes) | set(expected)):
             if shapes.get(name) != expected.get(name):
                 raise ValueError(f"{file}: {name}: {shapes.get(name, 'is missing')}, and config.json says {expected.get(name, 'nothing')}")
-    turned = {net: forward.turned(w) for net, w in weights.items()}
+    turned = {net: numpy_inference.turned(w) for net, w in weights.items()}
     return Model(config["form"], config["robot"], int(config["heads"]), turned["osnet"], turned["rpnet"], config)
 
 

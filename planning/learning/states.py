@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.robot import Robot
+from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
-from planning.learning.glimpse import glimpsed
-from planning.learning.labels import PATHS, Row, find_ways, label, movable
+from planning.learning.labels import PATHS, Row, label, movable, paths_to_target
+from planning.learning.partial_views import glimpsed
 from planning.motion.pick_place import Done, Motions
 from planning.plan import Blocked
-from planning.problems import Spec, generate
+from planning.scene_generation import Spec, generate
 
 STAGE = 3  # this stage's word in the seeds of random generators
 MOVES = 3
@@ -43,9 +43,9 @@ def varied_scene(spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int,
     rng = np.random.default_rng([seed, STAGE, index, 0])
     share = 1 + variety.cabinet_share * rng.uniform(-1, 1, 3)
     n = int(rng.integers(variety.regions_n[0], variety.regions_n[1] + 1)) if variety.regions_n else spec.regions_n
-    stand = transform(p=variety.base_m * rng.uniform(-1, 1, 3)) @ ref.T_world_base
+    T_world_base = transform(p=variety.base_m * rng.uniform(-1, 1, 3)) @ ref.T_world_base
     spec = replace(spec, cabinet_size_m=spec.cabinet_size_m * share, regions_n=n)
-    scene = generate(spec, robot, replace(ref, T_world_base=stand), seed, index, stage=STAGE)
+    scene = generate(spec, robot, replace(ref, T_world_base=T_world_base), seed, index, stage=STAGE)
     return replace(scene, id=f"label-{scene.id}", seed=(seed, STAGE, index))
 
 
@@ -71,7 +71,7 @@ def rows(
     for number in range(moves + 1):
         if not isinstance(motions.retrieve_target(state, rng), Blocked):
             return
-        ways = ways or find_ways(motions, state, rng, paths)
+        ways = ways or paths_to_target(motions, state, rng, paths)
         row = label(motions, state, ways, rng, objects=objects, number=number)
         yield row
         if looks.random() < partly_seen and (part := glimpsed(motions, state, row, looks)) is not None:

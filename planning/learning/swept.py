@@ -1,9 +1,9 @@
 """The space that the arm sweeps along a path, kept as heights: how far down it comes above each small cell of the cabinet's floor.
 
 Objects stand on the floor, so one touches the swept space where the arm comes lower than the object is tall: two dimensions say all.
-Heights are those of the links' fine covers (kinematics.spheres), which reach up to 5 mm beyond a link, taken at samples between which a
-link moves by `SAMPLE_M`, on cells of `CELL_M`. So a verdict is that of the exact test with the object or the arm moved by a cell: good
-for counting how many of many paths an object blocks, not for letting an arm loose.
+Heights are those of the links' fine covers (kinematics.collision.sphere_cover), which reach up to 5 mm beyond a link, taken at samples
+between which a link moves by `SAMPLE_M`, on cells of `CELL_M`. So a verdict is that of the exact test with the object or the arm moved by a
+cell: good for counting how many of many paths an object blocks, not for letting an arm loose.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from kinematics.arm import Chain, Int, forward
-from kinematics.coverage import link_covers
-from kinematics.robot import Robot
+from kinematics.chain import Chain, Int, forward
+from kinematics.collision.robot_model import link_covers
+from kinematics.robots.robot import Robot
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, inverse
 

@@ -14,14 +14,14 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm import Int
-from kinematics.coverage import shape_pieces
-from kinematics.robot import Robot
+from kinematics.chain import Int
+from kinematics.collision.robot_model import shape_geometry
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Held, Scene, State
 from kinematics.transforms import Array
 from planning.motion.picking import Pick, Picking
-from planning.motion.placing import LetGo, Place, Placing
-from planning.motion.reaching import stand
+from planning.motion.placing import Place, Placing, ReleaseQuery
+from planning.motion.reaching import place_on_floor
 from planning.motion.timing import time_stamps
 from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
@@ -42,7 +42,7 @@ class _Memory:
         self.transits: dict[Pick, Array | Blocked] = {}
         self.reachable: dict[Pick, bool] = {}
         self.placing: dict[Pick, Placing] = {}
-        self.let_go: dict[tuple[str, float, float], LetGo] = {}
+        self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
         self.without: dict[str, dict[str, Array]] = {}
 
 
@@ -82,7 +82,7 @@ class Motions:
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
         T = np.empty((4, 4))
-        stand(shape_pieces(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
+        place_on_floor(shape_geometry(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
         return T
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
@@ -186,15 +186,15 @@ class Motions:
         return found[name]
 
     def _placing(self, state: State, pick: Pick) -> Placing:
-        known, let_go = self._recall(state).placing, self._recall(state).let_go
+        known, release_query = self._recall(state).placing, self._recall(state).release_query
         if pick not in known:
             name, rest = pick.held.body, self._without(state, pick.held.body)
             key = (name, pick.gripper_open, pick.gripper_closed)
-            if key not in let_go:
+            if key not in release_query:
                 standing = {**rest, name: state.poses[name]}
                 opening = self.cell.moving_fingers(standing, name, pick.gripper_open, pick.gripper_closed)
-                let_go[key] = LetGo(opening, self.cell.problem(standing, pick.gripper_open), *self.cell.standing(name, rest))
-            known[pick] = Placing(self.cell, pick, state.poses[name], let_go[key])
+                release_query[key] = ReleaseQuery(opening, self.cell.problem(standing, pick.gripper_open), *self.cell.standing(name, rest))
+            known[pick] = Placing(self.cell, pick, state.poses[name], release_query[key])
         return known[pick]
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> list[Motion] | Blocked:
@@ -286,7 +286,7 @@ class Motions:
         values = np.linspace(gripper, gripper if to_gripper is None else to_gripper, len(arm))
         q = np.array([self.robot.with_arm(a, float(g)) for a, g in zip(arm, values)])
         body = held.body if held else touching
-        may_touch = [(pad, body) for pad in sorted(self.robot.pads)] if body else []
+        allowed_contacts = [(pad, body) for pad in sorted(self.robot.pads)] if body else []
         if on_floor and body:
-            may_touch.append((body, "floor"))
-        return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(may_touch))
+            allowed_contacts.append((body, "floor"))
+        return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(allowed_contacts))

@@ -12,9 +12,9 @@ from kinematics.scene import APPROACHES, Grasp, Held
 from kinematics.transforms import Array, inverse
 from planning.grasps import open_width, sample_grasps
 from planning.motion import reaching
-from planning.motion.once import Once
+from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
-from planning.motion.workcell import Contacts, Situation, Workcell
+from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 
 MAX_PICKS = 8  # grasps with a free approach that are kept for one object
@@ -39,8 +39,8 @@ class Pick:
     gripper_open: float
     gripper_closed: float
     held: Held
-    carrying: Situation
-    lifting: Situation
+    carrying: PlanningQuery
+    lifting: PlanningQuery
 
 
 class Picking:
@@ -143,10 +143,10 @@ class _Failures:
         if self._got_to == 0:
             self.furthest, self._got_to = Blocked("ik", "hand", self._name, detail="the grasp is out of reach"), 1
 
-    def note(self, code: int, situation: Situation | Contacts, pair: int) -> None:
+    def note(self, code: int, query: PlanningQuery | ContactQuery, pair: int) -> None:
         """One got as far as a code of `reaching`, where a pair of the situation touched."""
         if 1 + code >= self._got_to:
-            self.furthest, self._got_to = self._cell.blocked(STAGES[code], situation, pair, self._name), 1 + code
+            self.furthest, self._got_to = self._cell.blocked(STAGES[code], query, pair, self._name), 1 + code
 
 
 class _OpenHand:
@@ -160,7 +160,7 @@ class _OpenHand:
         self._cell, self._poses, self._name = cell, poses, name
 
     @cached_property
-    def closing(self) -> Contacts:
+    def closing(self) -> ContactQuery:
         """Not asked for where the open hand does not even get there."""
         return self._cell.moving_fingers(self._poses, self._name, self.opened, self.closed)
 
@@ -172,7 +172,7 @@ class _OpenHand:
         return bool(pair < 0)
 
 
-class _Grasps(Once[Grasp]):
+class _Grasps(LazyList[Grasp]):
     """The grasps on an object where it stands, and the arm's solutions for each; both are found when asked for, and once."""
 
     def __init__(self, cell: Workcell, grasps: Iterable[Grasp]) -> None:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.arm import Int
+from kinematics.chain import Int
 from kinematics.transforms import Array, inverse
 from planning.motion import reaching
 from planning.motion.picking import Pick
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
-from planning.motion.workcell import Contacts, Situation, Workcell
+from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
@@ -32,25 +32,25 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class LetGo:
+class ReleaseQuery:
     """The hand once an object stands: the situations while it opens and when it is open, and the object among the others. It is the same
     for all picks with the same gripper values."""
 
-    opening: Contacts
-    open: Situation
-    standing: reaching.Standing
-    among: Contacts
+    opening: ContactQuery
+    open: PlanningQuery
+    standing: reaching.PlacementQuery
+    among: ContactQuery
 
 
 class Placing:
     """A held object that is put down, anywhere: for the compiled core, with the names behind its indices."""
 
-    def __init__(self, cell: Workcell, pick: Pick, T_world_object: Array, let_go: LetGo) -> None:
+    def __init__(self, cell: Workcell, pick: Pick, T_world_object: Array, release_query: ReleaseQuery) -> None:
         """T_world_object (4, 4): where the object was picked."""
-        self.cell, self.pick, self.R, self.let_go = cell, pick, T_world_object[:3, :3], let_go
-        rows = [i - len(cell.arm.links) for i, n in enumerate(let_go.open.names) if n == pick.held.body]
-        tasks = pick.lifting.task, let_go.opening.problem, let_go.open.task
-        self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, let_go.standing, pick.held.T_hand_body)
+        self.cell, self.pick, self.R, self.release_query = cell, pick, T_world_object[:3, :3], release_query
+        rows = [i - len(cell.arm.links) for i, n in enumerate(release_query.open.names) if n == pick.held.body]
+        tasks = pick.lifting.task, release_query.opening.problem, release_query.open.task
+        self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, release_query.standing, pick.held.T_hand_body)
 
     def place(self, centre: Array) -> Place | Blocked:
         """Put the object down over `centre` (3,), turned as suits the hand: static checks and the straight pieces.
@@ -69,7 +69,7 @@ class Placing:
             return Place(lower, retreat, T)
         if code != reaching.REGION:
             for turn in reaching.PLACE_TURNS:
-                reaching.stand(p.standing.body.vertices, self.R, natural + turn, centre, T)
+                reaching.place_on_floor(p.standing.body.vertices, self.R, natural + turn, centre, T)
                 if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
                     T_hand = T @ inverse(self.pick.held.T_hand_body)
                     got, touch = down(np.array([turn]), cell.ik(T_hand, near=near, tries=TRIES))
@@ -106,13 +106,13 @@ class Placing:
         bearing = centres[..., :2] - self.cell.scene.robot.T_world_base[:2, 3]
         return np.asarray(np.arctan2(bearing[..., 1], bearing[..., 0]) - np.arctan2(ahead[1], ahead[0]))
 
-    def _seen_at(self, code: int) -> Situation | Contacts:
+    def _seen_at(self, code: int) -> PlanningQuery | ContactQuery:
         """The situation in which `reaching.put_down` got to say a code."""
         match code:
             case reaching.AT_GRASP | reaching.BACKWARDS:
-                return self.let_go.open
+                return self.release_query.open
             case reaching.FINGERS:
-                return self.let_go.opening
+                return self.release_query.opening
             case reaching.REGION:
-                return self.let_go.among
+                return self.release_query.among
         return self.pick.lifting

@@ -6,9 +6,9 @@ space such ways are too thin to be met by chance.
 
 from __future__ import annotations
 
-from kinematics.arm import Chain, forward
-from kinematics.compiling import copy_row, copy_rows, inner
+from kinematics.chain import Chain, forward
 from kinematics.inverse import descend
+from kinematics.jit.decorators import copy_row, copy_rows, jit_inline
 from kinematics.transforms import Array
 
 WAYS = 12
@@ -17,7 +17,7 @@ _ROUGHLY = 3
 """Iterations of `descend`. The millimetres that it may leave do no harm: an edge is certified for itself, whatever it was meant to be."""
 
 
-@inner
+@jit_inline
 def pulled(chain: Chain, q: Array, way: int, frames: Array, work: Array, T: Array, out: Array) -> None:
     """Where the joints (J,) are, about, when the last frame has moved by PULL_M from where it is at q (J,), as far as limits allow.
 

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics import exact
-from kinematics.arm import Chain, Int
-from kinematics.compiling import bare, copy_row, copy_rows, inner
+from kinematics.chain import Chain, Int
+from kinematics.collision import edge_check
+from kinematics.collision.posed_geometry import PosedGeometry
+from kinematics.collision.sphere_model import place_body
 from kinematics.inverse import BRISK, descend, make_work
-from kinematics.lane_model import place_body
-from kinematics.record import record
-from kinematics.rig import Rig
+from kinematics.jit.decorators import copy_row, copy_rows, jit_entry, jit_inline
+from kinematics.jit.record import record
 from kinematics.transforms import Array, inverse
 from planning.motion.edges import Memory, Task, connects
 
@@ -25,7 +25,7 @@ LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: 
 APPROACH_M = 0.08
 LIFT_M = 0.03
 APPROACH_STEPS, LIFT_STEPS = 8, 3  # waypoints every centimetre: between two of them the hand strays from the line by less than 0.1 mm
-PLACE_GAP_M = 2 * exact.MARGIN_M  # what a placed object keeps from all others
+PLACE_GAP_M = 2 * edge_check.MARGIN_M  # what a placed object keeps from all others
 PLACE_TURNS = (0.0, 0.5, -0.5, 1.0, -1.0)  # how far from its natural bearing the hand may turn where it puts an object down, rad
 OK, REACH, REGION, AT_GRASP, BACKWARDS, FINGERS, LIFTED, UPWARDS = 0, 1, 2, 3, 4, 5, 6, 7
 """How far it got: all is well; no solution of inverse kinematics; the object would not stand free; the arm at the end pose; the straight
@@ -56,14 +56,14 @@ def make_hand(chain: Chain, T_frame_hand: Array) -> Hand:
 
 
 @record
-class Standing(NamedTuple):
+class PlacementQuery(NamedTuple):
     """An object against all that it must stand free of: its pieces as a part of the world, and the pairs of them and the others.
 
     front (4,): the direction into the cabinet, and where along it the floor begins, which it must not hang over.
     """
 
-    body: Rig
-    problem: exact.Problem
+    body: PosedGeometry
+    problem: edge_check.Problem
     front: Array
 
 
@@ -76,15 +76,15 @@ class PutDown(NamedTuple):
     """
 
     lowering: Task
-    opening: exact.Problem
+    opening: edge_check.Problem
     retreating: Task
     first: int
     last: int
-    standing: Standing
+    standing: PlacementQuery
     T_hand_body: Array
 
 
-@inner
+@jit_inline
 def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Array, memory: Memory) -> tuple[bool, int]:
     """Take the hand from T_world_hand, where way[0] puts it, straight back along its own z, by_m < 0, or up, by_m > 0: the waypoints in
     way (n, A).
@@ -106,11 +106,11 @@ def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Arra
             if abs(way[k, j] - way[k - 1, j]) > LARGEST_TURN:
                 return False, -1
         if not connects(task, way[k - 1], way[k], memory):
-            return False, int(exact.first_contact(task.exact, way[k], memory.exact))
+            return False, int(edge_check.first_contact(task.exact, way[k], memory.exact))
     return True, -1
 
 
-@inner
+@jit_inline
 def hand_touches(hand: Hand, task: Task, T_world_hand: Array, memory: Memory) -> int:
     """The pair of a task in which the hand alone, or what it holds, touches something at a pose (4, 4), wherever the arm is; or -1."""
     T, H = hand.T[2], hand.T_hand_frame
@@ -119,13 +119,13 @@ def hand_touches(hand: Hand, task: Task, T_world_hand: Array, memory: Memory) ->
             T[r, c] = 0.0
             for k in range(4):
                 T[r, c] += T_world_hand[r, k] * H[k, c]
-    return int(exact.frame_contact(task.exact, hand.chain.q_index.shape[0], T, memory.exact))
+    return int(edge_check.frame_contact(task.exact, hand.chain.q_index.shape[0], T, memory.exact))
 
 
-@bare
+@jit_entry
 def hand_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory) -> tuple[int, int]:
     """How far the open hand alone gets in coming to a pose (4, 4), and the pair that touched: no arm can do better. See `ways_in`."""
-    exact.enter(reaching.exact, memory.exact)
+    edge_check.enter(reaching.exact, memory.exact)
     T = hand.T[0]
     copy_rows(T_world_hand, T)
     for k in range(APPROACH_STEPS + 1):
@@ -137,7 +137,7 @@ def hand_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory)
     return OK, -1
 
 
-@bare
+@jit_entry
 def ways_in(
     hand: Hand,
     reaching: Task,
@@ -171,7 +171,7 @@ def ways_in(
     return n
 
 
-@bare
+@jit_entry
 def lift(hand: Hand, lifting: Task, T_world_hand: Array, q: Array, way: Array, memory: Memory) -> tuple[int, int]:
     """Take a held object straight up from where q (A,) puts the hand, T_world_hand (4, 4): waypoints in way (n, A)."""
     pair = touching(lifting, q, memory)
@@ -182,21 +182,21 @@ def lift(hand: Hand, lifting: Task, T_world_hand: Array, q: Array, way: Array, m
     return (OK if free else UPWARDS), pair
 
 
-@inner
+@jit_inline
 def touching(task: Task, q: Array, memory: Memory) -> int:
     """The pair of a task that touches at q (A,), or -1; the memory is made ready for the task."""
-    exact.enter(task.exact, memory.exact)
-    return int(exact.first_contact(task.exact, q, memory.exact))
+    edge_check.enter(task.exact, memory.exact)
+    return int(edge_check.first_contact(task.exact, q, memory.exact))
 
 
-@bare
-def fingers(moving: exact.Problem, q: Array, memory: Memory) -> int:
+@jit_entry
+def fingers(moving: edge_check.Problem, q: Array, memory: Memory) -> int:
     """What touches while the fingers move, the arm being at q (A,): a pair of the problem, which has them at several openings, or -1."""
-    exact.enter(moving, memory.exact)
-    return int(exact.first_contact(moving, q, memory.exact))
+    edge_check.enter(moving, memory.exact)
+    return int(edge_check.first_contact(moving, q, memory.exact))
 
 
-@bare
+@jit_entry
 def put_down(
     hand: Hand, p: PutDown, R: Array, natural: float, centre: Array, turns: Array, starts: Array, memory: Memory, lower: Array,
     retreat: Array, T_body: Array,
@@ -220,18 +220,18 @@ def put_down(
     return said, pair
 
 
-@inner
+@jit_inline
 def _put_down_turned(
     hand: Hand, p: PutDown, R: Array, turn: float, centre: Array, starts: Array, memory: Memory, lower: Array, retreat: Array, T_body: Array
 ) -> tuple[int, int]:
     """Put the held object down, turned from R (3, 3) by `turn` rad about the vertical. See `put_down`."""
-    stand(p.standing.body.vertices, R, turn, centre, T_body)
+    place_on_floor(p.standing.body.vertices, R, turn, centre, T_body)
     touch = stands(p.standing, T_body, memory)
     if touch != FREE:
         return REGION, touch
     T_hand = hand.T[1]
     hand_at(T_body, p.T_hand_body, T_hand)
-    exact.enter(p.lowering.exact, memory.exact)
+    edge_check.enter(p.lowering.exact, memory.exact)
     touch = hand_touches(hand, p.lowering, T_hand, memory)
     if touch >= 0:
         return LIFTED, touch
@@ -247,7 +247,7 @@ def _put_down_turned(
     return said, pair
 
 
-@inner
+@jit_inline
 def _put_down_from(hand: Hand, p: PutDown, T_body: Array, T_hand: Array, memory: Memory, lower: Array, retreat: Array) -> tuple[int, int]:
     """Put the held object down at T_body (4, 4), the hand being at T_hand (4, 4) with the arm at lower[0] (A,). See `put_down`."""
     q = retreat[0]
@@ -260,7 +260,7 @@ def _put_down_from(hand: Hand, p: PutDown, T_body: Array, T_hand: Array, memory:
     pair = touching(p.retreating, q, memory)
     if pair >= 0:
         return AT_GRASP, pair
-    exact.enter(p.lowering.exact, memory.exact)
+    edge_check.enter(p.lowering.exact, memory.exact)
     free, pair = straight(hand, p.lowering, T_hand, LIFT_M, lower, memory)
     if not free:
         return UPWARDS, pair
@@ -273,12 +273,12 @@ def _put_down_from(hand: Hand, p: PutDown, T_body: Array, T_hand: Array, memory:
     pair = fingers(p.opening, q, memory)
     if pair >= 0:
         return FINGERS, pair
-    exact.enter(p.retreating.exact, memory.exact)
+    edge_check.enter(p.retreating.exact, memory.exact)
     free, pair = straight(hand, p.retreating, T_hand, -APPROACH_M, retreat, memory)
     return (OK if free else BACKWARDS), pair
 
 
-@bare
+@jit_entry
 def put_down_all(
     hand: Hand, p: PutDown, R: Array, natural: Array, centres: Array, turns: Array, starts: Array, memory: Memory, lower: Array,
     retreat: Array, T_body: Array, ends: Array, codes: Int,
@@ -289,11 +289,11 @@ def put_down_all(
         copy_row(lower[0], ends[i])
 
 
-@bare
-def stands(s: Standing, T_body: Array, memory: Memory) -> int:
+@jit_entry
+def stands(s: PlacementQuery, T_body: Array, memory: Memory) -> int:
     """FREE when the object stands free at T_body (4, 4), HANGS_OVER the front edge, or else the pair of its problem that is too close."""
     problem, scratch = s.problem, memory.exact
-    exact.enter(problem, scratch)
+    edge_check.enter(problem, scratch)
     copy_rows(T_body, scratch.poses[0])
     v, least = s.body.vertices, np.inf
     for i in range(v.shape[1]):
@@ -305,8 +305,8 @@ def stands(s: Standing, T_body: Array, memory: Memory) -> int:
         return HANGS_OVER
     pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
     for n in range(pairs.shape[0]):
-        if exact.ball_gap(pairs, boxes, poses, n) < PLACE_GAP_M:
-            bound = exact.pair_bound(
+        if edge_check.ball_gap(pairs, boxes, poses, n) < PLACE_GAP_M:
+            bound = edge_check.pair_bound(
                 pairs, boxes, vertices, groups, poses, scratch.work, scratch.toward, n, PLACE_GAP_M, 1.02 * PLACE_GAP_M, np.inf, 0.02
             )
             if bound < PLACE_GAP_M:
@@ -314,15 +314,15 @@ def stands(s: Standing, T_body: Array, memory: Memory) -> int:
     return FREE
 
 
-@bare
-def stands_over(s: Standing, R: Array, centres: Array, T: Array, memory: Memory, free: NDArray[np.bool_]) -> None:
+@jit_entry
+def stands_over(s: PlacementQuery, R: Array, centres: Array, T: Array, memory: Memory, free: NDArray[np.bool_]) -> None:
     """Over which of centres (N, 3) the object stands free with rotation R (3, 3): free (N,). T (4, 4) is overwritten."""
     for i in range(centres.shape[0]):
-        stand(s.body.vertices, R, 0.0, centres[i], T)
+        place_on_floor(s.body.vertices, R, 0.0, centres[i], T)
         free[i] = stands(s, T, memory) == FREE
 
 
-@inner
+@jit_inline
 def move_body(task: Task, b: int, T: Array) -> None:
     """Put solid b of a task at pose T (4, 4); `exact.enter` it afterwards."""
     problem = task.exact
@@ -331,8 +331,8 @@ def move_body(task: Task, b: int, T: Array) -> None:
     place_body(task.world, b, T, problem.boxes[row])
 
 
-@bare
-def stand(v: Array, R: Array, turn: float, centre: Array, T: Array) -> None:
+@jit_entry
+def place_on_floor(v: Array, R: Array, turn: float, centre: Array, T: Array) -> None:
     """Pose T (4, 4) of a body with vertices v (3, V), turned from R (3, 3) about the vertical: its box's middle over `centre` (3,), its
     bottom on that height."""
     co, si = np.cos(turn), np.sin(turn)
@@ -350,7 +350,7 @@ def stand(v: Array, R: Array, turn: float, centre: Array, T: Array) -> None:
         T[r, 3] = centre[r] - ((low + high) / 2 if r < 2 else low)
 
 
-@inner
+@jit_inline
 def hand_at(T_body: Array, H: Array, T_hand: Array) -> None:
     """Where the hand is, T_hand (4, 4), when it holds the object at T_body (4, 4): T_body · H⁻¹ with H = T_hand_body."""
     for r in range(4):

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm import Int
-from kinematics.compiling import bare, copy_row, inner
-from kinematics.exact import first_contact
-from kinematics.record import record
+from kinematics.chain import Int
+from kinematics.collision.edge_check import first_contact
+from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
+from kinematics.jit.record import record
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
 from planning.motion.pulling import WAYS, pulled
@@ -192,7 +192,7 @@ def _climb(trees: Trees, side: int) -> list[int]:
     return way
 
 
-@inner
+@jit_inline
 def uniform(rng: NDArray[np.uint64]) -> float:
     """A number in [0, 1) from the state rng (1,), which it advances (SplitMix64; Steele, Lea and Flood 2014)."""
     rng[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -203,7 +203,7 @@ def uniform(rng: NDArray[np.uint64]) -> float:
     return float(z >> np.uint64(11)) * 2.0**-53
 
 
-@inner
+@jit_inline
 def weighted(weight: Array, a: Array, b: Array) -> float:
     """The distance of two configurations (J,) in metres moved."""
     d = 0.0
@@ -213,7 +213,7 @@ def weighted(weight: Array, a: Array, b: Array) -> float:
     return float(np.sqrt(d))
 
 
-@bare
+@jit_entry
 def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
     """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
     q, size, weight = trees.q, trees.size, task.exact.weight
@@ -245,7 +245,7 @@ def grow(task: Task, trees: Trees, iterations: int, memory: Memory) -> int:
     return SPENT
 
 
-@inner
+@jit_inline
 def _to_pull(trees: Trees, turn: int) -> int:
     """Which root the hand is pulled out of in this iteration, 0 for the start, g + 1 for goal g; -1 for none."""
     root = (turn - PULLS_AT) // WAYS
@@ -255,7 +255,7 @@ def _to_pull(trees: Trees, turn: int) -> int:
     return root if grown <= STUCK else -1
 
 
-@inner
+@jit_inline
 def _pull(task: Task, trees: Trees, side: int, root: int, way: int, memory: Memory) -> int:
     """Pull the hand out of a root, one way; the last new node of that tree, or -1."""
     q, new, here = trees.q, trees.work[1], root
@@ -267,7 +267,7 @@ def _pull(task: Task, trees: Trees, side: int, root: int, way: int, memory: Memo
     return here if here != root else -1
 
 
-@inner
+@jit_inline
 def _extend(task: Task, trees: Trees, side: int, step: float, far: bool, memory: Memory) -> int:
     """Extend one tree towards the target trees.work[0] by a step, or by all that are free; its last new node, or -1."""
     q, weight, target, new = trees.q, task.exact.weight, trees.work[0], trees.work[1]
@@ -293,7 +293,7 @@ def _extend(task: Task, trees: Trees, side: int, step: float, far: bool, memory:
     return here
 
 
-@inner
+@jit_inline
 def _meet(task: Task, trees: Trees, side: int, here: int, step: float, memory: Memory) -> bool:
     """Grow the other tree straight towards a node of this one, as far as it goes. Whether they met: trees.met says where."""
     q, other, target = trees.q, 1 - side, trees.work[0]
@@ -310,7 +310,7 @@ def _meet(task: Task, trees: Trees, side: int, here: int, step: float, memory: M
     return True
 
 
-@bare
+@jit_entry
 def _spread(task: Task, start: Array, goals: Array, memory: Memory, found: NDArray[np.bool_], tried: NDArray[np.bool_]) -> None:
     """Mark in found (G,) which goals (G, J) an edge leads to from the start or from a goal that was found, the nearest few of these.
 
@@ -332,7 +332,7 @@ def _spread(task: Task, start: Array, goals: Array, memory: Memory, found: NDArr
                 found[g] = connects(task, goals[near] if near < G else start, goals[g], memory)
 
 
-@inner
+@jit_inline
 def _sample(trees: Trees, side: int, lower: Array, upper: Array, target: Array) -> None:
     """Draw a target (J,) for one tree: from the whole box, or from a smaller one around a root, of a size from NARROWEST to 1."""
     if uniform(trees.rng) >= AROUND_ROOTS:
@@ -346,7 +346,7 @@ def _sample(trees: Trees, side: int, lower: Array, upper: Array, target: Array) 
         target[j] = min(max(drawn, lower[j]), upper[j])
 
 
-@inner
+@jit_inline
 def _add(trees: Trees, side: int, parent: int, q: Array) -> int:
     n = trees.size[side]
     copy_row(q, trees.q[side, n])
@@ -355,7 +355,7 @@ def _add(trees: Trees, side: int, parent: int, q: Array) -> int:
     return int(n)
 
 
-@inner
+@jit_inline
 def _closest(q: Array, side: int, size: int, weight: Array, target: Array) -> tuple[int, float]:
     """The node of one tree nearest to a target (J,), and how far it is."""
     at, best = 0, np.inf

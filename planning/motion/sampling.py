@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from kinematics.arm import Int
-from kinematics.compiling import bare
-from kinematics.robot import Robot
+from kinematics.chain import Int
+from kinematics.jit.decorators import jit_entry
+from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.shapes import bounds
 from kinematics.transforms import Array
@@ -65,7 +65,7 @@ def _cut(counts: Int) -> tuple[Int, Int]:
     return thing, np.arange(len(thing)) - (np.cumsum(counts) - counts)[thing]
 
 
-@bare
+@jit_entry
 def _farthest(T: Array, link: Int, middle: Array, half: Array, at: Array, edge: Array, out: Array) -> None:
     """How far, squared, a corner of any link's box moves at most between each two poses in T (R, L, 4, 4); out (R - 1,): zeros before."""
     for i in range(out.shape[0]):

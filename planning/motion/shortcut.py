@@ -11,7 +11,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.compiling import bare, copy_row, inner
+from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
 from planning.motion.rrt_connect import Route, uniform, weighted
@@ -54,7 +54,7 @@ def length(task: Task, path: Array) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0) * task.exact.weight, axis=1).sum())
 
 
-@bare
+@jit_entry
 def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory, work: Array) -> int:
     """Shorten path[:n] in place; returns how many waypoints it has now. work: scratch, two rows more than the path."""
     n = _leap(task, path, n, memory)
@@ -117,7 +117,7 @@ def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iteration
     return _prune(task, path, n, memory)
 
 
-@inner
+@jit_inline
 def _locate(path: Array, n: int, weight: Array, at: float) -> tuple[int, float]:
     """The segment of path[:n] that holds the point at some length from the start, and how far along the segment it is, in [0, 1]."""
     for k in range(n - 1):
@@ -128,7 +128,7 @@ def _locate(path: Array, n: int, weight: Array, at: float) -> tuple[int, float]:
     return n - 2, 1.0
 
 
-@inner
+@jit_inline
 def _splice(path: Array, n: int, i: int, j: int, new: Array, m: int) -> int:
     """Put new[:m] in the place of waypoints i + 1 … j; points that would repeat are left out. Returns the new number of waypoints."""
     first, last = 0, m
@@ -148,7 +148,7 @@ def _splice(path: Array, n: int, i: int, j: int, new: Array, m: int) -> int:
     return n + shift
 
 
-@inner
+@jit_inline
 def _same(a: Array, b: Array) -> bool:
     for c in range(a.shape[0]):  # noqa: SIM110
         if a[c] != b[c]:
@@ -156,7 +156,7 @@ def _same(a: Array, b: Array) -> bool:
     return True
 
 
-@inner
+@jit_inline
 def _leap(task: Task, path: Array, n: int, memory: Memory) -> int:
     """Go straight, in place, over as many waypoints as possible: over all of them, over half, a quarter, … down to one."""
     span = n - 1
@@ -175,7 +175,7 @@ def _leap(task: Task, path: Array, n: int, memory: Memory) -> int:
     return n
 
 
-@inner
+@jit_inline
 def _prune(task: Task, path: Array, n: int, memory: Memory) -> int:
     """Leave out, in place, every waypoint that the arm can do without."""
     k = 1

@@ -1,7 +1,7 @@
 """The last word on a plan: FCL, at a resolution at which no point of the arm moves more than 2 mm between two samples.
 
 It works on states built again from the motions themselves, every object where they say it is, and asks another engine than the planner:
-FCL. Pairs that the sphere covers prove apart (kinematics.coverage) are not asked about.
+FCL. Pairs that the sphere covers prove apart (kinematics.collision.robot_model) are not asked about.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.collision import Verdict
-from kinematics.coverage import Sieve
-from kinematics.robot import Robot
+from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.fcl_check import Verdict
+from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array, angle_between, inverse
 from planning.motion.sampling import samples
@@ -24,9 +24,9 @@ SAME_M, SAME_RAD = 1e-3, 1e-3  # how far an object may jump when the hand takes 
 def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | None:
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
-    Checked: joint limits, no gap between motions, held objects taken from where they stand, and no contact outside may_touch.
+    Checked: joint limits, no gap between motions, held objects taken from where they stand, and no contact outside the allowed ones.
     """
-    verdict, sieve = Verdict(robot, scene), Sieve(robot, scene)
+    verdict, sieve = Verdict(robot, scene), BroadPhase(robot, scene)
     poses = scene.poses()
     before: Motion | None = None
     for number, motion in enumerate(motions):
@@ -42,8 +42,8 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
         rows = samples(robot, scene, motion)
-        judged = sieve.judge(rows, poses, motion.held, motion.may_touch)
-        found = verdict.first_contacts(rows, poses, motion.held, motion.may_touch, judged)
+        judged = sieve.judge(rows, poses, motion.held, motion.allowed_contacts)
+        found = verdict.first_contacts(rows, poses, motion.held, motion.allowed_contacts, judged)
         if found is not None:
             worst = found[1][0]
             return Blocked("verify", worst.a, worst.b, worst.depth_m, where)

@@ -11,18 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics import exact, inverse
-from kinematics.arm import Int, Query, Solids, forward, make_solids, stand
-from kinematics.coverage import OPENINGS, Carriage, shape_pieces
-from kinematics.lane_model import model_of
-from kinematics.rig import Rig, carry, join_rigs, make_pieces
-from kinematics.robot import Robot
+from kinematics import inverse
+from kinematics.chain import Int, forward
+from kinematics.collision import edge_check
+from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed, make_geometry_model, pose_geometry
+from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, shape_geometry
+from kinematics.collision.sphere_model import posed_sphere_model
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Held, Scene
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
-from planning.motion.once import Once
-from planning.motion.reaching import HANGS_OVER, Standing, make_hand, stands, stands_over
+from planning.motion.lazy_list import LazyList
+from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
 from planning.motion.rrt_connect import plan, reach
 from planning.motion.shortcut import shorten
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
@@ -34,7 +36,7 @@ KEPT = 6  # sets of poses for which the packed bodies are kept
 
 
 @dataclass(frozen=True)
-class Touch:
+class CollisionPair:
     """What is in the way: a link or the held object, and what it touches."""
 
     link: str | None = None
@@ -42,22 +44,22 @@ class Touch:
     detail: str | None = None
 
 
-class Situation(NamedTuple):
+class PlanningQuery(NamedTuple):
     """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices."""
 
     task: Task
     names: tuple[str, ...]
 
     @property
-    def problem(self) -> exact.Problem:
+    def problem(self) -> edge_check.Problem:
         """The same query for the exact test alone."""
         return self.task.exact
 
 
-class Contacts(NamedTuple):
+class ContactQuery(NamedTuple):
     """A question about single configurations: what may not touch, packed for the exact test alone, with the names behind the indices."""
 
-    problem: exact.Problem
+    problem: edge_check.Problem
     names: tuple[str, ...]
 
 
@@ -68,7 +70,7 @@ class _Bodies(NamedTuple):
     poses: Mapping[str, Array]
     solids: Solids
     names: tuple[str, ...]
-    known: dict[float, Situation]
+    known: dict[float, PlanningQuery]
 
 
 class Workcell:
@@ -87,8 +89,8 @@ class Workcell:
         fingers = len(FINGERS_AT) * len(self.arm.fingers)
         pairs = (n_links + most + fingers) * len(self._rows) + len(FINGERS_AT) * len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
-        self._entered: Situation | None = None
-        self._placed: tuple[str, object, Standing, Contacts] | None = None
+        self._entered: PlanningQuery | None = None
+        self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
         self.hand = make_hand(self.arm.chain, self.arm.T_frame_hand)
         T = scene.cabinet.T_world_cabinet
         self.front: Array = np.append(T[:3, 0], T[:3, 0] @ T[:3, 3])
@@ -120,12 +122,12 @@ class Workcell:
         *,
         held: Held | None = None,
         ignore: Collection[tuple[str, str]] = (),
-    ) -> Situation:
+    ) -> PlanningQuery:
         """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
 
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
-        (rig, model), links = self.arm.packed(gripper), self.arm.links
+        (posed, model), links = self.arm.packed(gripper), self.arm.links
         _, solids, bodies, known = self._standing(poses)
         plain = held is None and not ignore
         if plain and gripper in known:
@@ -133,53 +135,53 @@ class Workcell:
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
-            grip = self.arm.in_hand(shape_pieces(self.scene.body(held.body).shape), held.T_hand_body)
-            rig, links = join_rigs(rig, grip), links + (held.body,) * len(grip.frame)
-            model = model_of(self.arm.chain, rig)
+            grip = self.arm.in_hand(shape_geometry(self.scene.body(held.body).shape), held.T_hand_body)
+            posed, links = join_posed(posed, grip), links + (held.body,) * len(grip.frame)
+            model = posed_sphere_model(self.arm.chain, posed)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
-        check[rig.frame == 0] = 0  # the base stands still: the final check judges it
+        check[posed.frame == 0] = 0  # the base stands still: the final check judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        task = pose_task(self.arm.chain, rig, model, solids, Query(check, pairs), exact.MARGIN_M)
+        task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
         if held is not None:
             task, self._entered = without_still(task, self.memory), None
-        situation = Situation(task, links + bodies)
+        query = PlanningQuery(task, links + bodies)
         if plain:
-            known[gripper] = situation
-        return situation
+            known[gripper] = query
+        return query
 
-    def allowing(self, situation: Situation, a: str, b: str) -> Situation:
+    def allowing(self, query: PlanningQuery, a: str, b: str) -> PlanningQuery:
         """The same query, but link or held object a may touch body b."""
-        task, names = situation
+        task, names = query
         first, second = (np.array([n == name for n in names]) for name in (a, b))
         problem, world, P = task.exact, task.world, len(task.world.check)
         kept = ~(first[problem.pairs[:, 0]] & second[problem.pairs[:, 1]])
         check = np.where(first[:P, None] & second[P:], np.uint8(0), world.check)
         problem = problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept])
-        return Situation(task._replace(exact=problem, world=world._replace(check=check)), names)
+        return PlanningQuery(task._replace(exact=problem, world=world._replace(check=check)), names)
 
-    def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> Contacts:
+    def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> ContactQuery:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
-        rig, links, pairs, moving = self.arm.moving_fingers(opened, closed)
+        posed, links, pairs, moving = self.arm.moving_fingers(opened, closed)
         _, solids, bodies, _ = self._standing(poses)
         check = np.repeat(moving.astype(np.uint8)[:, None], len(bodies), 1)
         check[np.ix_([i for i, n in enumerate(links) if n in self.robot.pads], [i for i, n in enumerate(bodies) if n == name])] = 0
-        return Contacts(exact.pose(self.arm.chain, rig, solids, Query(check, pairs), exact.MARGIN_M), links + bodies)
+        return ContactQuery(edge_check.pose(self.arm.chain, posed, solids, Query(check, pairs), edge_check.MARGIN_M), links + bodies)
 
-    def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Contacts]:
+    def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[PlacementQuery, ContactQuery]:
         """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
-        pieces = shape_pieces(self.scene.body(name).shape)
+        pieces = shape_geometry(self.scene.body(name).shape)
         n = len(pieces.start) - 1
-        rig = carry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
+        posed = pose_geometry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
         _, solids, bodies, _ = self._standing(poses)
         check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
         query = Query(check, np.zeros((0, 2), np.int64))
-        problem = exact.pose(self.arm.chain, rig, solids, query, exact.MARGIN_M)
-        return Standing(rig, problem, self.front), Contacts(problem, (name,) * n + bodies)
+        problem = edge_check.pose(self.arm.chain, posed, solids, query, edge_check.MARGIN_M)
+        return PlacementQuery(posed, problem, self.front), ContactQuery(problem, (name,) * n + bodies)
 
-    def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> Touch | None:
+    def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> CollisionPair | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""
         standing, among = self._among(body.name, poses)
         pair = int(stands(standing, T, self.memory))
@@ -192,36 +194,36 @@ class Workcell:
         stands_over(standing, R, centres, np.empty((4, 4)), self.memory, free)
         return free
 
-    def _in_the_way(self, among: Situation | Contacts, pair: int) -> Touch | None:
+    def _in_the_way(self, among: PlanningQuery | ContactQuery, pair: int) -> CollisionPair | None:
         """What `reaching.stands` found, in words."""
         if pair == HANGS_OVER:
-            return Touch(among.names[0], "floor", "it would hang over the front edge")
+            return CollisionPair(among.names[0], "floor", "it would hang over the front edge")
         return self.name_of(among, pair)
 
-    def _among(self, name: str, poses: Mapping[str, Array]) -> tuple[Standing, Contacts]:
+    def _among(self, name: str, poses: Mapping[str, Array]) -> tuple[PlacementQuery, ContactQuery]:
         """What an object is held against that is to stand among others; the memory will serve it."""
         if self._placed is None or self._placed[0] != name or self._placed[1] is not poses:
             self._placed = (name, poses, *self.standing(name, poses))
         self._entered = None
         return self._placed[2:]
 
-    def touch(self, situation: Situation, q: Array) -> Touch | None:
+    def touch(self, query: PlanningQuery, q: Array) -> CollisionPair | None:
         """What touches at the arm's configuration q (A,), or None."""
-        return self.name_of(situation, exact.first_contact(situation.task.exact, q, self.enter(situation).exact))
+        return self.name_of(query, edge_check.first_contact(query.task.exact, q, self.enter(query).exact))
 
-    def edge(self, situation: Situation, qa: Array, qb: Array) -> Touch | None:
+    def edge(self, query: PlanningQuery, qa: Array, qb: Array) -> CollisionPair | None:
         """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
-        memory = self.enter(situation)
-        if connects(situation.task, qa, qb, memory):
+        memory = self.enter(query)
+        if connects(query.task, qa, qb, memory):
             return None
-        pair = exact.edge_contact(situation.task.exact, qa, qb, memory.exact)
-        return self.name_of(situation, pair) if pair >= 0 else Touch(detail="touches by less than the margin")
+        pair = edge_check.edge_contact(query.task.exact, qa, qb, memory.exact)
+        return self.name_of(query, pair) if pair >= 0 else CollisionPair(detail="touches by less than the margin")
 
-    def enter(self, situation: Situation) -> Memory:
+    def enter(self, query: PlanningQuery) -> Memory:
         """The memory, made ready for this situation."""
-        if self._entered is not situation:
-            exact.enter(situation.task.exact, self.memory.exact)
-            self._entered = situation
+        if self._entered is not query:
+            edge_check.enter(query.task.exact, self.memory.exact)
+            self._entered = query
         return self.memory
 
     def forget(self) -> None:
@@ -234,47 +236,47 @@ class Workcell:
         return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm if near is None else near, tries=tries)
 
     def connect(
-        self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
+        self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
     ) -> Array | Blocked:
         """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A); iterations: a budget of its own."""
         seed = int(rng.integers(2**31))
-        if touch := self.touch(situation, start):
+        if touch := self.touch(query, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
-        task, memory = situation.task, self.enter(situation)
+        task, memory = query.task, self.enter(query)
         most = iterations or (self.iterations if self.time_budget_s is None else 2**62)
         found = plan(
             task, start, goals, max_iterations=most, time_budget_s=None if iterations else self.time_budget_s, seed=seed, memory=memory
         )
         if found.path is None:
-            touch = self.touch(situation, goals[0])
+            touch = self.touch(query, goals[0])
             if touch:
                 return Blocked("transit", touch.link, touch.body, detail="at the goal")
-            touch = self.edge(situation, start, goals[0]) or Touch()
+            touch = self.edge(query, start, goals[0]) or CollisionPair()
             return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
         return np.asarray(shorten(task, found.path, iterations=SHORTCUTS, seed=seed, memory=memory).path)
 
-    def reached(self, situation: Situation, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
+    def reached(self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
         """To which of goals (G, A) there is a path from start (A,), each sought in so many iterations."""
         seed = int(rng.integers(2**31))
-        return reach(situation.task, start, goals, max_iterations=iterations, seed=seed, memory=self.enter(situation))
+        return reach(query.task, start, goals, max_iterations=iterations, seed=seed, memory=self.enter(query))
 
-    def name_of(self, situation: Situation | Contacts, pair: int) -> Touch | None:
+    def name_of(self, query: PlanningQuery | ContactQuery, pair: int) -> CollisionPair | None:
         """The bodies behind the index of a pair; None behind -1."""
         if pair < 0:
             return None
-        a, b = situation.problem.pairs[pair, :2]
-        return Touch(situation.names[a], situation.names[b])
+        a, b = query.problem.pairs[pair, :2]
+        return CollisionPair(query.names[a], query.names[b])
 
-    def blocked(self, stage: str, situation: Situation | Contacts, pair: int, name: str) -> Blocked:
+    def blocked(self, stage: str, query: PlanningQuery | ContactQuery, pair: int, name: str) -> Blocked:
         """What the compiled core found, in words: the stage and the two bodies, or that it was the arm's reach."""
         if stage == "ik":
             return Blocked("ik", "hand", name, detail=PLACE_OUT_OF_REACH)
-        touch = self._in_the_way(situation, pair) if stage == "region" else self.name_of(situation, pair)
+        touch = self._in_the_way(query, pair) if stage == "region" else self.name_of(query, pair)
         if touch is not None:
             return Blocked(stage, touch.link, touch.body, detail=touch.detail)
         return Blocked(stage, "hand", name, detail="the straight way is not free, or leaves the arm's reach")
 
-    def outside(self, carrying: Situation, held: Held, most: int = 8) -> Array:
+    def outside(self, carrying: PlanningQuery, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
         goals = list[Array]()
         T_cabinet = np.linalg.inv(self.scene.cabinet.T_world_cabinet)
@@ -301,12 +303,12 @@ class Workcell:
             which = [i for i, name in enumerate(self._rows) if name in poses or name in fixed]
             names = tuple(self._rows[i] for i in which)
             T = np.array([poses[name] if name in poses else fixed[name] for name in names])
-            found = _Bodies(poses, stand(self._stock, np.array(which), T), names, {})
+            found = _Bodies(poses, place_solids(self._stock, np.array(which), T), names, {})
         self._bodies[id(poses)] = found
         return found
 
 
-class Arm(Carriage):
+class Arm(RobotCollisionModel):
     """A robot at one place, with what inverse kinematics starts from."""
 
     def __init__(self, robot: Robot, T_world_base: Array) -> None:
@@ -314,26 +316,26 @@ class Arm(Carriage):
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
         self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))
-        self._finger_pieces = make_pieces([robot.hulls[i].vertices for i in self.fingers])
-        self._moving: dict[tuple[float, float], tuple[Rig, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
+        self._finger_pieces = make_geometry_model([robot.hulls[i].vertices for i in self.fingers])
+        self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
 
-    def moving_fingers(self, opened: float, closed: float) -> tuple[Rig, tuple[str, ...], Int, NDArray[np.bool_]]:
-        """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: the rig, its links, the pairs
-        (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
+    def moving_fingers(self, opened: float, closed: float) -> tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]:
+        """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: the posed geometry, its links,
+        the pairs (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
         key = (opened, closed)
         if key not in self._moving:
             if len(self._moving) == OPENINGS:
                 self._moving.pop(next(iter(self._moving)))  # the oldest
             *before, last = (opened + share * (closed - opened) for share in FINGERS_AT)
-            own, rig, links = self.fingers, self.rig(last), self.links
+            own, posed, links = self.fingers, self.posed(last), self.links
             pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
             for gripper in before:
-                rig = join_rigs(rig, self.rig_of(own, self._finger_pieces, gripper))
+                posed = join_posed(posed, self.posed_links(own, self._finger_pieces, gripper))
                 copies = np.arange(len(self.links))
                 copies[own] = len(links) + np.arange(len(own))
                 links += tuple(self.links[i] for i in own)
                 pairs.append(copies[pairs[0]])
-            self._moving[key] = rig, links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
+            self._moving[key] = posed, links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
         return self._moving[key]
 
     def hand_pose(self, q: Array) -> Array:
@@ -350,17 +352,17 @@ def _arm(robot: Robot, base: bytes) -> Arm:
 
 @lru_cache(maxsize=8)
 def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Iterable[Array]:
-    return Once(_find_waiting(arm, Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)))
+    return LazyList(_find_waiting(arm, Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)))
 
 
 def _find_waiting(arm: Arm, cabinet: Cabinet) -> Iterator[Array]:
     """Arm configurations with the hand before the cabinet's front, looking in, free of its walls; the most central first."""
     solids, names = make_solids(cabinet.walls())
-    rig = arm.rig(float(arm.robot.home[arm.robot.gripper_joint]))
-    check = np.ones((len(rig.frame), len(names)), np.uint8)
-    check[rig.frame == 0] = 0
-    problem = exact.pose(arm.chain, rig, solids, Query(check, arm.self_pairs), exact.MARGIN_M)
-    scratch = exact.make_scratch(problem)
+    posed = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
+    check = np.ones((len(posed.frame), len(names)), np.uint8)
+    check[posed.frame == 0] = 0
+    problem = edge_check.pose(arm.chain, posed, solids, Query(check, arm.self_pairs), edge_check.MARGIN_M)
+    scratch = edge_check.make_scratch(problem)
     _, width, height = cabinet.size_m
     home = arm.robot.arm_q(arm.robot.home)
     level = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
@@ -368,5 +370,5 @@ def _find_waiting(arm: Arm, cabinet: Cabinet) -> Iterator[Array]:
         R = rotation_about((0.0, 0.0, 1.0), yaw) @ level
         T = cabinet.T_world_cabinet @ transform(R, [-back, y * width, z * height])
         for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
-            if exact.config_free(problem, q, scratch):
+            if edge_check.config_free(problem, q, scratch):
                 yield q

@@ -8,7 +8,7 @@ from functools import partial
 from planning.learning.model import FORMS, Model, shipped
 from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
-from planning.policies.neural import Views, make_neural_object, make_neural_region
+from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_region
 from planning.policies.random import random_object, random_region
 from planning.policies.search import Plans, make_search_object, make_search_region
 from planning.retrieval import Policy
@@ -27,8 +27,8 @@ def _search(motions: Motions, network: NetworkOf) -> Policy:
 
 
 def _neural(motions: Motions, network: NetworkOf) -> Policy:
-    views = Views(network())
-    return Policy(make_neural_object(views), make_neural_region(views))
+    encoding = CachedEncoding(network())
+    return Policy(make_neural_object(encoding), make_neural_region(encoding))
 
 
 def _neural_paper(motions: Motions, network: NetworkOf) -> Policy:
@@ -36,11 +36,11 @@ def _neural_paper(motions: Motions, network: NetworkOf) -> Policy:
 
 
 def _osnet_only(motions: Motions, network: NetworkOf) -> Policy:
-    return Policy(make_neural_object(Views(network())), make_local_region(Lines(motions)))
+    return Policy(make_neural_object(CachedEncoding(network())), make_local_region(Lines(motions)))
 
 
 def _rpnet_only(motions: Motions, network: NetworkOf) -> Policy:
-    return Policy(make_local_object(Lines(motions)), make_neural_region(Views(network())))
+    return Policy(make_local_object(Lines(motions)), make_neural_region(CachedEncoding(network())))
 
 
 POLICIES: dict[str, Callable[[Motions, NetworkOf], Policy]] = {

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from kinematics.arm import Query, make_solids
-from kinematics.exact import MARGIN_M, enter, first_in_contact, make_scratch, pose
+from kinematics.collision.edge_check import MARGIN_M, enter, first_in_contact, make_scratch, pose
+from kinematics.collision.geometry import Query, make_solids
 from kinematics.scene import Body
 from kinematics.shapes import Box
 from kinematics.transforms import Array, transform
@@ -33,10 +33,10 @@ class Line:
         opened = robot.opening.value_at(open_width(seen.grasp.width_m, robot.opening))
         goal = min(solutions, key=lambda q: float(np.abs(q - start).max()), default=None)
         self.samples = np.zeros((0, len(start))) if goal is None else start + np.linspace(0, 1, SAMPLES)[:, None] * (goal - start)
-        self.rig = arm.rig(opened)
+        self.posed = arm.posed(opened)
         solids, _ = make_solids([Body("box", Box(np.ones(3)), transform())])
-        query = Query(np.ones((len(self.rig.frame), 1), np.uint8), np.zeros((0, 2), np.int64))
-        self.problem = pose(arm.chain, self.rig, solids, query, MARGIN_M)
+        query = Query(np.ones((len(self.posed.frame), 1), np.uint8), np.zeros((0, 2), np.int64))
+        self.problem = pose(arm.chain, self.posed, solids, query, MARGIN_M)
         self.scratch = make_scratch(self.problem)
 
     def first_touch(self, box: Array) -> int | None:

@@ -11,7 +11,7 @@ from planning.learning.model import Model, Seen
 from planning.policies.regions import free_regions
 
 
-class Views:
+class CachedEncoding:
     """The networks' view of the latest observation, computed once for all that is asked about it."""
 
     def __init__(self, model: Model) -> None:
@@ -24,20 +24,20 @@ class Views:
         return self._view
 
 
-def make_neural_object(views: Views) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
+def make_neural_object(encoding: CachedEncoding) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
     """select: all non-target objects, the best score in front; the `paper` form's score is p̂."""
 
     def neural_object(seen: Observation, rng: np.random.Generator) -> Sequence[str]:
-        return views.of(seen).select().ranking
+        return encoding.of(seen).select().ranking
 
     return neural_object
 
 
-def make_neural_region(views: Views) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
+def make_neural_region(encoding: CachedEncoding) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
     """place: `paper` form, all regions, the least ĉ in front, as printed; `objects` form, the free ones, the best score in front."""
 
     def neural_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-        regions = None if views.model.form == "paper" else free_regions(seen, name)
-        return views.of(seen).place(name, regions).ranking
+        regions = None if encoding.model.form == "paper" else free_regions(seen, name)
+        return encoding.of(seen).place(name, regions).ranking
 
     return neural_region

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinematics.arm import Int
+from kinematics.chain import Int
 from kinematics.transforms import apply, inverse
 from perception.observation import Observation
 

@@ -1,0 +1,1 @@
+"""Whether things touch: sphere covers and the compiled check, GJK along edges, FCL's exact word."""

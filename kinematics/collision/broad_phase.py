@@ -1,0 +1,116 @@
+"""The broad phase of the final check: which pairs of solids the sphere covers prove apart along a motion, so that FCL need not be asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.chain import Int
+from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed
+from kinematics.collision.robot_model import robot_collision_model, shape_geometry
+from kinematics.collision.sphere_check import make_sphere_scratch, open_pairs
+from kinematics.collision.sphere_model import SphereModel, make_sphere_world, posed_sphere_model
+from kinematics.robots.robot import Robot
+from kinematics.scene import Held, Scene
+from kinematics.transforms import Array
+
+
+@dataclass(frozen=True, eq=False)
+class BroadPhaseResult:
+    """What the covers say about pairs of solids along a motion.
+
+    names: of the solids: P parts (link hulls in the robot's order, then the pieces of a held object), then what stands (walls, objects).
+    judged (P, P + B): pairs that the covers were asked about, the later of two parts first. At configuration rows[i], in rising order, the
+    judged pair a[i], b[i] may touch; wherever a judged pair is not listed it is apart for certain.
+    """
+
+    names: tuple[str, ...]
+    judged: NDArray[np.bool_]
+    rows: Int
+    a: Int
+    b: Int
+
+
+class BroadPhase:
+    """Which pairs of a scene's robot, held object and bodies the covers prove apart, so that FCL need not be asked about them."""
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot, self.scene = robot, scene
+        self.robot_collision_model = robot_collision_model(robot, scene.robot.T_world_base)
+        walls = scene.cabinet.walls()
+        self._stock, owners = make_solids([*walls, *scene.objects])
+        self._owners, self._walls = tuple(owners), [(i, w.T_world_body) for i, w in enumerate(walls)]
+        self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name and i >= len(walls)] for b in scene.objects}
+        self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
+        self._pairs = _self_pairs(robot)
+        self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
+        self._last: tuple[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] | None = None
+
+    def judge(
+        self, q: Array, poses: Mapping[str, Array], held: Held | None, allowed_contacts: Iterable[tuple[str, str]]
+    ) -> BroadPhaseResult:
+        """Ask the covers about configurations q (N, J), N > 0, with objects standing at poses, besides the allowed contacts.
+
+        Not judged, but left to FCL: pairs on one frame of the arm, such as the palm and a held object; the fingers when they move; and
+        everything when a joint that is neither the arm's nor the gripper's is not at home.
+        """
+        gripper = float(q[0, self.robot.gripper_joint])
+        posed, model, links = self._moving(gripper, held)
+        own = len(self.robot_collision_model.links)
+        solids, bodies = self._standing(poses)
+        P, names = len(links), links + bodies
+        judge = np.zeros((P, len(names)), np.bool_)
+        judge[:, P:] = (posed.frame > 0)[:, None]
+        judge[self._pairs[:, 0], self._pairs[:, 1]] = True
+        judge[own:, :own] = True
+        judge[:, :P] &= posed.frame[:, None] != posed.frame
+        for pair in allowed_contacts:
+            first, second = (np.array([n == name for n in names]) for name in pair)
+            judge[first[:P, None] & second | second[:P, None] & first] = False
+        if (q[:, self.robot.gripper_joint] != gripper).any():
+            judge[:own][self._fingers] = False
+            judge[:, :own][:, self._fingers] = False
+        if self._elsewhere(q):
+            judge[:] = False
+        pairs = np.argwhere(judge[:, :P])
+        world = make_sphere_world(solids, Query(judge[:, P:].astype(np.uint8), pairs))
+        rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), make_sphere_scratch(model, world))
+        B = len(bodies)
+        against = which < P * B  # else part against part
+        a, b = which // max(B, 1), P + which % max(B, 1)
+        a[~against], b[~against] = pairs[which[~against] - P * B].T
+        return BroadPhaseResult(names, judge, rows, a, b)
+
+    def _moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
+        """What moves with the arm, packed, and the name behind each part; kept while the hand holds on to the same."""
+        grip = None if held is None else (held.body, held.T_hand_body.tobytes())
+        if self._last is None or self._last[0] != (gripper, grip):
+            (posed, model), links = self.robot_collision_model.packed(gripper), self.robot_collision_model.links
+            if held is not None:
+                own = self.robot_collision_model.in_hand(self._pieces(held.body), held.T_hand_body)
+                posed, links = join_posed(posed, own), links + (held.body,) * len(own.frame)
+                model = posed_sphere_model(self.robot_collision_model.chain, posed)
+            self._last = (gripper, grip), (posed, model, links)
+        return self._last[1]
+
+    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
+        """The walls and the objects at poses, packed; and the name behind each solid."""
+        at = self._walls + [(i, T) for name, T in poses.items() for i in self._of[name]]
+        solids = place_solids(self._stock, np.array([i for i, _ in at], np.int64), np.array([T for _, T in at]))
+        return solids, tuple(self._owners[i] for i, _ in at)
+
+    def _elsewhere(self, q: Array) -> bool:
+        """Whether a joint that the robot collision model takes to be at home is not."""
+        others = np.ones(q.shape[1], np.bool_)
+        others[[*self.robot.arm_joints, self.robot.gripper_joint]] = False
+        return bool((q[:, others] != self.robot.home[others]).any())
+
+
+@lru_cache(maxsize=16)
+def _self_pairs(robot: Robot) -> Int:
+    return robot.self_pairs()

@@ -1,0 +1,96 @@
+"""A robot's arm with its sphere covers: links, fingers at any opening, and what the hand holds; and what the covers alone prove free."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from kinematics.chain import Int
+from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry
+from kinematics.collision.sphere_cover import Levels, box_levels, cylinder_levels, levels
+from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
+from kinematics.robots.robot import Robot
+from kinematics.robots.tree import carried
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, convex_parts
+from kinematics.transforms import Array
+
+OPENINGS = 128  # gripper values for which the posed geometry is kept: some five for each width in a scene
+
+
+@lru_cache(maxsize=16)
+def link_covers(robot: Robot) -> tuple[Levels, ...]:
+    """The covers of a robot's link hulls, in the links' frames; computed once and cached on disk."""
+    return tuple(levels(hull.vertices) for hull in robot.hulls)
+
+
+def shape_covers(shape: Shape) -> tuple[Levels, ...]:
+    """Covers of a shape's convex parts, in its own frame."""
+    match shape:
+        case Box():
+            return (box_levels((float(shape.size_m[0]), float(shape.size_m[1]), float(shape.size_m[2]))),)
+        case Cylinder():
+            return (cylinder_levels(shape.radius_m, shape.height_m),)
+        case ConvexMesh():
+            return tuple(levels(part) for part in shape.parts)
+
+
+@lru_cache(maxsize=256)
+def shape_geometry(shape: Shape) -> GeometryModel:
+    """A shape's convex parts and their covers, ready to be taken in the hand."""
+    return make_geometry_model(convex_parts(shape), shape_covers(shape))
+
+
+class RobotCollisionModel:
+    """A robot that stands somewhere, as rigs: its links with the fingers at any opening, and with any object in the hand."""
+
+    def __init__(self, robot: Robot, T_world_base: Array) -> None:
+        self.robot, self.T_world_base = robot, T_world_base
+        self.chain = robot.chain(T_world_base)
+        self.links = tuple(hull.link for hull in robot.hulls)
+        self.pieces = make_geometry_model([hull.vertices for hull in robot.hulls], link_covers(robot))
+        self._carriers = robot.carriers(T_world_base)
+        self._link = np.array([robot.tree.index[link] for link in self.links])
+        frames, T = self._carried(float(robot.home[robot.gripper_joint]))
+        hand = robot.tree.index["hand"]
+        self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
+        self._posed: dict[float, tuple[PosedGeometry, SphereModel]] = {}
+
+    def _carried(self, gripper: float) -> tuple[Int, Array]:
+        q = self.robot.with_arm(np.zeros(len(self.robot.arm_joints)), gripper)
+        return carried(self.robot.tree.joints, q, *self._carriers)
+
+    def posed(self, gripper: float) -> PosedGeometry:
+        """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
+        return self.packed(gripper)[0]
+
+    def packed(self, gripper: float) -> tuple[PosedGeometry, SphereModel]:
+        """The same, and packed for the lanes."""
+        known = self._posed
+        if gripper not in known:
+            if len(known) == OPENINGS:
+                known.pop(next(iter(known)))  # the oldest
+            frames, T = self._carried(gripper)
+            posed = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
+            known[gripper] = posed, posed_sphere_model(self.chain, posed)
+        return known[gripper]
+
+    def posed_links(self, which: Int, pieces: GeometryModel, gripper: float) -> PosedGeometry:
+        """Some of the link hulls alone, which (n,) of them, given as pieces, with the fingers at a gripper value."""
+        frames, T = self._carried(gripper)
+        return pose_geometry(self.chain, pieces, frames[self._link[which]], T[self._link[which]])
+
+    def in_hand(self, pieces: GeometryModel, T_hand_body: Array) -> PosedGeometry:
+        """A held object, alone."""
+        n = len(pieces.start) - 1
+        return pose_geometry(self.chain, pieces, np.full(n, self.hand_frame), np.tile(self.T_frame_hand @ T_hand_body, (n, 1, 1)))
+
+
+def robot_collision_model(robot: Robot, T_world_base: Array) -> RobotCollisionModel:
+    """The robot standing at T_world_base (4, 4), made once."""
+    return _robot_collision_model(robot, T_world_base.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _robot_collision_model(robot: Robot, base: bytes) -> RobotCollisionModel:
+    return RobotCollisionModel(robot, np.frombuffer(base).reshape(4, 4))

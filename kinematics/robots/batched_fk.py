@@ -1,0 +1,77 @@
+"""Batched forward kinematics and Jacobians in torch, differentiable, by pytorch-kinematics over the robot's cleaned URDF.
+
+For one configuration `Robot.link_poses` is faster; this is for thousands at a time, and for gradients. pytorch-kinematics takes mimic
+joints for free inputs, so they are driven from the actuated ones here. Torch is imported when a `Forward` is made, not before.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kinematics.robots.robot import Robot
+from kinematics.robots.tree import FIXED
+from kinematics.transforms import Array
+
+if TYPE_CHECKING:
+    import torch
+
+
+class Forward:
+    """A robot's kinematics for batches of q (B, J) in the order of `robot.joint_names`, in float64 and the robot's base frame.
+
+    Poses agree with `Robot.link_poses` to 1e-6, no better: pytorch-kinematics reads the URDF's angles in single precision.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        import pytorch_kinematics
+        import torch
+
+        self.robot = robot
+        self._torch = torch
+        self._chain = pytorch_kinematics.build_chain_from_urdf(robot.urdf.encode()).to(dtype=torch.float64)
+        self._serial: dict[str, Any] = {}
+        driven = _driven(robot)
+        self._expand, self._offset = self._matrix([driven[n] for n in self._chain.get_joint_parameter_names()])
+
+    def poses(self, q: Array | torch.Tensor) -> dict[str, torch.Tensor]:
+        """Pose (B, 4, 4) of every link at q (B, J)."""
+        frames = self._chain.forward_kinematics(self._inputs(q) @ self._expand.T + self._offset)
+        return {name: frames[name].get_matrix().expand(len(q), 4, 4) for name in self.robot.tree.names}
+
+    def jacobian(self, q: Array | torch.Tensor, link: str = "hand") -> torch.Tensor:
+        """Jacobian (B, 6, A) of a link's origin at q (B, J): linear above angular velocity in the base frame, a column an arm joint.
+
+        Raises: ValueError for a link that the robot doesn't have.
+        """
+        import pytorch_kinematics
+
+        if link not in self.robot.tree.index:
+            raise ValueError(f"robot {self.robot.name} has no link {link!r}; it has {', '.join(self.robot.tree.names)}")
+        q, arm = self._inputs(q), list(self.robot.arm_joints)
+        if all(self.robot.tree.kind[i] == FIXED for i in self.robot.tree.path(self.robot.tree.index[link])):
+            return q.new_zeros(len(q), 6, len(arm))
+        if link not in self._serial:
+            chain = pytorch_kinematics.build_serial_chain_from_urdf(self.robot.urdf.encode(), link).to(dtype=self._torch.float64)
+            driven = _driven(self.robot)
+            self._serial[link] = chain, *self._matrix([driven[n] for n in chain.get_joint_parameter_names()])
+        chain, expand, offset = self._serial[link]
+        return chain.jacobian(q @ expand.T + offset) @ expand[:, arm]  # type: ignore[no-any-return]
+
+    def _inputs(self, q: Array | torch.Tensor) -> torch.Tensor:
+        return self._torch.as_tensor(q, dtype=self._torch.float64)
+
+    def _matrix(self, driven: list[tuple[int, float, float]]) -> tuple[torch.Tensor, torch.Tensor]:
+        """The moving joints' values as a linear map of q: matrix (M, J) and offset (M,)."""
+        expand = self._torch.zeros(len(driven), len(self.robot.joint_names), dtype=self._torch.float64)
+        for row, (j, scale, _) in enumerate(driven):
+            expand[row, j] = scale
+        return expand, self._torch.tensor([offset for _, _, offset in driven], dtype=self._torch.float64)
+
+
+def _driven(robot: Robot) -> dict[str, tuple[int, float, float]]:
+    """Every moving joint by name: the index in q that drives it, scale and offset."""
+    from lxml import etree
+
+    child = {j.get("name"): j.find("child").get("link") for j in etree.fromstring(robot.urdf).iter("joint") if j.find("child") is not None}
+    links = {name: robot.tree.index[link] for name, link in child.items() if robot.tree.kind[robot.tree.index[link]] != FIXED}
+    return {n: (int(robot.tree.q_index[i]), float(robot.tree.scale[i]), float(robot.tree.offset[i])) for n, i in links.items()}

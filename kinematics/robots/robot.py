@@ -1,0 +1,467 @@
+"""Robot: any arm with a gripper, from a URDF. Joints by name, limits, mimic joints, link hulls, hand and camera frames.
+
+    robot = load("ur5e")                                                   a named robot (robots.toml)
+    robot = load("my_arm.urdf", hand_frame="tcp", gripper_joint="grip")    one's own
+
+The first load of a robot reads its meshes with yourdfpy and trimesh and samples which links always touch; the result is cached on disk
+under a key of the URDF's text and the meshes' sizes and dates.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from importlib import metadata, resources
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from kinematics import cache
+from kinematics.chain import Chain, Int
+from kinematics.collision.geometry import Parts, make_parts
+from kinematics.robots import urdf
+from kinematics.robots.gripper import Opening, measure
+from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
+from kinematics.scene import RobotRef
+from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
+
+WINDOW = 1.3 * np.pi
+_CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An arm, its hand and its camera.
+
+    name: as asked for; urdf: the cleaned, joined URDF text with links `hand` and `camera`. joint_names (J,): every actuated joint, mimic
+    joints left out; lower, upper, velocity (J,): limits, in rad or m (and per second), infinite where a joint is continuous.
+    arm_joints: indices of those between base and hand, in order; gripper_joint: index of the one that opens the hand.
+    skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves; pads: those of them that close on
+    an object.
+    """
+
+    name: str
+    title: str
+    urdf: str
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    arm_joints: tuple[int, ...]
+    gripper_joint: int
+    home: Array
+    tree: Tree
+    hulls: tuple[LinkHull, ...]
+    skip: frozenset[frozenset[str]]
+    fingers: frozenset[str]
+    pads: frozenset[str]
+    opening: Opening
+    base_p: Array = field(default_factory=lambda: np.zeros(3))
+    has_camera: bool = False
+
+    def link_poses(self, q: Array) -> dict[str, Array]:
+        """Pose (4, 4) of every link in the base frame at q (J,)."""
+        return dict(zip(self.tree.names, self.tree.poses(q)))
+
+    def with_arm(self, arm_q: Array, gripper: float) -> Array:
+        """The full q (J,) with the arm's joints (A,) and the gripper's value set, the rest at home."""
+        q = self.home.copy()
+        q[list(self.arm_joints)] = arm_q
+        q[self.gripper_joint] = gripper
+        return q
+
+    def arm_q(self, q: Array) -> Array:
+        """The arm's joints (A,) of a full q (J,), or (K, A) of (K, J)."""
+        return np.asarray(q[..., list(self.arm_joints)])
+
+    @cached_property
+    def planning_limits(self) -> tuple[Array, Array]:
+        """Limits (A,) for planning: a revolute joint that turns more than once keeps to a window of 1.3 turns about its home position.
+
+        A window of just one turn would cut through branches of solutions that straddle its ends.
+        """
+        arm = list(self.arm_joints)
+        low, high, home = self.lower[arm].copy(), self.upper[arm].copy(), self.home[arm]
+        turns = np.array([self.tree.kind[self._mover(j)] == TURNS for j in arm])
+        wide = turns & (high - low > 2 * WINDOW)
+        low[wide], high[wide] = np.maximum(low, home - WINDOW)[wide], np.minimum(high, home + WINDOW)[wide]
+        return low, high
+
+    def chain(self, T_world_base: Array) -> Chain:
+        """The arm as arrays for compiled code, standing at T_world_base (4, 4)."""
+        movers = self._movers()
+        T_prev, at = [], T_world_base
+        column = {j: i for i, j in enumerate(self.arm_joints)}
+        rest = self.home
+        for link in self.tree.path(self.tree.index["hand"]):
+            T_joint = self.tree.local(link, rest) if link not in movers else self.tree.T_joint[link]
+            if link in movers:
+                align = _align_z(self.tree.axis[link])
+                T_prev.append(at @ T_joint @ align)
+                at = inverse(align)
+            else:
+                at = at @ T_joint
+        low, high = self.planning_limits
+        arm = list(self.arm_joints)
+        return Chain(
+            np.array(T_prev),
+            np.array([column[int(self.tree.q_index[m])] for m in movers], np.int64),
+            self.tree.scale[movers].astype(float),
+            self.tree.offset[movers].astype(float),
+            (self.tree.kind[movers] == SLIDES).astype(np.int64),
+            low,
+            high,
+            np.isinf(self.lower[arm]).astype(np.int64),
+        )
+
+    def carriers(self, T_world_base: Array) -> tuple[Int, Array]:
+        """The links that are fixed to the chain's frames, as `tree.carried` takes them: the root (frame 0: the world), the moving ones."""
+        n, movers = len(self.tree.names), self._movers()
+        frame, T = np.full(n, -1, np.int64), np.zeros((n, 4, 4))
+        roots = [i for i, parent in enumerate(self.tree.parent) if parent < 0]
+        frame[roots], T[roots] = 0, [T_world_base @ self.tree.local(i, self.home) for i in roots]
+        frame[movers], T[movers] = np.arange(len(movers)) + 1, [inverse(_align_z(self.tree.axis[i])) for i in movers]
+        return frame, T
+
+    def frame_of_links(self, gripper: float, T_world_base: Array) -> dict[str, tuple[int, Array]]:
+        """For every link, the chain's frame that carries it (0: the world) and its pose (4, 4) in that frame, at one gripper value."""
+        q = self.with_arm(np.zeros(len(self.arm_joints)), gripper)
+        frame, T = carried(self.tree.joints, q, *self.carriers(T_world_base))
+        return {name: (int(frame[i]), T[i]) for i, name in enumerate(self.tree.names)}
+
+    def parts(self, gripper: float, T_world_base: Array) -> tuple[Parts, tuple[str, ...]]:
+        """Every link hull for compiled code, with the fingers at one gripper value; also the link behind each part."""
+        carried = self.frame_of_links(gripper, T_world_base)
+        frames, hulls = [], []
+        for hull in self.hulls:
+            frame, T = carried[hull.link]
+            frames.append(frame)
+            hulls.append(hull.vertices @ T[:3, :3].T + T[:3, 3])
+        return make_parts(frames, hulls), tuple(h.link for h in self.hulls)
+
+    def self_pairs(self) -> Int:
+        """Pairs (S, 2) of parts that may not touch each other: on different chain frames, not neighbours, not always touching."""
+        carried = self.frame_of_links(float(self.home[self.gripper_joint]), np.eye(4))
+        pairs = [
+            (i, j)
+            for i, a in enumerate(self.hulls)
+            for j, b in enumerate(self.hulls[:i])
+            if carried[a.link][0] != carried[b.link][0] and frozenset((a.link, b.link)) not in self.skip
+        ]
+        return np.array(pairs, np.int64).reshape(-1, 2)
+
+    def _movers(self) -> list[int]:
+        """Links on the way to the hand whose joint moves."""
+        return [
+            i for i in self.tree.path(self.tree.index["hand"]) if self.tree.kind[i] != FIXED and self.tree.q_index[i] in self.arm_joints
+        ]
+
+    def _mover(self, joint: int) -> int:
+        return next(i for i in range(len(self.tree.names)) if self.tree.q_index[i] == joint and self.tree.scale[i] == 1.0)
+
+
+def named_robots() -> dict[str, dict[str, Any]]:
+    """The table robots.toml: name to settings."""
+    return tomllib.loads(resources.files("kinematics.robots").joinpath("robots.toml").read_text())
+
+
+def installed(name: str) -> bool:
+    """Whether the package that ships a named robot is installed."""
+    return _locate(named_robots()[name], "file") is not None
+
+
+def from_ref(ref: RobotRef, on_step: Callable[[str], None] | None = None) -> Robot:
+    """The robot that a scene means. Raises ValueError, see `load`."""
+    return load(ref.name or ref.urdf or "", ref.hand_frame, ref.gripper_joint, on_step=on_step)
+
+
+@lru_cache(maxsize=16)
+def load(
+    which: str, hand_frame: str | None = None, gripper_joint: str | None = None, *, on_step: Callable[[str], None] | None = None
+) -> Robot:
+    """Load a named robot, or a URDF file.
+
+    hand_frame: the link at the grasp point (z along the approach, y the way the fingers close); gripper_joint: the joint that opens the
+    fingers. Both are needed for a URDF file unless there is just one choice. on_step: told what takes long.
+
+    Raises: ValueError for an unknown name, a missing package, and a URDF that can't serve, each saying how to mend it.
+    """
+    table = named_robots()
+    if which in table:
+        return _load_named(which, table[which], on_step)
+    if which.endswith((".urdf", ".xml")) or "/" in which:
+        return _load_urdf(Path(which), hand_frame, gripper_joint, on_step)
+    raise ValueError(f"unknown robot {which!r}: the named ones are {', '.join(table)}; or give a URDF file")
+
+
+def _load_named(name: str, entry: dict[str, Any], on_step: Callable[[str], None] | None) -> Robot:
+    file = _locate(entry, "file")
+    if file is None:
+        extra = entry.get("extra")
+        what = f"pip install 'retrieve[{extra}]'" if extra else f"pip install {entry['distribution']}"
+        raise ValueError(f"robot {name!r} comes with the package {entry['distribution']}, which is not installed: {what}")
+    root = urdf.read(file)
+    if gripper := entry.get("gripper"):
+        tool = _locate({**entry, "file": gripper["file"]}, "file")
+        assert tool is not None, gripper["file"]
+        urdf.join(root, urdf.read(tool), gripper["at"], transform(rotation_rpy(gripper["rpy"])), gripper["prefix"])
+    srdf = _locate(entry, "srdf")
+    for frame in ("camera", "hand"):
+        boxes = tuple((np.array(size), np.array(centre)) for size, centre in entry[frame].get("boxes", []))
+        urdf.add_link(root, frame, entry[frame]["link"], transform(rotation_rpy(entry[frame]["rpy"]), entry[frame]["xyz"]), boxes)
+    return _assemble(
+        name, entry["title"], urdf.to_string(root), entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step
+    )
+
+
+def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on_step: Callable[[str], None] | None) -> Robot:
+    root = urdf.read(file)
+    links = [e.get("name", "") for e in root.iter("link")]
+    parents = {e.get("link") for e in root.iter("parent")}
+    if hand_frame is None:
+        leaves = ", ".join(n for n in links if n not in parents)
+        raise ValueError(f"{file}: say which link is the grasp point with --hand-frame (links at the ends: {leaves})")
+    if hand_frame not in links:
+        raise ValueError(f"{file} has no link {hand_frame!r} for the hand frame; it has {', '.join(links)}")
+    if "camera" not in links:
+        urdf.add_link(root, "camera", hand_frame, transform(rotation_about((0, 0, 1), np.pi / 2)))
+    if hand_frame != "hand":
+        urdf.add_link(root, "hand", hand_frame, np.eye(4))
+    srdf = file.with_suffix(".srdf")
+    return _assemble(
+        str(file), file.stem, urdf.to_string(root), gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step
+    )
+
+
+def _locate(entry: dict[str, Any], which: str) -> Path | None:
+    """A file of an installed distribution, or None."""
+    if which not in entry:
+        return None
+    try:
+        path = Path(str(metadata.distribution(entry["distribution"]).locate_file(entry[which])))
+    except metadata.PackageNotFoundError:
+        return None
+    return path if path.is_file() else None
+
+
+def _assemble(
+    name: str,
+    title: str,
+    text: str,
+    gripper: str | None,
+    home: list[float] | None,
+    base_p: Array,
+    srdf: Path | None,
+    on_step: Callable[[str], None] | None,
+) -> Robot:
+    """The Robot behind a cleaned URDF text with a `hand` link: from the cache, or derived and cached."""
+    root = etree.fromstring(text)
+    stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
+    name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
+    data = cache.load(name_in_cache)
+    if data is None:
+        if on_step:
+            on_step(f"reading the meshes of {title}")
+        data = _derive(text, name, srdf)
+        cache.store(name_in_cache, data)
+    return _robot(name, title, text, data, gripper, home, base_p)
+
+
+def _derive(text: str, name: str, srdf: Path | None) -> dict[str, NDArray[Any]]:
+    """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays."""
+    import yourdfpy
+
+    from kinematics.collision.fcl_solids import always_touching
+
+    model = yourdfpy.URDF.load(
+        BytesIO(text.encode()), filename_handler=lambda fname: fname, load_meshes=False, build_scene_graph=True, load_collision_meshes=False
+    )
+    tree, joints = _tree(model)
+    hulls = [h for link in tree.names for h in _link_hulls(model.link_map[link])]
+    if not hulls:
+        raise ValueError(f"robot {name} has links but no collision geometry: add <collision> elements to its URDF")
+    skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf)
+    limits = np.array([_limits(model.joint_map[j]) for j in joints]).reshape(-1, 3)
+    rng = np.random.default_rng(0)
+    low, high = np.where(np.isinf(limits[:, 0]), -np.pi, limits[:, 0]), np.where(np.isinf(limits[:, 1]), np.pi, limits[:, 1])
+    samples = [dict(zip(tree.names, tree.poses(rng.uniform(low, high)))) for _ in range(200)]
+    skip |= always_touching(hulls, samples, skip)
+    return {
+        "joints": np.array(joints, dtype=np.str_),
+        "limits": limits,
+        "links": np.array(tree.names, dtype=np.str_),
+        **{k: getattr(tree, k) for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset")},
+        "hull_link": np.array([h.link for h in hulls], dtype=np.str_),
+        "hull_vertices": np.concatenate([h.vertices for h in hulls]),
+        "hull_faces": np.concatenate([h.faces for h in hulls]),
+        "hull_counts": np.array([(len(h.vertices), len(h.faces)) for h in hulls]),
+        "skip": np.array(sorted(tuple(sorted(pair)) for pair in skip if len(pair) == 2), dtype=np.str_).reshape(-1, 2),
+    }
+
+
+def _robot(
+    name: str, title: str, text: str, data: dict[str, NDArray[Any]], gripper: str | None, home: list[float] | None, base_p: Array
+) -> Robot:
+    tree = Tree(
+        tuple(str(n) for n in data["links"]), *(data[k] for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset"))
+    )
+    joints = tuple(str(j) for j in data["joints"])
+    lower, upper, velocity = data["limits"].T
+    way = tree.path(tree.index["hand"])
+    arm = list(dict.fromkeys(int(tree.q_index[i]) for i in way if tree.kind[i] != FIXED))
+    if not arm:
+        raise ValueError(f"robot {name}: no joint moves the hand frame")
+    others = [j for j in range(len(joints)) if j not in arm]
+    if gripper is None:
+        if len(others) != 1:
+            names = ", ".join(joints[j] for j in others) or "none besides the arm's"
+            raise ValueError(f"robot {name}: say which joint opens the fingers with --gripper-joint (actuated joints: {names})")
+        gripper = joints[others[0]]
+    if gripper not in joints or joints.index(gripper) in arm:
+        names = ", ".join(joints[j] for j in others) or "none"
+        raise ValueError(f"robot {name}: {gripper!r} is no joint that can open the fingers; actuated joints besides the arm's: {names}")
+    g = joints.index(gripper)
+    vertices, faces, hulls, v, f = data["hull_vertices"], data["hull_faces"], [], 0, 0
+    for link, (nv, nf) in zip(data["hull_link"], data["hull_counts"]):
+        hulls.append(LinkHull(str(link), vertices[v : v + nv], faces[f : f + nf]))
+        v, f = v + nv, f + nf
+    moved_by_gripper = {i for i in range(len(tree.names)) if any(tree.q_index[k] == g for k in tree.path(i))}
+    fingers = frozenset(tree.names[i] for i in moved_by_gripper) & {h.link for h in hulls}
+    if not fingers:
+        raise ValueError(f"robot {name}: joint {gripper!r} moves no link with collision geometry, so there are no fingers to grasp with")
+    rest = np.clip(np.zeros(len(joints)), lower, upper)
+    if home is not None:
+        rest[arm] = home
+    opening, pads = measure(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
+    rest[g] = opening.value[-1]
+    skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
+    return Robot(
+        name, title, text, joints, lower, upper, velocity, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
+        has_camera=any(h.link == "camera" for h in hulls),
+    )  # fmt: skip
+
+
+def _tree(model: Any) -> tuple[Tree, list[str]]:
+    """yourdfpy's links in topological order, and the names of the actuated joints (mimic joints left out)."""
+    by_child = {j.child: j for j in model.joint_map.values()}
+    roots = [name for name in model.link_map if name not in by_child]
+    if len(roots) != 1:
+        raise ValueError(f"the URDF has {len(roots)} root links ({', '.join(roots)}); it needs just one")
+    order = [roots[0]]
+    children: dict[str, list[str]] = {}
+    for j in model.joint_map.values():
+        children.setdefault(j.parent, []).append(j.child)
+    for link in order:
+        order += children.get(link, [])
+    movable = {"revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES, "fixed": FIXED}
+    joints = [j.name for link in order[1:] if (j := by_child[link]).type != "fixed" and j.mimic is None]
+    n = len(order)
+    parent, kind, q_index = np.full(n, -1), np.zeros(n, np.int64), np.full(n, -1)
+    T, axis, scale, offset = np.tile(np.eye(4), (n, 1, 1)), np.tile([1.0, 0.0, 0.0], (n, 1)), np.ones(n), np.zeros(n)
+    for i, link in enumerate(order[1:], 1):
+        j = by_child[link]
+        if j.type not in movable:
+            raise ValueError(f"joint {j.name!r} is of type {j.type!r}; revolute, continuous, prismatic and fixed can be used")
+        parent[i], kind[i] = order.index(j.parent), movable[j.type]
+        T[i] = np.eye(4) if j.origin is None else j.origin
+        if kind[i] != FIXED:
+            axis[i] = np.asarray(j.axis, float) / np.linalg.norm(j.axis)
+            source = j
+            while source.mimic is not None:  # a mimic of a mimic follows the first
+                scale[i], offset[i] = scale[i] * _or(source.mimic.multiplier, 1.0), offset[i] + scale[i] * _or(source.mimic.offset, 0.0)
+                if source.mimic.joint not in model.joint_map:
+                    raise ValueError(f"joint {source.name!r} mimics {source.mimic.joint!r}, which does not exist")
+                source = model.joint_map[source.mimic.joint]
+            q_index[i] = joints.index(source.name)
+    return Tree(tuple(order), parent.astype(np.int64), T, kind, axis, q_index.astype(np.int64), scale, offset), joints
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else float(value)
+
+
+def _limits(joint: Any) -> tuple[float, float, float]:
+    limit = joint.limit
+    speed = _or(limit.velocity if limit else None, 1.0) or 1.0
+    if joint.type == "continuous":
+        return -np.inf, np.inf, speed
+    if limit is None or limit.lower is None or limit.upper is None:
+        raise ValueError(f"joint {joint.name!r} has no limits")
+    return float(limit.lower), float(limit.upper), speed
+
+
+def _link_hulls(link: Any) -> list[LinkHull]:
+    """One convex hull for each collision element of a link, in the link's frame. Spheres and cylinders become containing polyhedra."""
+    import trimesh
+
+    from kinematics.shapes import box_corners, prism
+
+    hulls = []
+    for collision in link.collisions or []:
+        geometry = collision.geometry
+        if geometry.mesh is not None:
+            scale = 1.0 if geometry.mesh.scale is None else geometry.mesh.scale
+            points = _mesh_points(Path(geometry.mesh.filename)) * np.asarray(scale, float)
+        elif geometry.box is not None:
+            points = box_corners(np.asarray(geometry.box.size, float) / 2)
+        elif geometry.cylinder is not None:
+            points = prism(geometry.cylinder.radius, geometry.cylinder.length)
+        elif geometry.sphere is not None:
+            ball = trimesh.creation.icosphere(subdivisions=2)
+            inner = float(np.min(ball.face_normals * ball.triangles_center @ np.ones(3)))
+            points = np.asarray(ball.vertices) * geometry.sphere.radius / inner
+        else:
+            continue
+        T = np.eye(4) if collision.origin is None else collision.origin
+        hull = trimesh.convex.convex_hull(np.asarray(points @ T[:3, :3].T + T[:3, 3]))
+        hulls.append(LinkHull(link.name, np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)))
+    return hulls
+
+
+def _mesh_points(file: Path) -> Array:
+    """A mesh file's vertices (V, 3). Raises ValueError when it holds no solid."""
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load(file, force="mesh", process=False)
+        trimesh.convex.convex_hull(np.asarray(mesh.vertices, float))
+    except Exception as e:  # trimesh and Qhull raise many kinds, all of them "this file is no solid"
+        why = str(e).strip().split("\n")[0] or type(e).__name__
+        raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}") from e
+    return np.asarray(mesh.vertices, float)
+
+
+def _neighbours(tree: Tree, solid: set[str]) -> set[frozenset[str]]:
+    """Links with geometry that are joined directly, or through links without any."""
+    pairs = set()
+    for i, name in enumerate(tree.names):
+        above = int(tree.parent[i])
+        while above >= 0 and tree.names[above] not in solid:
+            above = int(tree.parent[above])
+        if above >= 0 and name in solid:
+            pairs.add(frozenset((name, tree.names[above])))
+    return pairs
+
+
+def _from_srdf(srdf: Path | None) -> set[frozenset[str]]:
+    if srdf is None:
+        return set()
+    root = etree.fromstring(srdf.read_bytes(), etree.XMLParser(recover=True))
+    return {frozenset((e.get("link1", ""), e.get("link2", ""))) for e in root.iter("disable_collisions")}
+
+
+def _align_z(axis: Array) -> Array:
+    """A rotation (4, 4) that takes z to `axis` (3,)."""
+    z = np.array([0.0, 0.0, 1.0])
+    if np.allclose(axis, z):
+        return np.eye(4)
+    turn = np.cross(z, axis)
+    if np.linalg.norm(turn) < 1e-12:
+        return transform(rotation_about((1.0, 0.0, 0.0), np.pi))
+    return transform(rotation_about(turn, float(np.arctan2(np.linalg.norm(turn), axis[2]))))

@@ -1,0 +1,306 @@
+"""The compiled inner loops of the map: what one depth image proves about voxels, what a view would reveal, boxes around what is not free.
+
+The grid's frame is the cabinet's, moved so that voxel (0, 0, 0) begins at the origin; `step` (3,) are a voxel's edges. `T` (3, 4) takes
+points of the grid's frame to the camera's. States are UNKNOWN, FREE and OCCUPIED.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kinematics.chain import Int
+from kinematics.transforms import Array
+
+UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+States = NDArray[np.uint8]
+Image = NDArray[np.float32]
+_FAR = np.float32(1e9)
+_NEAR = 0.02  # a voxel nearer than this to the camera's plane is not judged
+_SLACK = 5e-4  # m that a ray must go on behind a voxel
+LEVELS = 7  # windows of 1 to 64 pixels
+
+
+@njit(cache=True, nogil=True)
+def way_through(x: float, y: float, R: Array, eye: Array, size: Array) -> tuple[float, float]:
+    """The depths z at which the ray (x, y, 1) of the camera enters and leaves the inner space; it misses unless the first is less.
+
+    R (3, 3), eye (3,): the camera in the grid's frame; size (3,): of the inner space.
+    """
+    enter, leave = 0.0, 1e9
+    for a in range(3):
+        d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
+        if abs(d) > 1e-12:
+            t0, t1 = -eye[a] / d, (size[a] - eye[a]) / d
+            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+        elif eye[a] < 0.0 or eye[a] > size[a]:
+            leave = -1.0
+    return enter, leave
+
+
+@njit(cache=True, nogil=True)
+def clear_depth(
+    depth: Image, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, size: Array, slack_m: float, noise: float, out: Image
+) -> None:
+    """How far each pixel's ray is known to run freely through the inner space: `out` (H, W), z in the camera.
+
+    R (3, 3), eye (3,): the camera in the grid's frame; size (3,): of the inner space, whose walls are known to be there. A depth that comes
+    to within slack_m + noise · z² of the wall is the wall's, and the ray is clear all the way: far. 0 where nothing was measured.
+    """
+    height, width = depth.shape
+    for v in range(height):
+        y = (v - cy) / fy
+        for u in range(width):
+            z = depth[v, u]
+            enter, leave = way_through((u - cx) / fx, y, R, eye, size)
+            if leave <= enter:
+                out[v, u] = _FAR  # this ray never meets the inner space
+            elif z <= 0.0:
+                out[v, u] = 0.0
+            elif z >= leave - slack_m - noise * z * z:
+                out[v, u] = _FAR
+            else:
+                out[v, u] = z
+
+
+@njit(cache=True, nogil=True)
+def pyramid(levels: Image) -> None:
+    """Fill levels (LEVELS, H, W) from the first one on: level l holds the least of the 2^l × 2^l pixels to the right of and below each."""
+    _, height, width = levels.shape
+    for k in range(1, levels.shape[0]):
+        half = 1 << (k - 1)
+        for v in range(height - 2 * half + 1):
+            a, b, out = levels[k - 1, v], levels[k - 1, v + half], levels[k, v]
+            for u in range(width - 2 * half + 1):
+                out[u] = min(min(a[u], a[u + half]), min(b[u], b[u + half]))
+
+
+@njit(cache=True, nogil=True)
+def _half_extents(step: Array, T: Array, out: Array) -> None:
+    """Half the extents (3,) of a voxel along the camera's axes."""
+    for r in range(3):
+        out[r] = 0.5 * (abs(T[r, 0]) * step[0] + abs(T[r, 1]) * step[1] + abs(T[r, 2]) * step[2])
+
+
+@njit(cache=True, nogil=True)
+def _wholly_clear(a: float, b: float, c: float, half: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float) -> bool:
+    """Whether all of a voxel's image lies on rays that are clear to beyond it: those of the rectangle around it and the pixels next to it,
+    which must be within the picture. (a, b, c): its centre in the grid's frame.
+    """
+    n_levels, height, width = levels.shape
+    z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+    if z - half[2] < _NEAR:
+        return False
+    x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+    y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+    near, far = 1.0 / (z - half[2]), 1.0 / (z + half[2])
+    u0 = np.floor(fx * min((x - half[0]) * near, (x - half[0]) * far) + cx)
+    u1 = np.ceil(fx * max((x + half[0]) * near, (x + half[0]) * far) + cx)
+    v0 = np.floor(fy * min((y - half[1]) * near, (y - half[1]) * far) + cy)
+    v1 = np.ceil(fy * max((y + half[1]) * near, (y + half[1]) * far) + cy)
+    if u0 < 0.0 or v0 < 0.0 or u1 > width - 1.0 or v1 > height - 1.0:
+        return False
+    n = int(max(u1 - u0, v1 - v0)) + 1
+    level = 0
+    while (2 << level) <= n:
+        level += 1
+    w = 1 << level
+    if level >= n_levels or w > width or w > height:
+        return False  # so near that the picture holds little more than this voxel
+    left, right = min(int(u0), width - w), max(int(u1) - w + 1, 0)
+    upper, lower = min(int(v0), height - w), max(int(v1) - w + 1, 0)
+    image = levels[level]
+    least = min(min(image[upper, left], image[upper, right]), min(image[lower, left], image[lower, right]))
+    return bool(least > z + half[2] + _SLACK)
+
+
+@njit(cache=True, nogil=True)
+def mark_free(state: States, step: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float) -> None:
+    """Mark every voxel FREE that is wholly clear in a picture; levels: its `pyramid`."""
+    half = np.empty(3)
+    _half_extents(step, T, half)
+    for i in range(state.shape[0]):
+        for j in range(state.shape[1]):
+            for k in range(state.shape[2]):
+                if state[i, j, k] != FREE:
+                    a, b, c = (i + 0.5) * step[0], (j + 0.5) * step[1], (k + 0.5) * step[2]
+                    if _wholly_clear(a, b, c, half, T, levels, fx, fy, cx, cy):
+                        state[i, j, k] = FREE
+
+
+@njit(cache=True, nogil=True)
+def mark_occupied(state: States, step: Array, clear: Image, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array) -> None:
+    """Mark every voxel OCCUPIED in which a ray ends; `clear` as `clear_depth` gives it."""
+    height, width = clear.shape
+    for v in range(height):
+        y = (v - cy) / fy
+        for u in range(width):
+            z = clear[v, u]
+            if z <= 0.0 or z >= _FAR:
+                continue
+            x = (u - cx) / fx
+            i = int(np.floor((eye[0] + z * (R[0, 0] * x + R[0, 1] * y + R[0, 2])) / step[0]))
+            j = int(np.floor((eye[1] + z * (R[1, 0] * x + R[1, 1] * y + R[1, 2])) / step[1]))
+            k = int(np.floor((eye[2] + z * (R[2, 0] * x + R[2, 1] * y + R[2, 2])) / step[2]))
+            if 0 <= i < state.shape[0] and 0 <= j < state.shape[1] and 0 <= k < state.shape[2]:
+                state[i, j, k] = OCCUPIED
+
+
+@njit(cache=True, nogil=True)
+def through_wall(size: Array, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, out: NDArray[np.bool_]) -> None:
+    """Which pixels (H, W) look into the inner space through a wall: from outside, and not through the front. R, eye: as above."""
+    height, width = out.shape
+    for v in range(height):
+        y = (v - cy) / fy
+        for u in range(width):
+            x = (u - cx) / fx
+            enter, leave = way_through(x, y, R, eye, size)
+            out[v, u] = leave > enter and enter > 0.0 and eye[0] + enter * (R[0, 0] * x + R[0, 1] * y + R[0, 2]) > 1e-6
+
+
+@njit(cache=True, nogil=True)
+def map_depth(
+    occupied: Array, step: Array, fx: float, fy: float, cx: float, cy: float, T: Array, blind: NDArray[np.bool_], least: float, out: Image
+) -> None:
+    """A depth image (H, W) of the occupied voxels, given by their centres (N, 3): their far sides; far where there is none.
+
+    0 where nothing would be learnt: where `blind` (H, W) is True, or where something is nearer than `least`, the camera's least depth.
+    """
+    height, width = out.shape
+    for v in range(height):
+        for u in range(width):
+            out[v, u] = np.float32(0.0) if blind[v, u] else _FAR
+    half = np.empty(3)
+    _half_extents(step, T, half)
+    for i in range(occupied.shape[0]):
+        a, b, c = occupied[i, 0], occupied[i, 1], occupied[i, 2]
+        z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+        if z < _NEAR:
+            continue
+        x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+        y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+        by = 1.0 / z
+        u0 = int(max(np.ceil(fx * (x - half[0]) * by + cx), 0.0))
+        u1 = int(min(np.floor(fx * (x + half[0]) * by + cx), width - 1.0))
+        v0 = int(max(np.ceil(fy * (y - half[1]) * by + cy), 0.0))
+        v1 = int(min(np.floor(fy * (y + half[1]) * by + cy), height - 1.0))
+        far = np.float32(z + half[2]) if z >= least else np.float32(0.0)
+        for v in range(v0, v1 + 1):
+            for u in range(u0, u1 + 1):
+                out[v, u] = min(out[v, u], far)
+
+
+@njit(cache=True, nogil=True)
+def revealed(
+    rows: Int, points: Array, step: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float, seen: States
+) -> None:
+    """Leave 1 in `seen` (P,) only for those of `rows` (N,), with centres `points` (N, 3), that a picture would mark FREE.
+
+    levels: the `pyramid` of the map's depth image. Places whose `seen` is 0 are not asked about, those beyond `rows` stay as they are.
+    """
+    half = np.empty(3)
+    _half_extents(step, T, half)
+    for i in range(rows.shape[0]):
+        if seen[rows[i]]:
+            seen[rows[i]] = _wholly_clear(points[i, 0], points[i, 1], points[i, 2], half, T, levels, fx, fy, cx, cy)
+
+
+@njit(cache=True, nogil=True)
+def revealed_at_most(rows: Int, points: Array, T: Array, depth: Image, fx: float, fy: float, cx: float, cy: float, seen: States) -> None:
+    """Whether rows (N,) of `seen` (P,), with centres `points` (N, 3), are inside a picture and before its depth (H, W).
+
+    Quick, and seldom too few.
+    """
+    height, width = depth.shape
+    for i in range(rows.shape[0]):
+        seen[rows[i]] = 0
+        a, b, c = points[i, 0], points[i, 1], points[i, 2]
+        z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+        if z < _NEAR:
+            continue
+        u = fx * (T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]) / z + cx
+        v = fy * (T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]) / z + cy
+        if u < -0.5 or v < -0.5 or u >= width - 0.5 or v >= height - 0.5:
+            continue
+        if z < depth[int(np.floor(v + 0.5)), int(np.floor(u + 0.5))]:
+            seen[rows[i]] = 1
+
+
+@njit(cache=True, nogil=True)
+def weigh(rows: Int, weight: Array, seen: States, out: Array) -> None:
+    """For each view (C,) the summed weight (N,) of those of `rows` (N,) that it has seen; seen (C, P)."""
+    for c in range(seen.shape[0]):
+        total = 0.0
+        for i in range(rows.shape[0]):
+            total += weight[i] * seen[c, rows[i]]
+        out[c] = total
+
+
+@njit(cache=True, nogil=True)
+def merge(blocked: States, out: Int) -> int:
+    """Cover the blocked voxels (X, Y, Z) with boxes, rows [x0, y0, z0, x1, y1, z1) of `out` (N, 6).
+
+    Returns how many, or -1 if N is too few.
+
+    Greedy: from the first voxel that is not covered yet a box is grown along the three axes, in each of the six orders, over blocked
+    voxels, covered or not; the box that covers most that is new is taken.
+    """
+    X, Y, Z = blocked.shape
+    done = np.zeros((X, Y, Z), np.uint8)
+    orders = np.array([[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]])
+    low, high, best = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(6, np.int64)
+    shape = np.array([X, Y, Z])
+    n = 0
+    for i in range(X):
+        for j in range(Y):
+            for k in range(Z):
+                if not blocked[i, j, k] or done[i, j, k]:
+                    continue
+                most = -1
+                for o in range(6):
+                    low[0], low[1], low[2] = i, j, k
+                    high[0], high[1], high[2] = i + 1, j + 1, k + 1
+                    for p in range(3):
+                        axis = orders[o, p]
+                        for side in range(2):
+                            while True:
+                                at = high[axis] if side == 0 else low[axis] - 1
+                                if at < 0 or at >= shape[axis] or not _slice_blocked(blocked, low, high, axis, at):
+                                    break
+                                if side == 0:
+                                    high[axis] += 1
+                                else:
+                                    low[axis] -= 1
+                    fresh = 0
+                    for x in range(low[0], high[0]):
+                        for y in range(low[1], high[1]):
+                            for z in range(low[2], high[2]):
+                                fresh += 1 - done[x, y, z]
+                    if fresh > most:
+                        most = fresh
+                        best[:3], best[3:] = low, high
+                if n == out.shape[0]:
+                    return -1
+                out[n] = best
+                n += 1
+                done[best[0] : best[3], best[1] : best[4], best[2] : best[5]] = 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _slice_blocked(blocked: States, low: Int, high: Int, axis: int, at: int) -> bool:
+    """Whether the layer `at` next to a box along an axis is blocked throughout."""
+    x0, x1, y0, y1, z0, z1 = low[0], high[0], low[1], high[1], low[2], high[2]
+    if axis == 0:
+        x0, x1 = at, at + 1
+    elif axis == 1:
+        y0, y1 = at, at + 1
+    else:
+        z0, z1 = at, at + 1
+    for x in range(x0, x1):
+        for y in range(y0, y1):
+            for z in range(z0, z1):
+                if not blocked[x, y, z]:
+                    return False
+    return True

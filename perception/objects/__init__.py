@@ -1,0 +1,1 @@
+"""Pixels to boxes: instances told apart, solids fitted, footprints."""

@@ -1,0 +1,156 @@
+"""The upright solid behind noisy pixels: fitted to all of them at once, so that their errors average out.
+
+The noise of a stereo camera is along the pixel's ray. A face that is seen lies where the mean of its pixels says; where a face ends is said
+by the rays themselves, which are exact: each pixel is moved along its ray onto the face, and the solid reaches as far as these points do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.scene import Body, Cabinet
+from kinematics.shapes import Box, Cylinder, Shape
+from kinematics.transforms import Array, rotation_about, transform
+from perception.objects.footprint import DIRECTIONS, least_circle, least_rectangle, outline_of, upright_solid
+from perception.objects.prepared_frames import PreparedFrames
+from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
+
+ROUNDS, STEPS = 3, 3
+FEW = 3000
+"""So many pixels of an object are enough for a least squares step."""
+GATE = 4.5
+"""Standard deviations beyond which a pixel is a stray."""
+MISFIT = 1.3
+"""Mean square error, in variances of the noise, above which pixels show neither a box nor a cylinder."""
+DOUBT = 2.0
+MOST = 0.01
+"""No step moves a face by more metres, or turns one by more radians."""
+STEP_M, TURN_RAD = 0.005, 0.05
+"""How far a step moves a face, or turns it, that no pixel speaks of: the ridge of the least squares."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """What the frames show of one object: eyes (N, 3) and rays (N, 3), so that eye + z · ray is a pixel's point, and its noisy z (N,).
+
+    axial: standard deviation of a depth at 1 m, growing with z². spread (N,): standard deviations of the averaged depths, metres.
+    """
+
+    eyes: Array
+    rays: Array
+    z: Array
+    axial: float
+    spread: Array
+
+
+def standing_solids(views: PreparedFrames, shown: Mapping[str, tuple[Array, NDArray[np.int64]]], cabinet: Cabinet) -> tuple[Body, ...]:
+    """An upright solid in the world for each object; shown: its points (N, 3) and pixels, see `perception.objects.segment.object_pixels`.
+
+    Clean points are all contained. Of noisy ones the fit leaves out less than a millimetre of a box or a cylinder that is well seen.
+    """
+    out = []
+    for name, (points, source) in shown.items():
+        shape, T = fitted_solid(pixels_of(views, points, source), points) if views.axial > 0 else upright_solid(points)
+        out.append(Body(name, shape, cabinet.T_world_cabinet @ T))
+    return tuple(out)
+
+
+def pixels_of(views: PreparedFrames, points: Array, source: NDArray[np.int64]) -> Pixels:
+    """The pixels of points (N, 3) in the cabinet; source (N, 2): frame and pixel of each, see `segment.object_pixels`."""
+    eyes = np.array([T[:3, 3] for T in views.T_cabinet_camera])[source[:, 0]]
+    averaged, z, count = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
+    for i, (frame, depth) in enumerate(zip(views.frames, views.depths)):
+        mine = source[:, 0] == i
+        for out, image in ((averaged, depth), (z, np.asarray(frame.depth)), (count, views.counts[i])):
+            out[mine] = image.ravel()[source[mine, 1]]
+    return Pixels(eyes, (points - eyes) / averaged[:, None], z, views.axial, views.axial * averaged**2 / np.sqrt(count))
+
+
+def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
+    """The upright box or cylinder that explains the pixels best, and its pose (4, 4); around what is neither, one that contains the points.
+
+    rough (N, 3): the pixels' points, from averaged depths.
+    """
+    middle = np.append(rough[:, :2].mean(0), 0.0)  # turning about it moves faces least
+    pixels = replace(pixels, eyes=pixels.eyes - middle)
+    every = max(len(pixels.z) // FEW, 1)
+    few = replace(pixels, **{name: getattr(pixels, name)[::every].copy() for name in ("eyes", "rays", "z", "spread")})
+    outline = outline_of(rough[:, :2] - middle[:2])
+    tried = [_fitted(kind, outline, float(rough[:, 2].max()), few) for kind in (BOX, CYLINDER)]
+    error, solid = min(tried, key=lambda pair: pair[0])
+    if error > MISFIT:
+        drawn = drawn_in(rough - middle, pixels)
+        solid = _around(solid[KIND], outline_of(drawn[:, :2]), float(drawn[:, 2].max()))
+    else:
+        solid = _reaching(solid, pixels)
+    shape, T = _shape(solid)
+    return shape, transform(p=middle) @ T
+
+
+def _fitted(kind: float, outline: Array, height: float, pixels: Pixels) -> tuple[float, Array]:
+    """The mean square error and the solid of one kind that explains the pixels best, beginning around a convex outline (K, 2)."""
+    solid = _around(kind, outline, height)
+    for _ in range(ROUNDS):
+        solid = _reaching(_settled(solid, pixels), pixels)
+    args = (pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE)
+    return normal_equations(solid, *args, np.empty((7, 7)), np.empty(7)), solid
+
+
+def drawn_in(points: Array, pixels: Pixels) -> Array:
+    """The outermost points (D + 1, 3) of a noisy cloud (N, 3), and the highest, each brought back by what noise may have carried it out.
+
+    Of very many points the outermost is the one with the worst luck; so the one counts that is furthest out less DOUBT of its own standard
+    deviations in that direction, which noise along a ray across it does not touch.
+    """
+    along = pixels.rays * pixels.spread[:, None] * DOUBT
+    angle = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
+    out = []
+    for d in np.column_stack([np.cos(angle), np.sin(angle), np.zeros(DIRECTIONS)]):
+        doubt = np.abs(along @ d)
+        i = int(np.argmax(points @ d - doubt))
+        out.append(points[i] - doubt[i] * d)
+    top = points[:, 2] - np.abs(along[:, 2])
+    i = int(np.argmax(top))
+    return np.array([*out, [*points[i, :2], top[i]]])
+
+
+def _around(kind: float, outline: Array, height: float) -> Array:
+    """The solid of one kind around a convex outline (K, 2)."""
+    if kind == CYLINDER:
+        centre, radius = least_circle(outline)
+        return np.array([CYLINDER, *centre, radius, 0.0, height, 0.0])
+    centre, size, yaw = least_rectangle(outline)
+    c, s = np.cos(yaw), np.sin(yaw)
+    u, v = c * centre[0] + s * centre[1], -s * centre[0] + c * centre[1]
+    return np.array([BOX, u - size[0] / 2, u + size[0] / 2, v - size[1] / 2, v + size[1] / 2, height, yaw])
+
+
+def _settled(solid: Array, pixels: Pixels) -> Array:
+    """The solid after some least squares steps: each face that is seen goes to the mean of its pixels."""
+    A, g = np.empty((7, 7)), np.empty(7)
+    ridge = np.diag([1.0, *[STEP_M**-2] * 5, TURN_RAD**-2])
+    for _ in range(STEPS):
+        normal_equations(solid, pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE, A, g)
+        solid = solid + np.clip(np.linalg.solve(A + ridge, g), -MOST, MOST)
+    return solid
+
+
+def _reaching(solid: Array, pixels: Pixels) -> Array:
+    """The solid of the same kind that reaches as far as the pixels do, once moved onto its faces."""
+    out = np.empty((len(pixels.z), 3))
+    n = slid(solid, pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE, out)
+    return _around(solid[KIND], outline_of(out[:n, :2]), float(out[:n, 2].max())) if n else solid
+
+
+def _shape(solid: Array) -> tuple[Shape, Array]:
+    height = solid[HEIGHT]
+    if solid[KIND] == CYLINDER:
+        return Cylinder(float(solid[3]), float(height)), transform(p=[solid[1], solid[2], height / 2])
+    c, s = np.cos(solid[YAW]), np.sin(solid[YAW])
+    u, v = (solid[1] + solid[2]) / 2, (solid[3] + solid[4]) / 2
+    size = np.array([solid[2] - solid[1], solid[4] - solid[3], height])
+    return Box(size), transform(rotation_about((0.0, 0.0, 1.0), float(solid[YAW])), [c * u - s * v, s * u + c * v, height / 2])

@@ -1,0 +1,1 @@
+"""Depth images of solids and meshes, the synthetic camera, shaded stills."""

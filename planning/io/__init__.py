@@ -1,0 +1,1 @@
+"""Files: scenes and plans as JSON Lines, every value checked."""

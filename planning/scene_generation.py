@@ -1,0 +1,210 @@
+"""gen: scenes that are blocked, yet solvable.
+
+A scene is a cabinet with a few upright boxes and cylinders of household size and one grasp x_g on the target. It is kept only when the
+target can't be taken out as things stand, and can be once the others are gone; so every scene asks for rearrangement, and none for magic.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kinematics.collision.fcl_solids import apart
+from kinematics.robots.gripper import Opening
+from kinematics.robots.robot import Robot
+from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
+from kinematics.shapes import Box, Cylinder
+from kinematics.transforms import Array, rotation_about, transform
+from planning.grasps import LOWEST_M, UP, set_back
+from planning.motion.pick_place import Motions
+from planning.plan import Blocked
+
+STAGE = 1  # this stage's word in the seeds of random generators
+SPECS = ("paper", "paper-any", "shelf")
+
+
+class NoScene(Exception):
+    """A spec asks for what a robot can't do, or for what is never blocked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spec:
+    """What scenes look like; the fields of a spec file, section by section. Pairs are ranges, sampled evenly."""
+
+    cabinet_size_m: Array
+    cabinet_front_m: float
+    cabinet_floor_m: float
+    cabinet_wall_m: float
+    objects_count: tuple[int, int]
+    objects_box_share: float
+    objects_half_width_m: tuple[float, float]
+    objects_height_m: tuple[float, float]
+    objects_gap_m: float
+    target_half_width_m: tuple[float, float]
+    target_depth_m: tuple[float, float]
+    grasp_bearing_share: float
+    grasp_yaw_spread: float
+    grasp_height_share: float
+    moves_approaches: tuple[str, ...]
+    regions_n: int
+
+
+def load_spec(which: str) -> Spec:
+    """A spec that ships (`SPECS`), or a TOML file. Raises ValueError naming the file and the field."""
+    if which in SPECS:
+        text, where = resources.files("planning").joinpath("specs", f"{which}.toml").read_text(), which
+    elif Path(which).is_file():
+        try:
+            text, where = Path(which).read_text(encoding="utf-8"), which
+        except UnicodeDecodeError as e:
+            raise ValueError(f"{which}: no text in UTF-8") from e
+    else:
+        raise ValueError(f"unknown spec {which!r}: the specs are {', '.join(SPECS)}; or give a TOML file")
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise ValueError(f"{where}: {e}") from e
+    given = {f"{section}_{key}": value for section, entries in table.items() if isinstance(entries, dict) for key, value in entries.items()}
+    known = {f.name for f in fields(Spec)}
+    for name in [*(n for n in given if n not in known), *(n for n in (f.name for f in fields(Spec)) if n not in given)]:
+        what = "is missing" if name in known else "is no field of a spec"
+        raise ValueError(f"{where}: {name.replace('_', '.', 1)} {what} (planning/specs/paper.toml shows them all)")
+    return Spec(**{name: _checked(where, name, value) for name, value in given.items()})
+
+
+def generate(
+    spec: Spec,
+    robot: Robot,
+    ref: RobotRef,
+    seed: int,
+    index: int,
+    *,
+    stage: int = STAGE,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Scene:
+    """Scene number `index` of a seed: the same whatever came before it and on whichever worker.
+
+    ref: how the scene file names the robot; its base stands where ref says. stage: whose word goes into the random generator, so that the
+    scenes of another stage are others. on_step: told of each sample that is thrown away.
+    Raises: NoScene when 2 000 samples in a row are no valid scene: the spec asks for what this robot can't do.
+    """
+    rng = np.random.default_rng([seed, stage, index])
+    for _ in range(2000):
+        scene = _sample(spec, ref, robot.opening, f"{seed}-{index:06d}", (seed, index), rng)
+        if scene is None:
+            continue
+        verdict = _judge(scene, robot, rng)
+        if verdict is None:
+            return scene
+        on_step(verdict)
+    raise NoScene(f"no valid scene in 2000 samples: robot {robot.name} can't reach into this cabinet, or nothing ever blocks the target")
+
+
+def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
+    """None for a valid scene, else what it is: "unsolvable" or "free"."""
+    alone = Scene(**{**vars(scene), "objects": (scene.body(scene.target),)})
+    empty = Motions(robot, alone)
+    picks, _ = empty.picks(empty.start(), scene.target, [scene.grasp])
+    if not picks:
+        return "unsolvable"
+    cluttered = Motions(robot, scene)
+    for _ in range(2):  # a search that fails once by chance is no proof
+        if not isinstance(cluttered.retrieve_target(cluttered.start(), rng), Blocked):
+            return "free"
+    return "unsolvable" if isinstance(empty.retrieve_target(empty.start(), rng), Blocked) else None
+
+
+def _sample(spec: Spec, ref: RobotRef, opening: Opening, name: str, seed: tuple[int, int], rng: np.random.Generator) -> Scene | None:
+    """One scene as it comes, valid or not; None when the objects did not fit."""
+    T_cabinet = transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m])
+    cabinet = Cabinet(spec.cabinet_size_m, T_cabinet, spec.cabinet_wall_m)
+    count = int(rng.integers(spec.objects_count[0], spec.objects_count[1] + 1))
+    bodies: list[Body] = []
+    for i in range(count):
+        for _ in range(100):
+            body = _object(spec, cabinet, i, rng)
+            if apart(body, [*bodies, *cabinet.walls()[2:]], spec.objects_gap_m):
+                bodies.append(body)
+                break
+        else:
+            return None
+    target = bodies[0]
+    order = rng.permutation(count)  # the target has no fixed place in the list
+    names = {bodies[i].name: f"{bodies[i].name.split('_')[0]}_{rank}" for rank, i in enumerate(order)}
+    objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
+    grasp = _grasp(spec, opening, target, ref.T_world_base[:3, 3], rng)
+    return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
+
+
+def _object(spec: Spec, cabinet: Cabinet, i: int, rng: np.random.Generator) -> Body:
+    """An upright box or cylinder somewhere on the floor; number 0 is the target, at a target's depth."""
+    low, high = spec.target_half_width_m if i == 0 else spec.objects_half_width_m
+    depth, width, _ = spec.cabinet_size_m
+    height = float(rng.uniform(*spec.objects_height_m))
+    near, far = spec.target_depth_m if i == 0 else (high, depth - low)
+    x, y = rng.uniform(near, far), rng.uniform(-width / 2 + low, width / 2 - low)
+    yaw = rng.uniform(-np.pi / 2, np.pi / 2)
+    half = rng.uniform(low, high, 2)
+    T = cabinet.T_world_cabinet @ transform(rotation_about(UP, yaw), [x, y, height / 2])
+    if rng.random() < spec.objects_box_share:
+        return Body(f"box_{i}", Box(np.array([2 * half[0], 2 * half[1], height])), T)
+    return Body(f"can_{i}", Cylinder(float(half[0]), height), T)
+
+
+def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.random.Generator) -> Grasp:
+    """x_g: horizontal, from the front, the camera above the hand; on a box, square to the faces that come nearest to the wanted yaw."""
+    to_target = target.T_world_body[:2, 3] - base[:2]
+    yaw = spec.grasp_bearing_share * np.arctan2(to_target[1], to_target[0]) + rng.uniform(-spec.grasp_yaw_spread, spec.grasp_yaw_spread)
+    half = target.shape.half
+    width = 2 * float(half[0])
+    if isinstance(target.shape, Box):
+        own = np.arctan2(target.T_world_body[1, 0], target.T_world_body[0, 0])
+        quarter = round((yaw - own) / (np.pi / 2))
+        yaw, width = own + quarter * np.pi / 2, 2 * float(half[1 if quarter % 2 == 0 else 0])
+    approach = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    reach = float(half[0]) if isinstance(target.shape, Cylinder) else float(half[0 if quarter % 2 == 0 else 1])
+    z = max(spec.grasp_height_share * 2 * half[2], LOWEST_M["horizontal"])
+    centre = target.T_world_body[:3, 3] + (z - half[2]) * UP
+    if isinstance(target.shape, Box):
+        centre = centre - set_back(reach, width, opening) * approach
+    centre = centre - opening.pad_z_at(width) * approach
+    return Grasp(transform(np.stack([UP, np.cross(approach, UP), approach], -1), centre), width)
+
+
+def _checked(where: str, name: str, value: Any) -> Any:
+    """A spec's value in the type of its field. Raises ValueError."""
+    label = f"{where}: {name.replace('_', '.', 1)}"
+    if name == "moves_approaches":
+        if not value or not isinstance(value, list) or any(a not in APPROACHES for a in value):
+            raise ValueError(f"{label}: {value!r} is no list of {', '.join(APPROACHES)}")
+        return tuple(value)
+    if name == "cabinet_size_m":
+        if not isinstance(value, list) or len(value) != 3 or not all(_number(v) and v > 0 for v in value):
+            raise ValueError(f"{label}: {value!r} is not three positive lengths")
+        return np.array(value, float)
+    kind = str(Spec.__annotations__[name])
+    if kind.startswith("tuple"):
+        if not isinstance(value, list) or len(value) != 2 or not all(_number(v) for v in value) or value[0] > value[1]:
+            raise ValueError(f"{label}: {value!r} is no range [least, most]")
+        if "int" in kind and any(v != int(v) or v < 1 for v in value):
+            raise ValueError(f"{label}: {value!r} is no range of positive whole numbers")
+        if value[0] <= 0:
+            raise ValueError(f"{label}: {value!r} is no range of positive lengths")
+        return tuple(value)
+    if not _number(value) or (kind == "int" and (value != int(value) or value < 1)):
+        raise ValueError(f"{label}: {value!r} is no {'positive whole ' if kind == 'int' else ''}number")
+    if name == "cabinet_wall_m" and value <= 0:
+        raise ValueError(f"{label}: {value!r} is not positive")
+    if name in ("objects_gap_m", "grasp_yaw_spread") and value < 0:
+        raise ValueError(f"{label}: {value!r} is below 0")
+    return value
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

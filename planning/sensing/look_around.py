@@ -1,0 +1,309 @@
+"""Active sensing: the camera in the hand looks into an unknown cabinet, from one view to the next, until enough is known (section III-B).
+
+Nothing is known at first but the cabinet's size. Every voxel that was not seen is an obstacle for every motion until it is seen, so the arm
+only ever moves through what earlier views have shown to be free. The next view is the one that would reveal most, less the way to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
+from kinematics.transforms import Array, inverse
+from perception.camera import Intrinsics
+from perception.frames import Frame
+from perception.mapping.next_best_view import InformationGain, ViewCandidates, make_view_candidates, reduced, sample_poses, sweep_poses
+from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
+from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth
+from planning.motion.timing import time_stamps
+from planning.motion.workcell import PlanningQuery, Workcell
+from planning.plan import Blocked, Motion
+
+SHARE, LEAST, MAX_VIEWS = 0.97, 0.003, 8
+CHOICES = ("gain", "random", "sweep")
+CANDIDATES = 600  # camera poses that are tried; about half of them can be reached in an empty cabinet
+BRANCHES = 2  # arm configurations that are kept for one of them
+ITERATIONS = 1000  # of one RRT-Connect: there are other views
+MOST_UNREACHED = 16  # views that RRT-Connect may fail to reach before the looking ends
+TRAVEL = 0.01  # what a metre of the camera's way costs, as a share of the space
+BODY_MARGIN_M = 0.003  # a voxel this near to an object is the object's
+SKIN_M = 0.012  # and one this near to it is its skin, if it borders on free space: see `unseen`
+NEAR_M = 0.04  # around objects the map counts voxel by voxel, further off in blocks of two
+BLIND = 3  # views in a row that measure nothing, before the looking ends
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When to stop: the share of the space that is to be known, the least share that a further view must reveal, the most views.
+
+    travel: what a metre of the camera's way costs, as a share of the space.
+    """
+
+    share: float = SHARE
+    least: float = LEAST
+    views: int = MAX_VIEWS
+    travel: float = TRAVEL
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What a look around brought. views: T_world_camera (4, 4) of each frame, and the share known after it. q (J,): where the arm is now.
+
+    reason: why it ended there.
+    """
+
+    frames: tuple[Frame, ...]
+    views: tuple[tuple[Array, float], ...]
+    voxels: Voxels
+    motions: tuple[Motion, ...]
+    q: Array
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableViews:
+    """Arm configurations q (C, A) that put the camera at T_world_camera (C, 4, 4), free of the cabinet's walls.
+
+    views: what can be told of them beforehand, whatever stands in the cabinet.
+    """
+
+    q: Array
+    T: Array
+    views: ViewCandidates
+
+
+def look_around(
+    empty_scene: Scene,
+    robot: Robot,
+    camera: Camera,
+    q: Array,
+    voxels: Voxels,
+    rng: np.random.Generator,
+    *,
+    bodies: Sequence[Body] = (),
+    limits: Limits | None = None,
+    focus: Array | None = None,
+    choose: str = "gain",
+    noise_1m_m: float = 0.0,
+    intrinsics: Intrinsics = DEFAULT,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Looked:
+    """Take views of the cabinet, the first one where the arm stands, at q (J,).
+
+    blank: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
+    focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.sensing.focus`.
+    choose: "gain", "random" or "sweep".
+    Raises: ValueError when the robot has no camera in its hand, and for another word.
+    """
+    limits = limits or Limits()
+    if choose not in CHOICES:
+        raise ValueError(f"views can be chosen by {', '.join(CHOICES)}, not by {choose!r}")
+    if limits.views < 1:
+        return Looked((), (), voxels, (), q, "no view was allowed")
+    base = empty_scene.robot.T_world_base
+    spots = reachable_views(robot, empty_scene, intrinsics)
+    preview = InformationGain(voxels, spots.views, RANGE_M[0], focus)
+    order = _order(choose, spots, empty_scene.cabinet, rng)
+    frames: list[Frame] = []
+    views: list[tuple[Array, float]] = []
+    motions: list[Motion] = []
+    blind, done, at = 0, np.zeros(len(spots.q), bool), -1
+    while True:
+        frame = camera(base @ robot.link_poses(q)["camera"], q)
+        depth = frame.depth if frame.arm is None else np.where(frame.arm, np.float32(0), frame.depth)
+        voxels = voxels.fuse(frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm, noise_1m_m=noise_1m_m)
+        frames.append(frame)
+        views.append((frame.T_world_camera, voxels.known))
+        on_step(f"view {len(frames)}: {100 * voxels.known:.1f} % known")
+        blind = 0 if (depth > 0).any() else blind + 1
+        if reason := _enough(limits, voxels, len(frames), blind):
+            break
+        if at >= 0:
+            preview.taken(voxels, at)
+        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng)
+        if way.blocked is not None:
+            reason = f"the arm can't move on: {way.blocked}"
+            break
+        chosen = _next(choose, order, preview, voxels, way, done, frame.T_world_camera, limits)
+        if isinstance(chosen, str):
+            reason = chosen
+            break
+        at, path = chosen
+        done[at] = True
+        rows = np.array([robot.with_arm(row, float(q[robot.gripper_joint])) for row in path])
+        motions.append(Motion("look", robot.joint_names, rows, time_stamps(rows, robot.velocity)))
+        q = rows[-1]
+    return Looked(tuple(frames), tuple(views), voxels, tuple(motions), q, reason)
+
+
+def _enough(limits: Limits, voxels: Voxels, views: int, blind: int) -> str:
+    """Why no further view is taken; nothing when one should be."""
+    if voxels.known >= limits.share:
+        return f"{100 * voxels.known:.1f} % of the space is known"
+    if blind >= BLIND:
+        return f"{blind} views in a row measured nothing: is the camera covered, or too near to something?"
+    return f"{views} views were taken" if views >= limits.views else ""
+
+
+def _next(
+    choose: str,
+    order: Sequence[int],
+    preview: InformationGain,
+    voxels: Voxels,
+    way: KnownFreePaths,
+    done: NDArray[np.bool_],
+    T_now: Array,
+    limits: Limits,
+) -> tuple[int, Array] | str:
+    """The next view and the path (K, A) to it, or why there is none."""
+    if choose != "gain":
+        for i in order:
+            if not done[i] and way.reach(i):
+                return i, way.paths[i]
+        return "no other view can be reached"
+    cost = limits.travel * np.linalg.norm(way.spots.T[:, :3, 3] - T_now[:3, 3], axis=1) + np.where(done, np.inf, 0.0)
+    best = preview.best(voxels, cost, way.reach)
+    if best is None:
+        return "no other view can be reached"
+    i, gain = best
+    if gain < limits.least:
+        return f"no view that can be reached would reveal another {100 * limits.least:g} %"
+    return i, way.paths[i]
+
+
+def _order(choose: str, spots: ReachableViews, cabinet: Cabinet, rng: np.random.Generator) -> Sequence[int]:
+    """In which order the baselines take the views: at random, or those nearest to the poses of a fixed sweep."""
+    if choose == "random":
+        return [int(i) for i in rng.permutation(len(spots.q))]
+    if choose == "gain":
+        return []
+    out: list[int] = []
+    for T in sweep_poses(cabinet):
+        off = np.linalg.norm(spots.T[:, :3, 3] - T[:3, 3], axis=1) + 0.3 * (1 - spots.T[:, :3, 2] @ T[:3, 2])
+        out += [int(i) for i in np.argsort(off)[:4] if int(i) not in out][:1]
+    return out
+
+
+class KnownFreePaths:
+    """Ways from where the arm is to other views, through nothing but known, free space.
+
+    blocked: what keeps the arm from moving at all, None when it can move. paths: those that were found (K, A), by vantage.
+    """
+
+    def __init__(
+        self,
+        empty_scene: Scene,
+        robot: Robot,
+        voxels: Voxels,
+        bodies: Sequence[Body],
+        q: Array,
+        spots: ReachableViews,
+        rng: np.random.Generator,
+    ) -> None:
+        self.spots, self.rng, self.paths, self.failed = spots, rng, dict[int, Array](), 0
+        self.start, gripper = robot.arm_q(q), float(q[robot.gripper_joint])
+        scene = replace(empty_scene, objects=tuple(bodies))
+        for blocks in (2, 1):  # in blocks the map is quicker, and a little larger
+            walls = unknown_space(voxels, bodies, blocks)
+            self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=walls)
+            self.query: PlanningQuery = self.cell.problem(scene.poses(), gripper)
+            touch = self.cell.touch(self.query, self.start)
+            if touch is None:
+                break
+        self.blocked = None if touch is None else Blocked("look", touch.link, touch.body)
+
+    def reach(self, i: int) -> bool:
+        """Whether the arm can get to vantage i; the path is kept."""
+        q = self.spots.q[i]
+        if self.failed >= MOST_UNREACHED or self.cell.touch(self.query, q) is not None:
+            return False
+        path = self.cell.connect(self.query, self.start, q[None], self.rng)
+        if isinstance(path, Blocked):
+            self.failed += 1
+            return False
+        self.paths[i] = path
+        return True
+
+
+def unknown_space(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tuple[Body, ...]:
+    """What no motion may enter besides `bodies`: boxes around all space that is not known to be free and that no body explains.
+
+    The one voxel between free space and a body that was seen is the body's skin, not unknown space: a voxel that the body's edge passes
+    close by can't be seen whole from anywhere, for on one side there is the body itself.
+    blocks: away from the bodies voxels are counted in cubes of so many, which makes fewer boxes, never smaller ones.
+    """
+    which = unknown_mask(voxels, bodies)
+    if blocks > 1:
+        near = np.zeros(which.shape, bool)
+        for body in bodies:
+            near |= voxels.touched(body, NEAR_M)
+        which = which | (_in_blocks(which & ~near, blocks) & ~near)
+    return voxels.boxes(which)
+
+
+def unknown_mask(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
+    """The voxels (X, Y, Z) that may hold what nobody has seen: not free, no body's own and not its skin."""
+    return np.asarray(voxels.blocked(bodies, BODY_MARGIN_M) & ~skin(voxels, bodies))
+
+
+def skin(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
+    """The unknown voxels within SKIN_M of a body that have a free neighbour."""
+    near = np.zeros(voxels.state.shape, bool)
+    for body in bodies:
+        near |= voxels.touched(body, SKIN_M)
+    free = np.pad(voxels.state == FREE, 1)
+    beside = np.zeros(voxels.state.shape, bool)
+    for axis in range(3):
+        for shift in (-1, 1):
+            beside |= np.roll(free, shift, axis)[1:-1, 1:-1, 1:-1]
+    return np.asarray(near & beside & (voxels.state == UNKNOWN))
+
+
+def _in_blocks(which: NDArray[np.bool_], k: int) -> NDArray[np.bool_]:
+    """All of every k × k × k block of which some voxel is marked."""
+    blocks = [-(-n // k) for n in which.shape]
+    padded = np.zeros([n * k for n in blocks], bool)
+    padded[tuple(slice(n) for n in which.shape)] = which
+    some = padded.reshape(blocks[0], k, blocks[1], k, blocks[2], k).any((1, 3, 5))
+    grown = some.repeat(k, 0).repeat(k, 1).repeat(k, 2)
+    return np.asarray(grown[tuple(slice(n) for n in which.shape)])
+
+
+def reachable_views(robot: Robot, empty_scene: Scene, intrinsics: Intrinsics = DEFAULT, seed: int = 0) -> ReachableViews:
+    """Views of the cabinet that the arm can take when nothing is in it, the same for every scene before the same cabinet; kept.
+
+    Raises: ValueError when the robot has no camera that moves with the hand, or can't take any view.
+    """
+    cabinet = empty_scene.cabinet
+    place = (cabinet.size_m.tobytes(), cabinet.T_world_cabinet.tobytes(), cabinet.wall_m)
+    return _reachable_views(robot, empty_scene.robot.T_world_base.tobytes(), place, intrinsics, seed)
+
+
+@lru_cache(maxsize=4)
+def _reachable_views(robot: Robot, base: bytes, place: tuple[bytes, bytes, float], intrinsics: Intrinsics, seed: int) -> ReachableViews:
+    T_base, size, T_cabinet = (np.frombuffer(b).reshape(shape) for b, shape in ((base, (4, 4)), (place[0], (3,)), (place[1], (4, 4))))
+    empty_scene = Scene("", RobotRef(T_base), Cabinet(size, T_cabinet, place[2]), (), "", Grasp(np.eye(4), 0.0))
+    carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_base)
+    if "camera" not in carried or carried["camera"][0] != carried["hand"][0]:
+        raise ValueError(f"robot {robot.name} has no camera in its hand: give its URDF a link called camera, fixed to the hand")
+    T_camera_hand = inverse(carried["camera"][1]) @ carried["hand"][1]
+    cell = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None)
+    gripper = float(robot.home[robot.gripper_joint])
+    alone = cell.problem({}, gripper)
+    rng = np.random.default_rng(seed)
+    poses = np.concatenate([sweep_poses(empty_scene.cabinet), sample_poses(empty_scene.cabinet, CANDIDATES, rng)])
+    found = [(q, T) for T in poses for q in cell.ik(T @ T_camera_hand, tries=8)[:BRANCHES] if cell.touch(alone, q) is None]
+    if not found:
+        raise ValueError(f"robot {robot.name} can't look into this cabinet from anywhere: is the camera mounted the right way round?")
+    small = reduced(intrinsics)
+    own = np.array([robot_depth(robot, T_base, robot.with_arm(q, gripper), T, small) > 0 for q, T in found])
+    at = np.array([T for _, T in found])
+    return ReachableViews(
+        np.array([q for q, _ in found]), at, make_view_candidates(unknown_voxels(empty_scene.cabinet), at, intrinsics, own)
+    )

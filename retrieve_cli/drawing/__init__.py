@@ -1,0 +1,1 @@
+"""Pages and stills of scenes and plans."""

@@ -1,0 +1,338 @@
+"""What a picture of a scene or a plan holds, whoever draws it: colours, outlines, the hand's path, the moments of a plan, the camera.
+
+The path says who is carried: grey where the hand is empty, else the carried object's own colour. Objects have colours that a colour-blind
+eye tells apart too; the strong warm one belongs to the target alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, Cabinet, Held, Scene, State
+from kinematics.shapes import Box, Cylinder, Shape, convex_parts
+from kinematics.transforms import Array, apply, inverse
+from perception.rendering.shading import PALETTE, TARGET_COLOUR
+from planning.plan import Motion, Move, Plan
+
+Colour = tuple[float, float, float]
+EMPTY_COLOUR: Colour = (0.44, 0.48, 0.54)
+"""The hand's path where it holds nothing."""
+GRID_COLOUR: Colour = (0.66, 0.70, 0.75)
+FLOOR_COLOUR: Colour = (0.93, 0.93, 0.92)
+ASPECT = 1.45
+"""Width over height for which the camera is placed."""
+HALF_WIDTH, HALF_HEIGHT = 0.50, 0.36
+"""Tangents of half the angles of view within which everything is to be seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """One motion in the film of a plan: when it starts and ends, and what stands where during it.
+
+    move: which of the moves carried out it belongs to, counted from 0; their number, for the way to the target. about: the object.
+    """
+
+    start_s: float
+    end_s: float
+    motion: Motion
+    move: int
+    about: str | None
+    poses: dict[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class HandPath:
+    """A piece of the hand's path: points (N, 3), the object that is carried along it, and the move as in `Stretch`."""
+
+    points: Array
+    held: str | None
+    move: int
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A scene, the robot in it, and what a plan does with them; a scene without a plan is a film that stands still."""
+
+    robot: Robot
+    scene: Scene
+    plan: Plan | None = None
+
+    @cached_property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The motions in order. Objects stand where the scene or the last release has put them; what is held is not among them."""
+        motions = self.plan.motions if self.plan else ()
+        order = [*(m.object for m in self.done), self.scene.target]
+        poses, time, out = self.scene.poses(), 0.0, []
+        for i, motion in enumerate(motions):
+            before = motions[i - 1] if i else None
+            if before and before.held and (motion.held is None or motion.held.body != before.held.body):
+                poses = {**poses, before.held.body: self.hand_pose(self.full(before)[-1]) @ before.held.T_hand_body}
+            if motion.held:
+                poses = {name: T for name, T in poses.items() if name != motion.held.body}
+            end = time + float(motion.t_s[-1])
+            move = min(_moves_before(motions, i), len(order) - 1)
+            out.append(Stretch(time, end, motion, move, order[move], poses))
+            time = end
+        return tuple(out)
+
+    @property
+    def done(self) -> tuple[Move, ...]:
+        """The moves that were carried out."""
+        return tuple(m for m in self.plan.moves if m.done) if self.plan else ()
+
+    @property
+    def length_s(self) -> float:
+        return self.stretches[-1].end_s if self.stretches else 0.0
+
+    @cached_property
+    def colours(self) -> dict[str, Colour]:
+        """Every object's sRGB colour."""
+        others = [b.name for b in self.scene.objects if b.name != self.scene.target]
+        return {self.scene.target: TARGET_COLOUR, **{name: PALETTE[i % len(PALETTE)] for i, name in enumerate(others)}}
+
+    def full(self, motion: Motion) -> Array:
+        """A motion's waypoints (K, J) in the robot's own order of joints. Raises: ValueError for joints that the robot does not have."""
+        if motion.joint_names == self.robot.joint_names:
+            return motion.q
+        if sorted(motion.joint_names) != sorted(self.robot.joint_names):
+            raise ValueError(f"the plan moves the joints {', '.join(motion.joint_names)}; the scene's robot is {self.robot.name}")
+        return motion.q[:, [motion.joint_names.index(j) for j in self.robot.joint_names]]
+
+    def hand_pose(self, q: Array) -> Array:
+        """T_world_hand (4, 4) at q (J,)."""
+        return np.asarray(self.link_poses(q)[self.robot.tree.index["hand"]])
+
+    def link_poses(self, q: Array) -> Array:
+        """Poses (N, 4, 4) of the tree's links in the world."""
+        return np.asarray(self.scene.robot.T_world_base @ self.robot.tree.poses(q))
+
+    def state_at(self, time_s: float) -> State:
+        """The moment time_s after the start."""
+        if not self.stretches:
+            return State(self.robot.home, self.scene.poses())
+        now = next((s for s in self.stretches if time_s < s.end_s), self.stretches[-1])
+        q, t = self.full(now.motion), time_s - now.start_s
+        at = np.array([np.interp(t, now.motion.t_s, q[:, j]) for j in range(q.shape[1])])
+        return State(at, now.poses, now.motion.held)
+
+    def bodies(self, state: State) -> tuple[Body, ...]:
+        """All objects where they are, the held one too."""
+        standing = state.bodies(self.scene)
+        if state.held is None:
+            return standing
+        T = self.hand_pose(state.q) @ state.held.T_hand_body
+        return (*standing, Body(state.held.body, self.scene.body(state.held.body).shape, T))
+
+    def path(self) -> list[HandPath]:
+        """The hand's way in pieces, straight runs without points in between."""
+        ways: list[HandPath] = []
+        for s in self.stretches:
+            points = _hand_points(self, self.full(s.motion))
+            held = s.motion.held.body if s.motion.held else None
+            if ways and (ways[-1].held, ways[-1].move) == (held, s.move):
+                ways[-1] = HandPath(np.concatenate([ways[-1].points, points[1:]]), held, s.move)
+            else:
+                ways.append(HandPath(points, held, s.move))
+        ways = [HandPath(straightened(w.points), w.held, w.move) for w in ways]
+        return [w for w in ways if len(w.points) > 1]
+
+    def destinations(self) -> list[Body]:
+        """Where the moved objects stand in the end; the target, which leaves the cabinet, is not among them."""
+        last = {m.object: m.T_world_to for m in self.done if m.object != self.scene.target}
+        return [Body(name, self.scene.body(name).shape, T) for name, T in last.items()]
+
+    def film_points(self) -> Array:
+        """Points (N, 3) that a camera should have in its view: the cabinet, and the arm at the beginning and at the end."""
+        corners = [apply(w.T_world_body, c) for w in self.scene.cabinet.walls() for c in convex_parts(w.shape)]
+        arm = []
+        for t in (0.0, self.length_s):
+            poses = self.link_poses(self.state_at(t).q)
+            arm += [apply(poses[self.robot.tree.index[h.link]], h.vertices) for h in self.robot.hulls]
+        return np.concatenate([*corners, *arm])
+
+
+def _moves_before(motions: Sequence[Motion], i: int) -> int:
+    """How many moves are over when motion i begins; a move is over when the hand has gone back from what it has put down."""
+    put_down = sum(1 for a, b in pairwise(motions[: i + 1]) if a.held and (b.held is None or b.held.body != a.held.body))
+    return put_down - (motions[i].stage in ("release", "retreat") and put_down > 0)
+
+
+def _hand_points(film: Film, q: Array) -> Array:
+    """Points (N, 3) of the hand along waypoints (K, J)."""
+    rows = [q[:1]]
+    for a, b in pairwise(q):
+        n = max(1, int(np.ceil(np.abs(b - a).max() / 0.02)))
+        rows.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
+    return np.array([film.hand_pose(x)[:3, 3] for x in np.concatenate(rows)])
+
+
+def straightened(points: Array, tolerance_m: float = 0.0008) -> Array:
+    """Points (N, 3) without those that lie on the line between the kept ones (Ramer, Douglas, Peucker)."""
+    keep = np.zeros(len(points), bool)
+    keep[[0, -1]] = True
+    todo = [(0, len(points) - 1)]
+    while todo:
+        a, b = todo.pop()
+        if b - a < 2:
+            continue
+        along = points[b] - points[a]
+        away = points[a + 1 : b] - points[a]
+        share = np.clip(away @ along / max(float(along @ along), 1e-18), 0, 1)
+        distance = np.linalg.norm(away - share[:, None] * along, axis=1)
+        worst = int(np.argmax(distance))
+        if distance[worst] > tolerance_m:
+            keep[a + 1 + worst] = True
+            todo += [(a, a + 1 + worst), (a + 1 + worst, b)]
+    kept = points[keep]
+    return np.asarray(kept[np.r_[True, np.linalg.norm(np.diff(kept, axis=0), axis=1) > 1e-6]])
+
+
+# Lines ------------------------------------------------------------------------------------------------------------------------------------
+
+
+def outline(shape: Shape) -> list[Array]:
+    """Polylines (N, 3) along a shape's edges, in its own frame."""
+    match shape:
+        case Box():
+            x, y, z = shape.half
+            low = np.array([[-x, -y, -z], [x, -y, -z], [x, y, -z], [-x, y, -z], [-x, -y, -z]])
+            top = low + np.array([0, 0, 2 * z])
+            return [low, top, *(np.stack([a, b]) for a, b in zip(low[:4], top[:4]))]
+        case Cylinder():
+            return [circle(shape.radius_m) + np.array([0, 0, z]) for z in (-shape.height_m / 2, shape.height_m / 2)]
+        case _:
+            return [edge for part in convex_parts(shape) for edge in _creases(part)]
+
+
+def silhouette(body: Body, T_world_camera: Array) -> list[Array]:
+    """Closed polylines (N, 3) around a body's convex parts as a camera sees them."""
+    from scipy.spatial import ConvexHull
+
+    loops = []
+    for part in convex_parts(body.shape):
+        points = apply(body.T_world_body, part)
+        seen = apply(inverse(T_world_camera), points)
+        if (seen[:, 2] > 0.01).all():
+            around = ConvexHull(seen[:, :2] / seen[:, 2:]).vertices
+            loops.append(points[np.append(around, around[:1])])
+    return loops
+
+
+def _creases(points: Array) -> list[Array]:
+    """The edges (2, 3) of a convex hull where its faces meet at more than 30°."""
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    edges = []
+    for f, neighbours in enumerate(hull.neighbors):
+        for g in neighbours[neighbours > f]:
+            if hull.equations[f, :3] @ hull.equations[g, :3] < np.cos(np.radians(30)):
+                edges.append(points[np.intersect1d(hull.simplices[f], hull.simplices[g])])
+    return [e for e in edges if len(e) == 2]
+
+
+def circle(radius_m: float, sides: int = 64) -> Array:
+    """A closed circle (sides + 1, 3) about z."""
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    return np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), np.zeros(sides + 1)], -1)
+
+
+def footprint(cabinet: Cabinet, body: Body) -> Array:
+    """The closed outline (N, 3) of a body's shadow on the cabinet's floor."""
+    from scipy.spatial import ConvexHull
+
+    points = np.concatenate([apply(inverse(cabinet.T_world_cabinet) @ body.T_world_body, p) for p in convex_parts(body.shape)])
+    flat = points[:, :2]
+    loop = ConvexHull(flat).vertices
+    closed = np.append(loop, loop[:1])
+    return apply(cabinet.T_world_cabinet, np.c_[flat[closed], np.full(len(closed), 0.0015)])
+
+
+def ring(cabinet: Cabinet, body: Body) -> tuple[Array, float]:
+    """The mark around a body on the cabinet's floor: its pose (4, 4), with z upwards, and its radius."""
+    loop = apply(inverse(cabinet.T_world_cabinet), footprint(cabinet, body))
+    centre = (loop.min(0) + loop.max(0)) / 2
+    T = cabinet.T_world_cabinet.copy()
+    T[:3, 3] = apply(T, np.array([[centre[0], centre[1], 0.0015]]))[0]
+    return T, float(np.linalg.norm(loop[:, :2] - centre[:2], axis=1).max()) + 0.012
+
+
+def grid(cabinet: Cabinet, n: int, z: float = 0.001) -> list[Array]:
+    """The lines (2, 3) between the n × n regions of the floor, at height z above it."""
+    dx, dy, _ = cabinet.size_m
+    x, y = np.linspace(0, dx, n + 1), np.linspace(-dy / 2, dy / 2, n + 1)
+    lines = [[[a, y[0], z], [a, y[-1], z]] for a in x] + [[[x[0], b, z], [x[-1], b, z]] for b in y]
+    return [apply(cabinet.T_world_cabinet, np.array(line)) for line in lines]
+
+
+def front_edges(cabinet: Cabinet) -> Array:
+    """The rim (5, 3) of the open front."""
+    _, dy, dz = cabinet.size_m
+    rim = np.array([[0, -dy / 2, 0], [0, dy / 2, 0], [0, dy / 2, dz], [0, -dy / 2, dz], [0, -dy / 2, 0]])
+    return apply(cabinet.T_world_cabinet, rim)
+
+
+# Camera -----------------------------------------------------------------------------------------------------------------------------------
+
+VIEWS = tuple((azimuth, elevation) for elevation in (32, 42) for azimuth in (-52, 52, -36, 36))
+"""Directions to look from, in degrees: around the cabinet, 0 straight before its open front, positive from its left; and above it."""
+
+
+def best_view(film: Film) -> Array:
+    """T_world_camera (4, 4): of a few three-quarter views into the open front, the one that shows most of the target."""
+    from perception.camera import pinhole
+    from perception.rendering.raycast import raycast, surfaces
+
+    state = film.state_at(0.0)
+    bodies = film.bodies(state)
+    links = film.link_poses(state.q)
+    hulls = [h.vertices for h in film.robot.hulls]
+    hull_poses = [links[film.robot.tree.index[h.link]] for h in film.robot.hulls]
+    seen = surfaces([*(b.shape for b in bodies), *hulls], np.array([*(b.T_world_body for b in bodies), *hull_poses]))
+    target = next((i for i, b in enumerate(bodies) if b.name == film.scene.target), -1)
+    points = film.film_points()
+    small = pinhole(320, int(320 / ASPECT), 2 * float(np.arctan(HALF_WIDTH)))
+    views = [fitted(film.scene.cabinet, points, *np.radians(v)) for v in VIEWS]
+    shown = [int((raycast(seen, T, small).instance == target).sum()) for T in views]
+    return views[int(np.argmax([s * (1 - 0.04 * i) for i, s in enumerate(shown)]))]
+
+
+def fitted(cabinet: Cabinet, points: Array, azimuth: float, elevation: float) -> Array:
+    """T_world_camera (4, 4) that looks at the cabinet from a direction, as near as all points (N, 3) allow (angles in rad)."""
+    from perception.camera import look_at
+
+    flat = np.array([-np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    away = cabinet.T_world_cabinet[:3, :3] @ flat
+    T = look_at(away, np.zeros(3))
+    p = points @ T[:3, :3]
+    centre, depth = np.empty(2), np.empty(2)
+    for i, tangent in enumerate((HALF_WIDTH, HALF_HEIGHT)):
+        low, high = (p[:, i] + tangent * p[:, 2]).min(), (p[:, i] - tangent * p[:, 2]).max()
+        centre[i], depth[i] = (low + high) / 2, (low - high) / (2 * tangent)
+    T[:3, 3] = T[:3, :3] @ np.array([*centre, depth.min()])
+    return T
+
+
+def held_by(film: Film) -> list[Held]:
+    """The different ways in which objects are held in the film, in order."""
+    ways: list[Held] = []
+    for s in film.stretches:
+        held = s.motion.held
+        if held and not any(w.body == held.body and np.abs(w.T_hand_body - held.T_hand_body).max() < 1e-9 for w in ways):
+            ways.append(held)
+    return ways
+
+
+def ground(film: Film) -> float:
+    """The height of the room's floor: where the arm stands, and below the cabinet."""
+    links = film.link_poses(film.robot.home)
+    index = film.robot.tree.index
+    arm = min(float(apply(links[index[h.link]], h.vertices)[:, 2].min()) for h in film.robot.hulls)
+    cabinet = min(float((w.T_world_body[:3, 3] - np.abs(w.T_world_body[:3, :3]) @ w.shape.half)[2]) for w in film.scene.cabinet.walls())
+    return min(max(arm, float(film.scene.robot.T_world_base[2, 3])), cabinet) - 0.001

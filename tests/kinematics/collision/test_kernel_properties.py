@@ -1,0 +1,145 @@
+"""What the compiled core promises, on every named robot before a cabinet with eight objects: free is free and touching touches, by FCL; the
+covers contain the hulls; forward kinematics agree with pytorch-kinematics; a certified edge is free wherever it is looked at.
+
+RETRIEVE_SAMPLES: how many random configurations a robot, by default 4 000.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+
+import fcl
+import numpy as np
+import pytest
+from conftest import random_q
+
+from kinematics.chain import forward
+from kinematics.collision import edge_check, sphere_check
+from kinematics.collision.fcl_solids import Solid, hull_solid, shape_solids
+from kinematics.collision.geometry import Query, make_solids
+from kinematics.collision.robot_model import link_covers, robot_collision_model
+from kinematics.collision.sphere_cover import uncovered
+from kinematics.collision.sphere_model import make_sphere_world, posed_sphere_model
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, Cabinet
+from kinematics.shapes import Box, Cylinder
+from kinematics.transforms import Array, rotation_about, transform
+from planning.motion.edges import Memory, Task, connects, make_memory, make_task
+
+SAMPLES = int(os.environ.get("RETRIEVE_SAMPLES", "4000"))
+EDGES = max(300, SAMPLES // 20)
+_REQUEST = fcl.CollisionRequest()
+
+
+class Cell:
+    """A robot before a cluttered cabinet: our task, and FCL's view of it."""
+
+    def __init__(self, robot: Robot) -> None:
+        base = transform(p=robot.base_p)
+        self.chain = robot.chain(base)
+        bodies = cluttered(np.random.default_rng(8))
+        parts, _ = robot.parts(robot.opening.value_at(0.06), base)
+        model = posed_sphere_model(self.chain, robot_collision_model(robot, base).posed(robot.opening.value_at(0.06)))
+        solids, _ = make_solids(bodies)
+        check = np.repeat((parts.frame > 0)[:, None], len(bodies), 1).astype(np.uint8)
+        query = Query(check, robot.self_pairs())
+        self.task: Task = make_task(edge_check.make_problem(self.chain, parts, solids, query), model, make_sphere_world(solids, query))
+        self.memory: Memory = make_memory(self.task)
+        hulls = [parts.vertices[a:b] for a, b in zip(parts.start[:-1], parts.start[1:])]
+        self.movers: list[Solid] = [hull_solid("", v) for v in hulls]
+        self.frame, n = parts.frame, len(hulls)
+        still = [s.move(b.T_world_body) for b in bodies for s in shape_solids(b.name, b.shape)]
+        self.objects = [s.object for s in [*self.movers, *still]]
+        self.pairs = np.concatenate([query.pairs, np.argwhere(check) + np.array([0, n])])
+        self.reach = np.array([s.radius for s in [*self.movers, *still]])[self.pairs].sum(1)
+        self.centres, self.still = np.array([s.centre for s in self.movers]), np.array([s.at for s in still])
+        self.frames = np.zeros((len(self.chain.q_index) + 1, 4, 4))
+
+    def random(self, n: int, seed: int) -> Array:
+        return np.random.default_rng(seed).uniform(self.chain.lower, self.chain.upper, (n, len(self.chain.lower)))
+
+    def touches(self, q: Array) -> bool:
+        """FCL's word, on the exact hulls, boxes and cylinders."""
+        forward(self.chain, q, self.frames)
+        T = self.frames[self.frame]
+        at = np.concatenate([np.einsum("pij,pj->pi", T[:, :3, :3], self.centres) + T[:, :3, 3], self.still])
+        near = self.pairs[np.linalg.norm(at[self.pairs[:, 0]] - at[self.pairs[:, 1]], axis=1) <= self.reach]
+        for i in np.unique(near):
+            if i < len(self.movers):
+                self.objects[i].setTransform(fcl.Transform(T[i, :3, :3], T[i, :3, 3]))
+        return any(fcl.collide(self.objects[i], self.objects[j], _REQUEST, fcl.CollisionResult()) > 0 for i, j in near)
+
+
+def cluttered(rng: np.random.Generator) -> list[Body]:
+    """The walls of the paper's cabinet, and eight boxes and cylinders in it, the last two lying."""
+    cabinet = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.30, 0.0, 0.10]), 0.03)
+    bodies = list(cabinet.walls())
+    for i in range(8):
+        half, height = rng.uniform(0.02, 0.037, 2), rng.uniform(0.08, 0.25)
+        R = rotation_about((0.0, 0.0, 1.0), rng.uniform(0, 3)) @ rotation_about((0.0, 1.0, 0.3), 1.5 if i > 5 else 0.0)
+        T = cabinet.T_world_cabinet @ transform(R, [rng.uniform(0.05, 0.5), rng.uniform(-0.38, 0.38), height / 2 if i < 6 else 0.05])
+        bodies.append(Body(f"{i}", Box(np.array([*2 * half, height])) if i % 2 else Cylinder(half[0], height), T))
+    return bodies
+
+
+@lru_cache(maxsize=4)
+def cell_of(robot: Robot) -> Cell:
+    return Cell(robot)
+
+
+def test_free_is_free_and_touching_touches(robot: Robot) -> None:
+    cell = cell_of(robot)
+    Q = cell.random(SAMPLES, 1)
+    said = sphere_check.configs_free(cell.task.model, cell.task.world, Q, cell.memory.lanes)
+    by_fcl = np.array([said[i] != sphere_check.UNDECIDED and cell.touches(q) for i, q in enumerate(Q)])
+    assert not (by_fcl & (said == sphere_check.FREE)).any(), Q[by_fcl & (said == sphere_check.FREE)]
+    assert not (~by_fcl & (said == sphere_check.TOUCHES)).any(), Q[~by_fcl & (said == sphere_check.TOUCHES)]
+    assert (said == sphere_check.FREE).mean() > 0.03
+    assert (said == sphere_check.TOUCHES).mean() > 0.1
+
+
+def test_exact_free_is_free_where_the_covers_leave_it_open(robot: Robot) -> None:
+    cell = cell_of(robot)
+    Q = cell.random(SAMPLES, 2)
+    open_ = Q[sphere_check.configs_free(cell.task.model, cell.task.world, Q, cell.memory.lanes) == sphere_check.UNDECIDED]
+    assert len(open_) > 0
+    for q in open_:
+        assert not (edge_check.config_free(cell.task.exact, q, cell.memory.exact) and cell.touches(q)), q
+
+
+def test_covers_contain_the_hulls(robot: Robot) -> None:
+    for hull, levels in zip(robot.hulls, link_covers(robot), strict=True):
+        for balls in (levels.coarse, levels.fine):
+            assert len(uncovered(hull.vertices, balls)) == 0, hull.link
+
+
+def test_forward_kinematics_agree_with_pytorch_kinematics(robot: Robot) -> None:
+    pytest.importorskip("pytorch_kinematics")
+    from kinematics.robots.batched_fk import Forward
+
+    q = random_q(robot, 200, seed=3)
+    q[:, robot.gripper_joint] = 0.5 * q[0, robot.gripper_joint]  # one gripper value, the other joints anywhere
+    chain, carried = robot.chain(np.eye(4)), robot.frame_of_links(float(q[0, robot.gripper_joint]), np.eye(4))
+    theirs = {link: T.numpy() for link, T in Forward(robot).poses(q).items()}
+    frames = np.zeros((len(chain.q_index) + 1, 4, 4))
+    for i, row in enumerate(robot.arm_q(q)):
+        forward(chain, row, frames)
+        for link, (frame, T) in carried.items():
+            np.testing.assert_allclose(frames[frame] @ T, theirs[link][i], atol=1e-5, err_msg=link)
+
+
+def test_certified_edges_are_free_at_every_sample(robot: Robot) -> None:
+    cell, rng = cell_of(robot), np.random.default_rng(5)
+    starts = [q for q in cell.random(20 * EDGES, 4) if edge_check.config_free(cell.task.exact, q, cell.memory.exact)][:EDGES]
+    granted = refused = 0
+    for a in starts:
+        b = np.clip(a + rng.normal(size=len(a)) * 0.25, cell.chain.lower, cell.chain.upper)
+        if not connects(cell.task, a, b, cell.memory):
+            refused += 1
+            continue
+        granted += 1
+        for t in rng.random(24):
+            assert not cell.touches(a + t * (b - a)), (a, b, t)
+    assert granted > 0.2 * len(starts)
+    assert refused > 0

@@ -1,0 +1,178 @@
+"""The model folder and the policies that ask it: no torch, errors that say what is wrong, an order that follows the scores."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+from test_networks import FORMS, SMALL, observation
+
+from planning.learning.model import WEIGHTS, Model, describe, from_pretrained, shipped
+from planning.learning.train import make_net
+from planning.policies import NETWORKS, POLICIES, make_policy
+from planning.policies.regions import free_regions
+
+ROOT = Path(__file__).resolve().parents[3]
+UR5E = Model("objects", "ur5e", 4, {}, {}, {})
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a model folder of untrained networks."""
+
+    def write(form: str = "objects", **config: Any) -> Path:
+        out, shapes = tmp_path / form, {}
+        out.mkdir()
+        for name in ("osnet", "rpnet"):
+            settings = SMALL.__class__(**{**vars(SMALL), "form": form})
+            weights = {k: v.numpy() for k, v in make_net(name, settings).state_dict().items()}
+            save_file(weights, out / f"{name}.safetensors")
+            shapes[name] = {k: list(v.shape) for k, v in weights.items()}
+        (out / "config.json").write_text(json.dumps({**describe(form, 4, shapes, "ur5e", {}), **config}))
+        return out
+
+    return write
+
+
+def motions(robot: str = "ur5e") -> Any:
+    return SimpleNamespace(robot=SimpleNamespace(name=robot))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_model_ranks_all_objects_and_regions(form: str, folder: Callable[..., Path]) -> None:
+    model, seen, rng = from_pretrained(folder(form)), observation(), np.random.default_rng(0)
+    chosen = model.select(seen)
+    assert chosen.names == seen.movable
+    assert sorted(chosen.ranking) == sorted(seen.movable)
+    assert [chosen.score[chosen.names.index(n)] for n in chosen.ranking] == sorted(chosen.score, reverse=True)
+    assert np.isnan(chosen.opens).all() == (form == "paper")
+    name = seen.movable[1]
+    placed = model.place(seen, name)
+    assert sorted(placed.ranking) == list(range(len(seen.regions)))
+    assert (((placed.cost > 0) & (placed.cost < 1)).all(), np.isnan(placed.feasible).all()) == (True, form == "paper")
+    some = model.see(seen).place(name, [5, 2])
+    np.testing.assert_allclose(some.cost, placed.cost[[5, 2]], atol=1e-5)
+    assert set(some.ranking) == {2, 5}
+    policy = make_policy("neural", motions(), model=model)
+    assert list(policy.select(seen, rng)) == chosen.ranking
+    expected = set(range(len(seen.regions))) if form == "paper" else set(free_regions(seen, name))
+    assert set(policy.place(seen, name, rng)) == expected
+    assert len(expected) > 3
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_new_observation_is_looked_at_anew(form: str, folder: Callable[..., Path]) -> None:
+    model, rng = from_pretrained(folder(form)), np.random.default_rng(0)
+    policy = make_policy("neural", motions(), model=model)
+    one, two = observation(0), observation(3)
+    name = one.movable[0]
+    ranked = {}
+    for seen in (one, two, one):
+        assert list(policy.select(seen, rng)) == model.select(seen).ranking
+        regions = list(policy.place(seen, name, rng))
+        assert regions == model.see(seen).place(name, None if form == "paper" else free_regions(seen, name)).ranking
+        assert ranked.setdefault(id(seen), regions) == regions
+    assert ranked[id(one)] != ranked[id(two)]
+
+
+def test_a_scene_without_other_objects_is_no_trouble(folder: Callable[..., Path]) -> None:
+    model, seen = from_pretrained(folder()), observation()
+    alone = SimpleNamespace(**vars(seen), movable=())
+    alone.boxes = {"target": seen.boxes["target"]}
+    assert model.select(alone).ranking == []
+    assert model.see(seen).place(seen.movable[0], []).ranking == []
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:200])
+
+
+def drop_a_tensor(file: Path) -> None:
+    weights = load_file(file)
+    weights.pop("head.0.weight")
+    save_file(weights, file)
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda d: (d / "config.json").unlink(), "has no config.json; a model folder is what retrieve train"),
+        (lambda d: (d / "config.json").write_text("{"), "config.json: broken JSON"),
+        (lambda d: (d / "rpnet.safetensors").unlink(), r"rpnet\.safetensors: no such file; a model folder holds osnet\.safetensors"),
+        (lambda d: cut(d / "osnet.safetensors"), r"osnet\.safetensors: is no safetensors file, or was cut off"),
+        (
+            lambda d: drop_a_tensor(d / "osnet.safetensors"),
+            r"osnet\.safetensors: head\.0\.weight: is missing, and config\.json says \[16, 16\]",
+        ),
+    ],
+)
+def test_a_damaged_folder_says_what_is_wrong(damage: Callable[[Path], object], says: str, folder: Callable[..., Path]) -> None:
+    out = folder()
+    damage(out)
+    with pytest.raises(ValueError, match=says):
+        from_pretrained(out)
+
+
+@pytest.mark.parametrize(
+    ("config", "says"),
+    [
+        ({"schema": "retrieve/model@2"}, "retrieve/model@2 is too new for this version"),
+        ({"schema": "retrieve/model@0"}, "is too old for this version"),
+        ({"schema": "retrieve/plan@1"}, "is not retrieve/model@1"),
+        ({"form": "circles"}, "'circles' is none of objects, paper"),
+        ({"normalisation": {"length_m": 1.0}}, "length_m: 1.0 is not 0.3"),
+    ],
+)
+def test_a_config_of_another_kind_is_refused(config: dict[str, Any], says: str, folder: Callable[..., Path]) -> None:
+    with pytest.raises(ValueError, match=says):
+        from_pretrained(folder(**config))
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no such folder; a model folder is what retrieve train"):
+        from_pretrained(tmp_path / "nowhere")
+
+
+def test_a_robot_without_networks_is_told_what_to_do() -> None:
+    says = r"no networks ship for the robot gen3 \(only for panda, ur5e\).*retrieve train labels/ -o model/.*--policy local"
+    with pytest.raises(ValueError, match=says):
+        shipped("gen3")
+    for name in NETWORKS:
+        form = " of the form paper" if name == "neural-paper" else ""
+        with pytest.raises(ValueError, match=f"no networks{form} ship for the robot gen3"):
+            make_policy(name, motions("gen3"))
+        if form:
+            with pytest.raises(ValueError, match="asks networks of the form paper, and this model's are of the form objects"):
+                make_policy(name, motions("gen3"), model=UR5E)
+            continue
+        with pytest.raises(ValueError, match="trained for the robot ur5e, and this scene's is gen3"):
+            make_policy(name, motions("gen3"), model=UR5E)
+    assert set(NETWORKS) < set(POLICIES)
+
+
+@pytest.mark.parametrize("folder", sorted(p.parent for p in WEIGHTS.glob("*/config.json")), ids=lambda p: p.name)
+def test_shipped_networks_are_whole(folder: Path) -> None:
+    model = from_pretrained(folder)
+    assert shipped(model.robot, model.form).config == model.config
+    assert model.select(observation()).names
+
+
+def test_shipped_networks_are_small() -> None:
+    assert sum(f.stat().st_size for f in WEIGHTS.glob("*/*")) < 10e6
+
+
+def test_inference_needs_no_torch(folder: Callable[..., Path]) -> None:
+    code = (
+        f"import sys; from planning.learning.model import from_pretrained; from planning.policies import neural; "
+        f"from_pretrained({str(folder())!r}); print('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

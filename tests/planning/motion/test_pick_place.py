@@ -1,0 +1,208 @@
+"""Picks and places of the compiled core: what it calls free is free by FCL, and one question does not change the answer to another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice, product
+
+import numpy as np
+import pytest
+
+from kinematics.collision.fcl_check import Verdict
+from kinematics.collision.fcl_solids import apart
+from kinematics.collision.posed_geometry import make_posed_geometry
+from kinematics.collision.robot_model import RobotCollisionModel
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, RobotRef, Scene, State
+from kinematics.shapes import Cylinder, bounds
+from kinematics.transforms import inverse, transform
+from planning.grasps import open_width, sample_grasps
+from planning.motion import reaching
+from planning.motion.pick_place import Done, Motions
+from planning.motion.verify import verify
+from planning.plan import Blocked
+from planning.policies.search import search
+from planning.scene_generation import generate, load_spec
+
+SPECS = ("paper", "paper-any", "shelf")
+
+
+@pytest.fixture(scope="module", params=SPECS)
+def scene(request: pytest.FixtureRequest, ur5e: Robot) -> Scene:
+    return generate(load_spec(request.param), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+
+
+def answers(motions: Motions, state: State, names: list[str], regions: range) -> dict[tuple[str, int], object]:
+    """What relocating to some regions gives: the motions' waypoints, or why not."""
+    out: dict[tuple[str, int], object] = {}
+    for name in names:
+        for region in regions:
+            done = motions.relocate(state, name, region, np.random.default_rng([5, region]))
+            out[name, region] = str(done) if isinstance(done, Blocked) else np.concatenate([m.q for m in done.motions]).tobytes()
+    return out
+
+
+def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:
+    """Every waypoint of an approach and of a lift is free, with the open and with the closed hand, and the hand is where it says."""
+    motions, verdict = Motions(ur5e, scene), Verdict(ur5e, scene)
+    state, seen = motions.start(), 0
+    for body in scene.objects:
+        for pick in motions.picks(state, body.name)[0]:
+            assert np.allclose(motions.cell.arm.hand_pose(pick.approach[-1]), pick.grasp.T_world_hand, atol=1e-4)
+            assert np.array_equal(pick.approach[-1], pick.lift[0])
+            assert np.abs(np.diff(pick.approach, axis=0)).max() < 0.3
+            pads = [(pad, body.name) for pad in ur5e.pads]
+            rest = {n: T for n, T in state.poses.items() if n != body.name}
+            for q in pick.approach:
+                assert not verdict.contacts(State(ur5e.with_arm(q, pick.gripper_open), state.poses))
+            for q in pick.lift:
+                assert not verdict.contacts(State(ur5e.with_arm(q, pick.gripper_closed), rest, pick.held), [*pads, (body.name, "floor")])
+            seen += 1
+    assert seen > 5
+
+
+def test_what_stands_there_already_is_not_moved(ur5e: Robot) -> None:
+    """After a move to a region, the same move again is refused, and says so."""
+    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 1)
+    motions, rng = Motions(ur5e, scene), np.random.default_rng(0)
+    state = motions.start()
+    for name, region in product([b.name for b in scene.objects if b.name != scene.target], range(0, scene.regions_n**2, 7)):
+        done = motions.relocate(state, name, region, rng)
+        if isinstance(done, Done):
+            again = motions.relocate(done.after, name, region, rng)
+            assert isinstance(again, Blocked)
+            assert again.detail == "it stands there already"
+            return
+    pytest.fail("nothing could be moved")
+
+
+def test_the_hand_alone_refuses_no_grasp_that_the_arm_can_take(scene: Scene, ur5e: Robot) -> None:
+    """Where the hand alone touches, the whole arm does in every solution; where it does not, some solutions are free."""
+    motions = Motions(ur5e, scene)
+    cell, poses = motions.cell, motions.start().poses
+    taken, refused = 0, 0
+    for body in scene.objects:
+        for grasp in islice(sample_grasps(body, ur5e.opening, scene.approaches, scene.cabinet.T_world_cabinet[2, 3], 0.0), 20):
+            coming = cell.problem(poses, ur5e.opening.value_at(open_width(grasp.width_m, ur5e.opening)))
+            code, pair = reaching.hand_way_in(cell.hand, coming.task, grasp.T_world_hand, cell.memory)
+            cell.forget()
+            solutions = cell.ik(grasp.T_world_hand)
+            free = [cell.touch(coming, q) is None for q in solutions]
+            if code == reaching.AT_GRASP:
+                assert not any(free)
+                assert cell.name_of(coming, pair) is not None
+                refused += 1
+            taken += code == reaching.OK and any(free)
+    assert taken > 3
+    assert refused > 3
+
+
+def test_what_is_moved_stands_in_its_region_and_nothing_touches(scene: Scene, ur5e: Robot) -> None:
+    """Moves that are found pass the final check; the object stands upright on the floor, clear of all others, over the cell's centre."""
+    motions = Motions(ur5e, scene)
+    state, done = motions.start(), 0
+    for body in scene.objects:
+        if body.name == scene.target:
+            continue
+        for region in range(5, scene.regions_n**2, 17):
+            moved = motions.relocate(state, body.name, region, np.random.default_rng(region))
+            if isinstance(moved, Blocked):
+                assert moved.stage
+                continue
+            assert verify(ur5e, scene, moved.motions) is None
+            T = moved.after.poses[body.name]
+            low, high = bounds(body.shape, T)
+            assert np.allclose((low + high)[:2] / 2, scene.regions()[region][:2], atol=1e-9)
+            assert low[2] == pytest.approx(motions.scene.cabinet.T_world_cabinet[2, 3], abs=1e-9)
+            standing = [replace(b, T_world_body=state.poses[b.name]) for b in scene.objects if b.name != body.name]
+            assert apart(replace(body, T_world_body=T), [*standing, *scene.cabinet.walls()[1:]], 0.0009)
+            done += 1
+    assert done > 1
+
+
+def test_one_question_does_not_change_the_answer_to_another(scene: Scene, ur5e: Robot) -> None:
+    """Memory is shared by all questions; what can be done is what a fresh one says can be done, in whichever order they are asked."""
+    motions = Motions(ur5e, scene)
+    state = motions.start()
+    names = [b.name for b in scene.objects if b.name != scene.target][:3]
+    forward, other = answers(motions, state, names, range(0, 100, 23)), Motions(ur5e, scene)
+    again = other.start()
+    for name in reversed(names):
+        other.placeable(again, name, range(3, 90, 31), np.random.default_rng(1))
+    other.retrieve_target(again, np.random.default_rng(2))
+    fresh = {k: v for name in reversed(names) for k, v in answers(Motions(ur5e, scene), state, [name], range(0, 100, 23)).items()}
+    assert {k: isinstance(v, str) for k, v in forward.items()} == {k: isinstance(v, str) for k, v in fresh.items()}
+
+
+def test_placeable_agrees_with_relocate(scene: Scene, ur5e: Robot) -> None:
+    """Less patience may miss a region, but what it promises can be done."""
+    motions = Motions(ur5e, scene)
+    state, regions = motions.start(), list(range(0, scene.regions_n**2, 7))
+    promised, kept, missed = 0, 0, 0
+    for body in scene.objects:
+        if body.name == scene.target:
+            continue
+        for region, can in zip(regions, motions.placeable(state, body.name, regions, np.random.default_rng(3))):
+            done = isinstance(motions.relocate(state, body.name, region, np.random.default_rng(region)), Done)
+            promised, kept, missed = promised + bool(can), kept + bool(can and done), missed + bool(done and not can)
+    assert promised > 3
+    assert kept >= 0.97 * promised
+    assert missed <= 0.5 * promised
+
+
+def test_placed_objects_keep_clear(ur5e: Robot, scene: Scene) -> None:
+    """`placed` against FCL's distance, at random poses of a cylinder among the others."""
+    name = "extra"
+    lone = Body(name, Cylinder(0.03, 0.12), np.eye(4))
+    crowded = replace(scene, objects=(*scene.objects, lone))
+    motions, rng = Motions(ur5e, crowded), np.random.default_rng(4)
+    depth, width, _ = scene.cabinet.size_m
+    verdicts = []
+    for _ in range(300):
+        p = scene.cabinet.T_world_cabinet @ np.array([rng.uniform(-0.03, depth + 0.02), rng.uniform(-0.5, 0.5) * (width + 0.05), 0.06, 1])
+        T = transform(p=p[:3])
+        touch = motions.cell.placed(lone, T, scene.poses())
+        inside = (inverse(scene.cabinet.T_world_cabinet) @ p)[0] >= 0.03
+        others = [*scene.objects, *scene.cabinet.walls()[1:]]
+        free = inside and apart(replace(lone, T_world_body=T), others, 0.001)
+        near = inside and not apart(replace(lone, T_world_body=T), others, 0.0013)
+        assert (touch is None) == free or near, (touch, free)
+        verdicts.append(free)
+    assert 20 < sum(verdicts) < 280
+
+
+def test_a_rig_is_the_robot(robot: Robot) -> None:
+    """Links moved into their frames in compiled code: the hulls of `Robot.parts`, at any opening, and the same verdicts by covers."""
+    base = transform(p=robot.base_p)
+    robot_collision_model = RobotCollisionModel(robot, base)
+    for width in (0.0, 0.03, robot.opening.max_m):
+        value = robot.opening.value_at(width)
+        parts, _ = robot.parts(value, base)
+        ours, plain = robot_collision_model.posed(value), make_posed_geometry(robot_collision_model.chain, parts)
+        assert np.array_equal(ours.frame, plain.frame)
+        for p in range(len(parts.frame)):
+            hull = parts.vertices[parts.start[p] : parts.start[p + 1]]
+            mine = ours.vertices[:, ours.start[p] : ours.start[p + 1]].T
+            gaps = np.linalg.norm(hull[:, None] - mine[None], axis=-1)
+            assert max(gaps.min(0).max(), gaps.min(1).max()) < 1e-12
+        assert np.allclose(ours.boxes, plain.boxes, atol=1e-12)
+        assert np.allclose(ours.reach, plain.reach, atol=1e-12)
+
+
+def test_search_finds_moves_that_free_the_target(ur5e: Robot) -> None:
+    """The moves of a search, carried out one after the other, end with the target out; no attempts, no moves."""
+    spec, found = load_spec("paper-any"), 0
+    for index in range(3):
+        scene = generate(spec, ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 29, index)
+        motions = Motions(ur5e, scene)
+        state, rng = motions.start(), np.random.default_rng(index)
+        assert search(motions, state, rng, attempts=0) == []
+        moves = search(motions, state, rng, attempts=150)
+        for name, region in moves:
+            done = motions.relocate(state, name, region, np.random.default_rng(1))
+            if isinstance(done, Blocked):
+                break
+            state = done.after
+        else:
+            found += bool(moves) and isinstance(motions.retrieve_target(state, np.random.default_rng(2)), Done)
+    assert found >= 2

@@ -1,0 +1,113 @@
+"""`retrieve sense` and `plan --sense`: files in, files out, the same whoever took the pictures, and bad input in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import documents
+import numpy as np
+import pytest
+
+from kinematics.errors import InputError
+from planning.io.documents import scene_from_json
+from retrieve_cli.plan import run as plan
+from retrieve_cli.sense import parse_box, run
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from retrieve_cli.gen import run as gen
+
+    file = tmp_path_factory.mktemp("sense") / "scenes.jsonl"
+    gen(n=1, seed=71, robot=None, hand_frame=None, gripper_joint=None, spec="paper", out=file)
+    return file
+
+
+def sensed(scenes: Path, out: Path, **more: object) -> dict[str, object]:
+    given = {"views": None, "from_views": None, "max_views": 6, "share": 0.95, "noise": False, "by": "mask", "target_box": None, "seed": 0}
+    run(scenes=scenes, out=out, **{**given, **more})  # type: ignore[arg-type]
+    document: dict[str, object] = json.loads(out.read_text())
+    return document
+
+
+def test_what_is_observed_is_written_and_recorded_views_give_the_same(scenes: Path, tmp_path: Path) -> None:
+    first = sensed(scenes, tmp_path / "a.jsonl", views=tmp_path / "views")
+    truth = json.loads(scenes.read_text())
+    seen = first.pop("observation")
+    assert first.keys() == truth.keys()
+    assert [first[k] for k in ("id", "target", "regions", "robot")] == [truth[k] for k in ("id", "target", "regions", "robot")]
+    assert isinstance(seen, dict)
+    assert {o["name"] for o in seen["objects"]} == {o["name"] for o in truth["objects"]}
+    assert len(seen["regions"]) == truth["regions"]["n"] ** 2
+    assert seen["views"][-1]["known"] == seen["known"] > 0.8
+    assert (tmp_path / "views" / "000000" / "cloud.ply").is_file()
+    again = sensed(scenes, tmp_path / "b.jsonl", from_views=tmp_path / "views")["observation"]
+    assert isinstance(again, dict)
+    assert len(again["views"]) == len(seen["views"])
+    assert abs(again["known"] - seen["known"]) < 0.02  # depths are whole tenths of a millimetre in files
+    assert {o["name"] for o in again["objects"]} == {o["name"] for o in seen["objects"]}
+    unknown = seen["views"][-1]["unknown"]
+    cells = np.zeros(unknown["cells"], bool)
+    for x0, y0, z0, x1, y1, z1 in unknown["boxes"]:
+        cells[x0:x1, y0:y1, z0:z1] = True
+    assert 0 < cells.mean() < 1 - seen["known"]  # what an object explains is not among them
+
+
+def test_the_robot_is_found_in_its_own_pictures_by_how_it_stood(scenes: Path, tmp_path: Path) -> None:
+    def box_sizes(document: dict[str, object]) -> dict[str, list[float]]:
+        seen = document["observation"]
+        assert isinstance(seen, dict)
+        return {o["name"]: o["box"][3:] for o in seen["objects"]}
+
+    views = tmp_path / "views"
+    first = sensed(scenes, tmp_path / "a.jsonl", views=views)
+    marks = list((views / "000000" / "mask_robot").glob("*.png"))
+    assert marks
+    for mark in marks:
+        mark.unlink()
+    again = sensed(scenes, tmp_path / "b.jsonl", from_views=views)
+    seen, found = first["observation"], again["observation"]
+    assert isinstance(seen, dict)
+    assert isinstance(found, dict)
+    assert abs(found["known"] - seen["known"]) < 0.03
+    for name, size in box_sizes(first).items():
+        assert box_sizes(again)[name] == pytest.approx(size, abs=0.02)
+    cameras = views / "000000" / "scene_camera.json"
+    whole = cameras.read_text()
+    cameras.write_text(whole.replace('"robot_q": [', '"robot_q": [0.5, '))
+    with pytest.raises(InputError, match=r"robot_q has .* actuated joints"):
+        sensed(scenes, tmp_path / "c.jsonl", from_views=views)
+    cameras.write_text(whole.replace('"robot_q": [', '"robot_q": ["x", '))
+    with pytest.raises(InputError, match="robot_q is not a list of finite numbers"):
+        sensed(scenes, tmp_path / "c.jsonl", from_views=views)
+
+
+def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
+    for text in ("1,2,3", "a,b,c,d,e,f", "0,0,0,1,1,-1", "0,0,0,1,1,nan"):
+        with pytest.raises(InputError, match="six numbers"):
+            parse_box(text)
+    with pytest.raises(InputError, match="no such folder"):
+        sensed(scenes, tmp_path / "c.jsonl", from_views=tmp_path / "nowhere")
+    with pytest.raises(InputError, match="--noise is for --sense"):
+        plan(
+            scenes=scenes, policy="local", rule="deep", seed=0, iterations=None, time_budget_s=None, max_moves=5, robot=None,
+            hand_frame=None, gripper_joint=None, html=None, strict=False, out=None, noise=True,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("unknown", "says"),
+    [
+        ({"cells": [56, 86], "boxes": []}, "unknown.cells"),
+        ({"cells": [56, 86.5, 50], "boxes": []}, "whole numbers"),
+        ({"cells": [5600, 8600, 5000], "boxes": []}, "at most"),
+        ({"cells": [56, 86, 50], "boxes": [[0, 0, 0, 1, 1, 51]]}, r"boxes\[0\].*within the cells"),
+        ({"cells": [56, 86, 50], "boxes": [[0, 0, 0, 1, 0, 1]]}, "within the cells"),
+    ],
+)
+def test_unknown_cells_are_checked(unknown: dict[str, object], says: str) -> None:
+    document = documents.observed()
+    document["observation"]["views"][-1]["unknown"] = unknown
+    with pytest.raises(InputError, match=says):
+        scene_from_json(document)

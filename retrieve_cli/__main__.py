@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from kinematics.errors import InputError
-from retrieve_cli.errors import guarded
+from retrieve_cli.errors import ForeignPackageError, guarded
 
 OURS = ("kinematics", "perception", "planning", "retrieve_cli")
 
@@ -37,7 +36,7 @@ def check_packages(home: Path) -> None:
     Two cases: another package of that name comes first on the path; or another wheel was unpacked over ours, which the file sizes in our
     RECORD show. Nothing is imported, so this costs well under a millisecond.
 
-    Raises: InputError that names the intruder and the remedy.
+    Raises: ForeignPackageError that names the intruder and the remedy.
     """
     for name in OURS:
         spec = find_spec(name)
@@ -51,18 +50,18 @@ def check_packages(home: Path) -> None:
             if file.split("/")[0] in OURS and file.endswith(".py") and size:
                 path = home / file
                 if not path.is_file():
-                    raise InputError(f"{path} is missing: another package's removal took it along; {_REMEDY}")
+                    raise ForeignPackageError(f"{path} is missing: another package's removal took it along; {_REMEDY}")
                 if path.stat().st_size != int(size) and (names := _owners(file, home)):
-                    raise InputError(f"{path} was overwritten by the distribution {', '.join(names)}; {_REMEDY}")
+                    raise ForeignPackageError(f"{path} was overwritten by the distribution {', '.join(names)}; {_REMEDY}")
 
 
 _REMEDY = "install retrieve in an environment of its own: python -m venv .venv && .venv/bin/pip install retrieve"
 
 
-def _intrusion(name: str, found: str, file: str, folder: Path) -> InputError:
+def _intrusion(name: str, found: str, file: str, folder: Path) -> ForeignPackageError:
     owners = _owners(file, folder)
     by = f" (it belongs to the distribution {', '.join(owners)})" if owners else ""
-    return InputError(f"the package {name} is not retrieve's own: it {found}{by}; {_REMEDY}")
+    return ForeignPackageError(f"the package {name} is not retrieve's own: it {found}{by}; {_REMEDY}")
 
 
 def _owners(file: str, folder: Path) -> list[str]:

@@ -15,7 +15,6 @@ from typing import Annotated
 
 import typer
 
-from kinematics.errors import InputError
 from retrieve_cli.errors import INTERRUPTED
 
 Job = Callable[[], int | None]
@@ -105,6 +104,8 @@ def parse(args: Sequence[str]) -> Job | int | None:
         names = [c.callback.__name__ for c in app.registered_commands if c.callback]
         command = " ".join(["retrieve", *[a for a in args if a in names][:1]])
         message = " ".join(e.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
+        from kinematics.errors import InputError
+
         raise InputError(f"{command}: {message} (see {command} --help)") from e
     except interrupted:
         return INTERRUPTED
@@ -115,20 +116,10 @@ def _named(name: str) -> type[Exception]:
     return next(c for c in typer.BadParameter.__mro__ if c.__name__ == name)
 
 
-def version() -> str:
-    """The version of this program: of the checkout it runs from, else of the installed distribution."""
-    project = Path(__file__).resolve().parent.parent / "pyproject.toml"
-    if project.is_file():
-        import tomllib
-
-        return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
-    from importlib.metadata import version as installed
-
-    return installed("retrieve")
-
-
 def _print_version(asked: bool) -> None:
     if asked:
+        from retrieve_cli.version import version
+
         typer.echo(f"retrieve {version()}")
         raise typer.Exit
 

@@ -9,9 +9,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from kinematics.errors import InputError, one_line
-
 DONE, UNSOLVED, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
+
+
+class ForeignPackageError(Exception):
+    """Another distribution's package stands where one of ours should; so the library's own exceptions can't be imported for this."""
 
 
 def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
@@ -30,14 +32,19 @@ def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
         if isinstance(e.__context__, BrokenPipeError):  # so do Typer and Rich end on a closed pipe, with 1
             return _closed_pipe()
         raise
-    except (InputError, OSError) as e:
+    except ForeignPackageError as e:
         if debug:
             raise
-        _tell(one_line(e))
+        _tell(str(e))
         return BAD_INPUT
     except Exception as e:
+        from kinematics.errors import InputError, one_line  # only now: `--help` loads nothing of the library
+
         if debug:
             raise
+        if isinstance(e, (InputError, OSError)):
+            _tell(one_line(e))
+            return BAD_INPUT
         _tell(f"this is a bug in retrieve, not in your input: {type(e).__name__}: {one_line(e)} (the same call with --debug says where)")
         return BUG
 

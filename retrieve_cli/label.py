@@ -173,7 +173,7 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
     from importlib.metadata import version as installed
 
     from planning.learning import shards
-    from retrieve_cli.app import version
+    from retrieve_cli.version import version
 
     versions = {"retrieve": version(), **{name: installed(name) for name in ("numpy", "numba", "pyarrow")}}
     if not (out / shards.MANIFEST).exists():

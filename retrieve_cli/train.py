@@ -109,7 +109,7 @@ def _write_model(
     from safetensors.torch import save
 
     from planning.learning.model import describe
-    from retrieve_cli.app import version
+    from retrieve_cli.version import version
 
     shapes = {}
     for name, result in results.items():

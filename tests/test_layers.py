@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import structure
+
 ROOT = Path(__file__).resolve().parent.parent
 LAYERS = ("kinematics", "perception", "planning", "retrieve_cli")
 MODULES = sorted(file.relative_to(ROOT) for layer in LAYERS for file in (ROOT / layer).rglob("*.py"))
@@ -39,6 +42,21 @@ def imports(file: Path, *, top_only: bool = False) -> Iterator[tuple[int, str]]:
 
 def _for_types_only(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+
+
+def test_no_file_imports_in_a_circle() -> None:
+    known = structure.modules()
+    graph = {name: set(structure.imports(file, known)) - {name} for name, file in known.items()}
+    assert "kinematics.chain" in graph["kinematics.collision.geometry"]
+    assert structure.circles({"a": {"b"}, "b": {"a"}, "c": {"a"}}) == [["a", "b"]]
+    assert not structure.circles(graph)
+
+
+def test_numba_machinery_knows_nothing_of_robots() -> None:
+    known = structure.modules()
+    for name, file in known.items():
+        if name.startswith("kinematics.jit"):
+            assert all(other.startswith("kinematics.jit") for other in structure.imports(file, known)), name
 
 
 def test_there_is_something_to_read() -> None:

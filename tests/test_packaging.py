@@ -54,7 +54,7 @@ def test_data_travels_with_the_packages() -> None:
     assert {Path("kinematics/robots/robots.toml"), *(Path(f"planning/specs/{name}.toml") for name in SPECS)} <= set(data)
     for path in data:
         inside = path.relative_to(path.parts[0]).as_posix()
-        assert any(fnmatch(inside, pattern) for pattern in patterns.get(path.parts[0], [])), f"{path} would be left out of the wheel"
+        assert any(fnmatch(inside, pattern) for pattern in patterns.get(path.parts[0], ())), f"{path} would be left out of the wheel"
 
 
 def test_the_entry_point_resolves() -> None:

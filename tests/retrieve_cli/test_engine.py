@@ -19,7 +19,7 @@ from retrieve_cli.__main__ import main
 from retrieve_cli.engine import AHEAD, map_ordered
 
 ROOT = Path(__file__).resolve().parents[2]
-HERE = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+HERE = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests"), str(Path(__file__).parent)])}
 
 
 def square(x: int) -> int:

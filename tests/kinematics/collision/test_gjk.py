@@ -149,7 +149,8 @@ def test_support_is_the_furthest() -> None:
     points = by_coordinate(rng.normal(size=(300, 3)))
     for _ in range(200):
         d = rng.normal(size=3)
-        assert d @ points[:, support(points, np.empty((4, 0)), 37, 251, *d)] == (d @ points[:, 37:251]).max()
+        along = d @ points  # one product for all: BLAS rounds a single column differently on some CPUs
+        assert along[support(points, np.empty((4, 0)), 37, 251, *d)] == along[37:251].max()
 
 
 def test_grouped_search_finds_the_same() -> None:

@@ -15,7 +15,7 @@ from conftest import random_q
 from lxml import etree
 from second_engine import Arm, nearest
 
-from kinematics.collision import geometry
+from kinematics.chain import forward
 from kinematics.collision.fcl_check import Verdict
 from kinematics.robots.batched_fk import Forward
 from kinematics.robots.robot import Robot, load, named_robots
@@ -44,12 +44,12 @@ def test_forward_kinematics_agrees_with_pytorch_kinematics(robot: Robot) -> None
 
 
 def test_compiled_frames_carry_every_link(robot: Robot) -> None:
-    """kinematics.collision.geometry.forward with frame_of_links says the same as Robot.link_poses, at any opening and place of the base."""
+    """kinematics.chain.forward with frame_of_links says the same as Robot.link_poses, at any opening and place of the base."""
     T_world_base = transform(rotation_about((1, 2, 3), 0.7), [0.3, -0.2, 0.5])
     chain = robot.chain(T_world_base)
     frames = np.empty((len(chain.q_index) + 1, 4, 4))
     for q in random_q(robot, 20, seed=1):
-        geometry.forward(chain, robot.arm_q(q), frames)
+        forward(chain, robot.arm_q(q), frames)
         poses = robot.link_poses(q)
         carried = robot.frame_of_links(q[robot.gripper_joint], T_world_base)
         q_of_arm = robot.with_arm(robot.arm_q(q), q[robot.gripper_joint])

@@ -7,7 +7,7 @@ target can't be taken out as things stand, and can be once the others are gone; 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
@@ -96,7 +96,7 @@ def generate(
     """
     rng = np.random.default_rng([seed, stage, index])
     for _ in range(2000):
-        scene = _sample(spec, ref, robot.opening, f"{seed}-{index:06d}", (seed, index), rng)
+        scene = _sample(spec, ref, robot, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:
             continue
         verdict = _judge(scene, robot, rng)
@@ -120,7 +120,7 @@ def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
     return "unsolvable" if isinstance(empty.retrieve_target(empty.start(), rng), Blocked) else None
 
 
-def _sample(spec: Spec, ref: RobotRef, opening: Opening, name: str, seed: tuple[int, int], rng: np.random.Generator) -> Scene | None:
+def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int, int], rng: np.random.Generator) -> Scene | None:
     """One scene as it comes, valid or not; None when the objects did not fit."""
     T_cabinet = transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m])
     cabinet = Cabinet(spec.cabinet_size_m, T_cabinet, spec.cabinet_wall_m)
@@ -136,10 +136,18 @@ def _sample(spec: Spec, ref: RobotRef, opening: Opening, name: str, seed: tuple[
             return None
     target = bodies[0]
     order = rng.permutation(count)  # the target has no fixed place in the list
-    names = {bodies[i].name: f"{bodies[i].name.split('_')[0]}_{rank}" for rank, i in enumerate(order)}
+    names = {bodies[i].name: _name(bodies[i].name.split("_")[0], rank, robot.tree.names) for rank, i in enumerate(order)}
     objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
-    grasp = _grasp(spec, opening, target, ref.T_world_base[:3, 3], rng)
+    grasp = _grasp(spec, robot.opening, target, ref.T_world_base[:3, 3], rng)
     return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
+
+
+def _name(kind: str, number: int, links: Collection[str]) -> str:
+    """An object's name that no link of the robot has: box_3."""
+    name = f"{kind}_{number}"
+    while name in links:
+        name += "_object"
+    return name
 
 
 def _object(spec: Spec, cabinet: Cabinet, i: int, rng: np.random.Generator) -> Body:

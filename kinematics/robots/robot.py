@@ -10,7 +10,7 @@ under a key of the URDF's text and the meshes' sizes and dates.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib import metadata, resources
@@ -28,7 +28,7 @@ from kinematics.collision.geometry import Parts, make_parts
 from kinematics.robots import urdf
 from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
-from kinematics.scene import RobotRef
+from kinematics.scene import WALLS, Body, RobotRef, Scene
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
 
 WINDOW = 1.3 * np.pi
@@ -66,7 +66,9 @@ class Robot:
     has_camera: bool = False
 
     def link_poses(self, q: Array) -> dict[str, Array]:
-        """Pose (4, 4) of every link in the base frame at q (J,)."""
+        """Pose (4, 4) of every link in the base frame at q (J,). Raises: ValueError for another number of values."""
+        if np.shape(q) != (len(self.joint_names),):
+            raise ValueError(f"q {np.shape(q)} must hold {len(self.joint_names)} values, one for each of {', '.join(self.joint_names)}")
         return dict(zip(self.tree.names, self.tree.poses(q)))
 
     def with_arm(self, arm_q: Array, gripper: float) -> Array:
@@ -166,6 +168,26 @@ class Robot:
         return next(i for i in range(len(self.tree.names)) if self.tree.q_index[i] == joint and self.tree.scale[i] == 1.0)
 
 
+def check_names(robot: Robot, scene: Scene, obstacles: Sequence[Body] = ()) -> None:
+    """Make sure that links and bodies can be told apart by their names, as the allowed contacts of a plan do.
+
+    obstacles: more that stands still, besides the cabinet's walls; several may have one name, unless it is a link's or an object's.
+    Raises: ValueError that says which name to change.
+    """
+    links = set(robot.tree.names)
+    objects = [body.name for body in scene.objects]
+    for i, name in enumerate(objects):
+        if name in links:
+            raise ValueError(f"object {name!r} has the name of a link of the robot {robot.name}; call the object something else")
+        if name in WALLS or name in objects[:i] or any(body.name == name for body in obstacles):
+            other = "a wall of the cabinet" if name in WALLS else "another object" if name in objects[:i] else "an obstacle"
+            raise ValueError(f"object {name!r} has the name of {other}; call it something else")
+    for body in obstacles:
+        if body.name in links or body.name in WALLS:
+            other = "a wall of the cabinet" if body.name in WALLS else f"a link of the robot {robot.name}"
+            raise ValueError(f"obstacle {body.name!r} has the name of {other}; call it something else")
+
+
 def named_robots() -> dict[str, dict[str, Any]]:
     """The table robots.toml: name to settings."""
     return tomllib.loads(resources.files("kinematics.robots").joinpath("robots.toml").read_text())
@@ -215,9 +237,7 @@ def _load_named(name: str, entry: dict[str, Any], on_step: Callable[[str], None]
     for frame in ("camera", "hand"):
         boxes = tuple((np.array(size), np.array(centre)) for size, centre in entry[frame].get("boxes", []))
         urdf.add_link(root, frame, entry[frame]["link"], transform(rotation_rpy(entry[frame]["rpy"]), entry[frame]["xyz"]), boxes)
-    return _assemble(
-        name, entry["title"], urdf.to_string(root), entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step
-    )
+    return _assemble(name, entry["title"], root, entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step)
 
 
 def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on_step: Callable[[str], None] | None) -> Robot:
@@ -234,9 +254,7 @@ def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on
     if hand_frame != "hand":
         urdf.add_link(root, "hand", hand_frame, np.eye(4))
     srdf = file.with_suffix(".srdf")
-    return _assemble(
-        str(file), file.stem, urdf.to_string(root), gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step
-    )
+    return _assemble(str(file), file.stem, root, gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step)
 
 
 def _locate(entry: dict[str, Any], which: str) -> Path | None:
@@ -253,27 +271,29 @@ def _locate(entry: dict[str, Any], which: str) -> Path | None:
 def _assemble(
     name: str,
     title: str,
-    text: str,
+    root: etree._Element,
     gripper: str | None,
     home: list[float] | None,
     base_p: Array,
     srdf: Path | None,
     on_step: Callable[[str], None] | None,
 ) -> Robot:
-    """The Robot behind a cleaned URDF text with a `hand` link: from the cache, or derived and cached."""
-    root = etree.fromstring(text)
+    """The Robot behind a cleaned URDF with a `hand` link: from the cache, or derived and cached. Links called like a wall of the cabinet
+    get another name."""
+    renamed = urdf.rename_links(root, WALLS)
+    text = urdf.to_string(root)
     stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
     name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
     data = cache.load(name_in_cache)
     if data is None:
         if on_step:
             on_step(f"reading the meshes of {title}")
-        data = _derive(text, name, srdf)
+        data = _derive(text, name, srdf, renamed)
         cache.store(name_in_cache, data)
     return _robot(name, title, text, data, gripper, home, base_p)
 
 
-def _derive(text: str, name: str, srdf: Path | None) -> dict[str, NDArray[Any]]:
+def _derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) -> dict[str, NDArray[Any]]:
     """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays."""
     import yourdfpy
 
@@ -286,7 +306,7 @@ def _derive(text: str, name: str, srdf: Path | None) -> dict[str, NDArray[Any]]:
     hulls = [h for link in tree.names for h in _link_hulls(model.link_map[link])]
     if not hulls:
         raise ValueError(f"robot {name} has links but no collision geometry: add <collision> elements to its URDF")
-    skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf)
+    skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf, renamed)
     limits = np.array([_limits(model.joint_map[j]) for j in joints]).reshape(-1, 3)
     rng = np.random.default_rng(0)
     low, high = np.where(np.isinf(limits[:, 0]), -np.pi, limits[:, 0]), np.where(np.isinf(limits[:, 1]), np.pi, limits[:, 1])
@@ -449,11 +469,13 @@ def _neighbours(tree: Tree, solid: set[str]) -> set[frozenset[str]]:
     return pairs
 
 
-def _from_srdf(srdf: Path | None) -> set[frozenset[str]]:
+def _from_srdf(srdf: Path | None, renamed: Mapping[str, str]) -> set[frozenset[str]]:
+    """The pairs of links that an SRDF switches off; renamed: links that have another name by now."""
     if srdf is None:
         return set()
     root = etree.fromstring(srdf.read_bytes(), etree.XMLParser(recover=True))
-    return {frozenset((e.get("link1", ""), e.get("link2", ""))) for e in root.iter("disable_collisions")}
+    pairs = ((e.get("link1", ""), e.get("link2", "")) for e in root.iter("disable_collisions"))
+    return {frozenset(renamed.get(name, name) for name in pair) for pair in pairs}
 
 
 def _align_z(axis: Array) -> Array:

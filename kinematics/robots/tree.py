@@ -51,6 +51,11 @@ class Tree:
         return {name: i for i, name in enumerate(self.names)}
 
     @cached_property
+    def coordinates(self) -> int:
+        """How many actuated joints there are, J."""
+        return int(self.q_index.max(initial=-1)) + 1
+
+    @cached_property
     def joints(self) -> Joints:
         """The numbers behind the names, for compiled code."""
         n = len(self.names)
@@ -65,17 +70,27 @@ class Tree:
         )
 
     def poses(self, q: Array) -> Array:
-        """Forward kinematics of every link: q (..., J) to (..., N, 4, 4) in the base frame."""
-        rows = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1])
+        """Forward kinematics of every link: q (..., J) to (..., N, 4, 4) in the base frame. Raises: ValueError for another shape."""
+        q = self._checked(q)
+        rows = np.ascontiguousarray(q).reshape(-1, self.coordinates)
         T = np.empty((len(rows), len(self.names), 4, 4))
         _poses(self.joints, rows, np.empty((4, 4)), T)
         return T.reshape(*q.shape[:-1], len(self.names), 4, 4)
 
     def local(self, i: int, q: Array) -> Array:
-        """Link i's pose (4, 4) in its parent at q (J,)."""
+        """Link i's pose (4, 4) in its parent at q (J,). Raises: ValueError for another shape, or when there is no link i."""
+        if not 0 <= i < len(self.names) or np.ndim(q) != 1:
+            raise ValueError(f"link {i} of {len(self.names)} at q {np.shape(q)}: a link's index and q (J,) are needed")
         T = np.empty((4, 4))
-        _local(self.joints, i, np.ascontiguousarray(q, float), T)
+        _local(self.joints, i, np.ascontiguousarray(self._checked(q)), T)
         return T
+
+    def _checked(self, q: Array) -> Array:
+        """Joint values (..., J) as floats. Raises: ValueError for another shape."""
+        values = np.asarray(q, float)
+        if values.shape[-1:] != (self.coordinates,):
+            raise ValueError(f"q {values.shape} must end with {self.coordinates} values, one for each actuated joint")
+        return values
 
     def path(self, link: int) -> list[int]:
         """Link indices from the root to `link`."""

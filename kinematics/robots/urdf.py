@@ -6,6 +6,7 @@ leaves this module is plain URDF that all of them read.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,22 @@ def add_link(root: etree._Element, name: str, parent: str, T: Array, boxes: tupl
             etree.SubElement(element, "origin", xyz=_numbers(centre), rpy="0 0 0")
             etree.SubElement(etree.SubElement(element, "geometry"), "box", size=_numbers(size))
     add_fixed_joint(root, f"{parent}_to_{name}", parent, name, T)
+
+
+def rename_links(root: etree._Element, taken: Collection[str]) -> dict[str, str]:
+    """Give links whose names are taken another one, in place: `left` becomes `left_link`. Returns the new names by the old ones."""
+    names = {e.get("name", "") for e in root.iter("link")}
+    renamed = dict[str, str]()
+    for old in sorted(names & set(taken)):
+        new = f"{old}_link"
+        while new in names or new in taken:
+            new += "_link"
+        names.add(new)
+        renamed[old] = new
+    for tags, key in ((("link",), "name"), (("parent", "child"), "link")):
+        for e in root.iter(*tags):
+            e.set(key, renamed.get(e.get(key, ""), e.get(key, "")))
+    return renamed
 
 
 def to_string(root: etree._Element) -> str:

@@ -48,7 +48,7 @@ class Placing:
     def __init__(self, cell: Workcell, pick: Pick, T_world_object: Array, release_query: ReleaseQuery) -> None:
         """T_world_object (4, 4): where the object was picked."""
         self.cell, self.pick, self.R, self.release_query = cell, pick, T_world_object[:3, :3], release_query
-        rows = [i - len(cell.arm.links) for i, n in enumerate(release_query.open.names) if n == pick.held.body]
+        rows = release_query.open.solids_of(pick.held.body)
         tasks = pick.lifting.task, release_query.opening.problem, release_query.open.task
         self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, release_query.standing, pick.held.T_hand_body)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.fcl_check import Verdict
-from kinematics.robots.robot import Robot
+from kinematics.robots.robot import Robot, check_names
 from kinematics.scene import Scene
 from kinematics.transforms import Array, angle_between, inverse
 from planning.motion.sampling import samples
@@ -25,7 +25,9 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
     Checked: joint limits, no gap between motions, held objects taken from where they stand, and no contact outside the allowed ones.
+    Raises: ValueError when two things have one name, for then nobody can tell what may touch what.
     """
+    check_names(robot, scene)
     verdict, sieve = Verdict(robot, scene), BroadPhase(robot, scene)
     poses = scene.poses()
     before: Motion | None = None

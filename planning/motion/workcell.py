@@ -18,7 +18,7 @@ from kinematics.collision.geometry import Query, Solids, make_solids, place_soli
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed, make_geometry_model, pose_geometry
 from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
-from kinematics.robots.robot import Robot
+from kinematics.robots.robot import Robot, check_names
 from kinematics.scene import Body, Cabinet, Held, Scene
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, rotation_about, transform
@@ -55,6 +55,15 @@ class PlanningQuery(NamedTuple):
         """The same query for the exact test alone."""
         return self.task.exact
 
+    @property
+    def parts(self) -> int:
+        """How many of the names are of what moves; those after them are of what stands."""
+        return len(self.task.world.check)
+
+    def solids_of(self, body: str) -> list[int]:
+        """Which of the solids that stand are the body's."""
+        return [i for i, name in enumerate(self.names[self.parts :]) if name == body]
+
 
 class ContactQuery(NamedTuple):
     """A question about single configurations: what may not touch, packed for the exact test alone, with the names behind the indices."""
@@ -77,9 +86,11 @@ class Workcell:
     """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query.
 
     obstacles: more that stands still, besides the cabinet's walls: what was not seen yet, furniture.
+    Raises: ValueError when two things have one name, see `kinematics.robots.robot.check_names`.
     """
 
     def __init__(self, robot: Robot, scene: Scene, *, iterations: int, time_budget_s: float | None, obstacles: Sequence[Body] = ()) -> None:
+        check_names(robot, scene, obstacles)
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
         self.walls = [*scene.cabinet.walls(), *obstacles]
@@ -154,9 +165,10 @@ class Workcell:
 
     def allowing(self, query: PlanningQuery, a: str, b: str) -> PlanningQuery:
         """The same query, but link or held object a may touch body b."""
-        task, names = query
+        (task, names), P = query, query.parts
+        problem, world = task.exact, task.world
         first, second = (np.array([n == name for n in names]) for name in (a, b))
-        problem, world, P = task.exact, task.world, len(task.world.check)
+        first[P:] = second[:P] = False  # a mover and what stands: their names are of two spaces
         kept = ~(first[problem.pairs[:, 0]] & second[problem.pairs[:, 1]])
         check = np.where(first[:P, None] & second[P:], np.uint8(0), world.check)
         problem = problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept])

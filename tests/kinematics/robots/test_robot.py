@@ -287,3 +287,18 @@ def test_the_cache_changes_nothing(toy_urdf: Callable[..., Path], tmp_path: Path
     assert first.urdf == second.urdf
     for a, b in zip(first.hulls, second.hulls, strict=True):
         np.testing.assert_array_equal(a.vertices, b.vertices)
+
+
+def test_joint_values_are_counted_before_they_are_used(robot: Robot) -> None:
+    """Three values for seven joints once read beyond the array."""
+    J = len(robot.joint_names)
+    assert robot.tree.coordinates == J
+    for shape in ((), (0,), (3,), (J - 1,), (J + 1,), (2, J + 1), (J, 1)):
+        with pytest.raises(ValueError, match=f"must (end with|hold) {J} values"):
+            robot.tree.poses(np.zeros(shape))
+        with pytest.raises(ValueError, match=f"must hold {J} values"):
+            robot.link_poses(np.zeros(shape))
+    for i in (-1, len(robot.tree.names)):
+        with pytest.raises(ValueError, match="a link's index and q"):
+            robot.tree.local(i, np.zeros(J))
+    assert robot.tree.poses(np.zeros((0, J))).shape == (0, len(robot.tree.names), 4, 4)

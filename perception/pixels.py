@@ -254,3 +254,13 @@ def separated_shares(
                     apart += hidden_between(cells[c], members[m], near, cameras, T, step_m, slack_m, axial) < 0.0
                 out[c, k] = apart / max(first[g + 1] - first[g], 1)
     return out
+
+
+@njit(cache=True, nogil=True)
+def empty_share(a: Array, b: Array, near: Image, cameras: Array, T: Array, step_m: float, slack_m: float, axial: float) -> float:
+    """The share of the segments between points a (N, 3) and b (M, 3) that are seen to be empty somewhere."""
+    empty = 0
+    for i in range(len(a)):
+        for j in range(len(b)):
+            empty += hidden_between(a[i], b[j], near, cameras, T, step_m, slack_m, axial) < 0.0
+    return empty / max(len(a) * len(b), 1)

@@ -18,6 +18,7 @@ from kinematics.transforms import Array, rotation_about, transform
 from perception.objects.footprint import DIRECTIONS, least_circle, least_rectangle, outline_of, upright_solid
 from perception.objects.prepared_frames import PreparedFrames
 from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
+from perception.objects.supports import base_heights
 
 ROUNDS, STEPS = 3, 3
 FEW = 3000
@@ -51,11 +52,15 @@ def standing_solids(views: PreparedFrames, shown: Mapping[str, tuple[Array, NDAr
     """An upright solid in the world for each object; shown: its points (N, 3) and pixels, see `perception.objects.segment.object_pixels`.
 
     Clean points are all contained. Of noisy ones the fit leaves out less than a millimetre of a box or a cylinder that is well seen.
+    It stands on the floor, or on another object, see `perception.objects.supports`.
     """
+    bases = base_heights({name: points for name, (points, _) in shown.items()})
     out = []
     for name, (points, source) in shown.items():
-        shape, T = fitted_solid(pixels_of(views, points, source), points) if views.axial > 0 else upright_solid(points)
-        out.append(Body(name, shape, cabinet.T_world_cabinet @ T))
+        up = np.array([0.0, 0.0, bases[name]])
+        pixels, above = pixels_of(views, points, source), points - up
+        shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), above) if views.axial > 0 else upright_solid(above)
+        out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T))
     return tuple(out)
 
 

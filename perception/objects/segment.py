@@ -1,6 +1,7 @@
 """Objects from views: fused points, told apart by masks or by geometry alone, and one axis-aligned box an object (paper, section III-B).
 
-Points live in the cabinet's frame until the boxes are taken, which are aligned with the world's axes. Everything stands on the floor.
+Points live in the cabinet's frame until the boxes are taken, which are aligned with the world's axes. Everything stands on
+the floor, or on something that does.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from perception.frames import Frame
 from perception.objects.clustering import CELL_M, cluster_instances
 from perception.objects.fit import standing_solids
 from perception.objects.prepared_frames import PreparedFrames, prepare
+from perception.objects.supports import base_heights
 
 if TYPE_CHECKING:
     from perception.mapping.voxels import Voxels
@@ -100,13 +102,14 @@ def standing_boxes(
     """The box (6,) in the world of each object; of noisy pixels that of its solid."""
     if views.axial > 0:
         return {body.name: object_box(body) for body in solids}
-    return {name: standing_box(points, cabinet) for name, (points, _) in shown.items()}
+    bases = base_heights({name: points for name, (points, _) in shown.items()})
+    return {name: standing_box(points, cabinet, bases[name]) for name, (points, _) in shown.items()}
 
 
-def standing_box(points: Array, cabinet: Cabinet) -> Array:
-    """Centre and size (6,) of the tightest box in the world around points (N, 3) of the cabinet's frame and their feet on the floor."""
+def standing_box(points: Array, cabinet: Cabinet, base_m: float = 0.0) -> Array:
+    """Centre and size (6,) of the tightest box in the world around points (N, 3) of the cabinet and their feet, base_m over its floor."""
     R, columns = cabinet.T_world_cabinet[:3, :3], points.T.copy()
-    above, feet = R @ columns, R[:, :2] @ columns[:2]
+    above, feet = R @ columns, R[:, :2] @ columns[:2] + base_m * R[:, 2:]
     origin = cabinet.T_world_cabinet[:3, 3]
     low = np.minimum(above.min(1), feet.min(1)) + origin
     high = np.maximum(above.max(1), feet.max(1)) + origin

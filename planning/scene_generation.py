@@ -108,9 +108,9 @@ def generate(
 
 def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
     """None for a valid scene, else what it is: "unsolvable" or "free"."""
-    alone = Scene(**{**vars(scene), "objects": (scene.body(scene.target),)})
+    alone = Scene(**{**vars(scene), "objects": (scene.body(scene.target_name),)})
     empty = Motions(robot, alone)
-    picks, _ = empty.picks(empty.start(), scene.target, [scene.grasp])
+    picks, _ = empty.picks(empty.start(), scene.target_name, [scene.x_g])
     if not picks:
         return "unsolvable"
     cluttered = Motions(robot, scene)

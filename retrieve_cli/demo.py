@@ -115,17 +115,17 @@ def _tell(film: Film, motions: Motions) -> None:
 
     scene, plan = film.scene, film.plan
     assert plan is not None
-    say(f"\n{scene.target} is wanted; {len(scene.objects) - 1} other objects stand in the cabinet")
+    say(f"\n{scene.target_name} is wanted; {len(scene.objects) - 1} other objects stand in the cabinet")
     for number, move in enumerate(film.done):
         first = next(s for s in film.stretches if s.move == number)
         why = motions.retrieve_target(film.state_at(first.start_s), np.random.default_rng(0))
         if isinstance(why, Blocked):
-            say(f"  {scene.target} is {'still ' if number else ''}blocked: {_in_words(why)}")
+            say(f"  {scene.target_name} is {'still ' if number else ''}blocked: {_in_words(why)}")
         seconds = sum(s.end_s - s.start_s for s in film.stretches if s.move == number)
         far = 100 * float(np.linalg.norm(move.T_world_to[:3, 3] - move.T_world_from[:3, 3]))
         say(f"  {number + 1}. {move.object} moves {far:.0f} cm away, to region {move.region} ({seconds:.1f} s)")
     seconds = sum(s.end_s - s.start_s for s in film.stretches if s.move == len(film.done))
-    say(f"  {len(film.done) + 1}. {scene.target} comes out ({seconds:.1f} s)")
+    say(f"  {len(film.done) + 1}. {scene.target_name} comes out ({seconds:.1f} s)")
     failed = len(plan.moves) - len(film.done)
     tries = f"; {failed} other attempts failed" if failed > 1 else "; 1 other attempt failed" if failed else ""
     say(f"planned in {plan.planning_time_s + plan.motion_time_s:.1f} s{tries}; every motion was verified")

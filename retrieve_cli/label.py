@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame
-from planning.io.documents import scene_to_json
 from planning.io.files import read_scenes
+from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.gen import robot_ref
 from retrieve_cli.terminal import announce_first_run, say

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame, choose
-from planning.io.documents import observation_to_json
 from planning.io.files import read_scenes, scene_writer
+from planning.io.observation_documents import observation_to_json
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:

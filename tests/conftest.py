@@ -148,7 +148,8 @@ def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
     """Scene `index` of a spec before a named robot, and its plan, as they come back from files."""
     pytest.importorskip("planning.retrieval")
     from kinematics.scene import RobotRef
-    from planning.io.documents import plan_to_json, scene_to_json
+    from planning.io.plan_documents import plan_to_json
+    from planning.io.scene_documents import scene_to_json
     from planning.motion.pick_place import Motions
     from planning.policies import make_policy
     from planning.retrieval import Rule, retrieve

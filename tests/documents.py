@@ -32,6 +32,24 @@ def scene(scene_id: str = "0-000007") -> dict[str, Any]:
     }
 
 
+def cell(scene_id: str = "0-000007") -> dict[str, Any]:
+    """A scene that uses every field of version 2 that goes with a target."""
+    document = scene(scene_id)
+    document["schema"] = "retrieve/scene@2"
+    document["robot"] |= {
+        "q_start": {"shoulder_pan_joint": 0.5},
+        "home": {"shoulder_lift_joint": -2.0, "elbow_joint": 1.5},
+        "T_link_hand": pose(0.0, 0.0, 0.01, q_wxyz=(0.5, 0.5, 0.5, 0.5)),
+        "gripper_joints": ["finger_joint"],
+        "mount": True,
+    }
+    document["objects"][0] |= {"max_tilt_deg": 30.0, "source": "seen"}
+    table = {"type": "box", "size_m": [0.8, 1.2, 0.05]}
+    document["obstacles"] = [{"name": "table", "shape": table, "T_world_object": pose(0.0, 0.0, -0.025)}]
+    document["grasps"] = [{**document["grasp"], "score": 0.9}, {**document["grasp"], "width_m": 0.058, "score": -0.1}]
+    return document
+
+
 def observed(scene_id: str = "0-000007") -> dict[str, Any]:
     observation = {
         "objects": [{"name": "box_0", "box": [0.5, 0.0, 0.15, 0.05, 0.06, 0.1]}],

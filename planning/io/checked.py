@@ -35,7 +35,8 @@ class Node:
     def record(self, required: Sequence[str], optional: Sequence[str] = (), *, extra: bool = False) -> dict[str, Node]:
         """The fields of an object. Other fields are an error unless `extra`, in which case they are left out."""
         if not isinstance(self.value, dict):
-            raise self.error(f"{_kind(self.value)} stands where an object with {', '.join(required)} is expected")
+            with_fields = f" with {', '.join(required)}" if required else ""
+            raise self.error(f"{_kind(self.value)} stands where an object{with_fields} is expected")
         known = (*required, *optional)
         unknown = [name for name in self.value if name not in known]
         missing = [name for name in required if name not in self.value]

@@ -17,7 +17,9 @@ from typing import IO, Any, TypeVar
 from kinematics.errors import InputError, did_you_mean
 from kinematics.scene import Scene
 from planning.io.checked import Node, parse_json
-from planning.io.documents import kind_and_version, mesh_loader, plan_from_node, plan_to_json, scene_from_node, scene_to_json
+from planning.io.documents import kind_and_version
+from planning.io.plan_documents import plan_from_node, plan_to_json
+from planning.io.scene_documents import mesh_loader, scene_from_node, scene_to_json
 from planning.plan import Plan
 
 T = TypeVar("T")

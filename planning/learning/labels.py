@@ -95,12 +95,12 @@ def label(
         at = np.flatnonzero(fits[i])
         feasible[i] = 0
         feasible[i, at] = motions.placeable(state, names[i], at, rng)
-    hand = T @ scene.grasp.T_world_hand
+    hand = T @ scene.x_g.T_world_hand
     boxes = {name: object_box(Body(name, scene.body(name).shape, T @ pose)) for name, pose in state.poses.items()}
     return Row(
         scene.id, number, motions.robot.name, (T @ scene.robot.T_world_base)[:3, 3], np.asarray(scene.cabinet.size_m),
         np.array([a in scene.approaches for a in APPROACHES], np.uint8), np.concatenate([hand[:3, 3], hand[:3, 0], hand[:3, 1]]),
-        scene.grasp.width_m, boxes[scene.target], np.array([boxes[n] for n in names]).reshape(-1, 6),
+        scene.x_g.width_m, boxes[scene.target_name], np.array([boxes[n] for n in names]).reshape(-1, 6),
         np.column_stack([cells, np.ones(len(cells))]), int(ways.times.sum()), blocks, can, _opens(motions, state, names, blocks, rng),
         feasible, np.where(fits, hits, NOT_ASKED).astype(np.uint8),
     )  # fmt: skip
@@ -108,7 +108,7 @@ def label(
 
 def movable(scene: Scene) -> tuple[str, ...]:
     """The non-target objects' names in the scene's order: a row's m objects."""
-    return tuple(b.name for b in scene.objects if b.name != scene.target)
+    return tuple(b.name for b in scene.objects if b.name != scene.target_name)
 
 
 def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, paths: int) -> PathsToTarget:
@@ -120,8 +120,8 @@ def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, pa
     if not 0 < paths < NOT_ASKED:
         raise ValueError(f"paths: {paths} is not within 1 to {NOT_ASKED - 1}")
     scene = motions.scene
-    alone = State(motions.cell.home(), {scene.target: state.poses[scene.target]})
-    picks, _ = motions.picks(alone, scene.target, [scene.grasp])
+    alone = State(motions.cell.home(), {scene.target_name: state.poses[scene.target_name]})
+    picks, _ = motions.picks(alone, scene.target_name, [scene.x_g])
     start, found, times = motions.robot.arm_q(alone.q), list[Array](), list[int]()
     floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet, _tallest(motions, state))
     if not picks:

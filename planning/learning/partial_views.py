@@ -30,12 +30,12 @@ def glimpsed(motions: Motions, state: State, row: Row, rng: np.random.Generator)
     """
     views = int(rng.integers(VIEWS[0], VIEWS[1] + 1))
     seen = _look(motions, state, views, rng)
-    if motions.scene.target not in seen.boxes:
+    if motions.scene.target_name not in seen.boxes:
         return None
     T = inverse(motions.scene.cabinet.T_world_cabinet)
     names = movable(motions.scene)
     kept = [i for i, name in enumerate(names) if name in seen.boxes]
-    target, *objects = boxes_in(T, np.array([seen.boxes[name] for name in (motions.scene.target, *(names[i] for i in kept))]))
+    target, *objects = boxes_in(T, np.array([seen.boxes[name] for name in (motions.scene.target_name, *(names[i] for i in kept))]))
     return replace(
         row,
         views=views,

@@ -87,8 +87,8 @@ class Motions:
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         """Take the target out with the scene's grasp x_g: the paper's indicator I, and the way out of the cabinet."""
-        name = self.scene.target
-        picks, why = self.picks(state, name, [self.scene.grasp])
+        name = self.scene.target_name
+        picks, why = self.picks(state, name, [self.scene.x_g])
         for pick in picks[:MAX_TRIES]:
             way_in = self._transit(state, pick, rng)
             if isinstance(way_in, Blocked):

@@ -42,8 +42,8 @@ class Node:
 
 def search(motions: Motions, start: State, rng: np.random.Generator, *, attempts: int = ATTEMPTS, most: int = MOST_MOVES) -> list[Choice]:
     """Moves (object, region) after which the target can be taken out; empty when none were found in so many attempts."""
-    target, ticket = motions.scene.target, count()
-    ways, _ = motions.picks(State(start.q, {target: start.poses[target]}), target, [motions.scene.grasp])
+    target, ticket = motions.scene.target_name, count()
+    ways, _ = motions.picks(State(start.q, {target: start.poses[target]}), target, [motions.scene.x_g])
     root = _node(motions, ways, start, (), rng)
     queue = [(float(root.needed), next(ticket), root)]
     while queue and attempts > 0:
@@ -73,7 +73,7 @@ def blocking(motions: Motions, ways: Sequence[Pick], state: State) -> list[froze
     """For each way to close the hand as x_g says, found in the cabinet with nothing but the target: the objects that block it."""
     found: list[set[str]] = [set() for _ in ways]
     for name, pose in state.poses.items():
-        if name == motions.scene.target or not ways:
+        if name == motions.scene.target_name or not ways:
             continue
         reaching = motions.cell.problem({name: pose}, ways[0].gripper_open)
         for blockers, way in zip(found, ways):

@@ -44,9 +44,9 @@ def wanted(empty_scene: Scene, robot: Robot, belief: Belief, names: Sequence[str
     full = Workcell(robot, replace(empty_scene, objects=bodies), iterations=1, time_budget_s=None)
     unknown_space = np.argwhere(unknown_mask(voxels, bodies))
     out = np.zeros(voxels.state.shape)
-    for name in (empty_scene.target, *names):
+    for name in (empty_scene.target_name, *names):
         body = belief.body(name)
-        grasps = [empty_scene.grasp] if name == empty_scene.target else _grasps(empty_scene, robot, body)
+        grasps = [empty_scene.x_g] if name == empty_scene.target_name else _grasps(empty_scene, robot, body)
         lifted = np.flatnonzero(_above(voxels, body)[tuple(unknown_space.T)])
         ways = [(b, np.union1d(rows, lifted)) for g in grasps for b, rows in _ways(cell, full, g, voxels, unknown_space)]
         for rank, (_, rows) in enumerate(sorted((w for w in ways if len(w[1])), key=lambda w: (w[0], len(w[1])))[:BEST]):

@@ -169,7 +169,7 @@ def retrieve_unseen(
             with moving:
                 mind.understand()
         except NoSurfaces as e:
-            taken: tuple[Motion, ...] | Blocked = Blocked("look", body=truth.target, detail=f"the target was not found: {e}")
+            taken: tuple[Motion, ...] | Blocked = Blocked("look", body=truth.target_name, detail=f"the target was not found: {e}")
             break
         with moving:
             motions, state = _ready(mind, iterations, time_budget_s)
@@ -177,12 +177,12 @@ def retrieve_unseen(
         if not isinstance(taken, Blocked):
             names = world.names(mind.belief.bodies)
             way += world.move(taken, names)[0]
-            if names[truth.target] != truth.target:
-                taken = Blocked("verify", body=names[truth.target], detail=f"it was taken for the target {truth.target}")
+            if names[truth.target_name] != truth.target_name:
+                taken = Blocked("verify", body=names[truth.target_name], detail=f"it was taken for the target {truth.target_name}")
             break
         moved = False
         hindered = list[tuple[str, Blocked]]()
-        if steps < max_moves and mind.belief.body(truth.target) is not None:
+        if steps < max_moves and mind.belief.body(truth.target_name) is not None:
             seen = observation(mind.empty_scene, mind.q, mind.belief)
             for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
                 with moving:
@@ -235,7 +235,7 @@ def _try_target(
     mind: _BeliefState, looked: Looked, motions: Motions, state: State, rng: np.random.Generator
 ) -> tuple[Motion, ...] | Blocked:
     """The motions that take the target out, or why there are none."""
-    target = mind.empty_scene.target
+    target = mind.empty_scene.target_name
     if mind.belief.body(target) is None:
         return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
     taken = motions.retrieve_target(state, rng)
@@ -247,7 +247,7 @@ def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]
     tried = [name for name, why in failed if (why.body or "").startswith(HIDDEN)]
     if tried:
         return list(dict.fromkeys(tried))[:MOST_HIDDEN]
-    at = motions.scene.grasp.T_world_hand[:2, 3]
+    at = motions.scene.x_g.T_world_hand[:2, 3]
     near = sorted(state.poses, key=lambda name: float(np.linalg.norm(state.poses[name][:2, 3] - at)))
-    others = ((name, *motions.picks(state, name)) for name in near if name != motions.scene.target)
+    others = ((name, *motions.picks(state, name)) for name in near if name != motions.scene.target_name)
     return list(islice((n for n, picks, why in others if not picks and (why.body or "").startswith(HIDDEN)), MOST_HIDDEN))

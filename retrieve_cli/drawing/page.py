@@ -121,10 +121,12 @@ def _objects(film: Film) -> list[Command]:
         commands += [*_solid(path, body.shape, film.colours[body.name]), _place(path, body.T_world_body)]
         if body.name == scene.target:
             commands += _target_marks(path, body.shape, film.colours[body.name])
-    T, radius = ring(scene.cabinet, scene.body(scene.target))
+    if film.target is None:
+        return commands
+    (T, radius), colour = ring(scene.cabinet, film.target), film.colours[film.target.name]
     commands += [
-        _mesh("/target/ring", *_annulus(radius - 0.0035, radius + 0.0015), film.colours[scene.target], basic=True),
-        _mesh("/target/ring seen through", *_annulus(radius - 0.0035, radius + 0.0015), film.colours[scene.target], 0.28, through=True),
+        _mesh("/target/ring", *_annulus(radius - 0.0035, radius + 0.0015), colour, basic=True),
+        _mesh("/target/ring seen through", *_annulus(radius - 0.0035, radius + 0.0015), colour, 0.28, through=True),
         _place("/target", T),
     ]
     return commands
@@ -478,9 +480,10 @@ def _rounded(p: Array) -> list[float]:
 def _caption(film: Film) -> str:
     """The card: what is asked, how it ended, and the moves."""
     scene, plan = film.scene, film.plan
-    others = len(scene.objects) - 1
-    swatch = f'<i style="background:#{_hex(film.colours[scene.target]):06x}"></i>'
-    head = f"<h1>Take out {swatch}<b>{escape(scene.target)}</b></h1>"
+    others = len(scene.objects) - (film.target is not None)
+    swatch = "" if scene.target is None else f'<i style="background:#{_hex(film.colours[scene.target]):06x}"></i>'
+    target = "what is in the box" if scene.target is None else scene.target
+    head = f"<h1>Take out {swatch}<b>{escape(target)}</b></h1>"
     behind = f"{others} other objects" if others != 1 else "1 other object"
     robot = escape(scene.robot.name or scene.robot.urdf or "")
     line = f"scene {escape(scene.id)} · {robot} · {behind}"
@@ -501,7 +504,7 @@ def _caption(film: Film) -> str:
         for m in done
     ]
     if plan.success:
-        rows.append(f"<li>{swatch}{escape(scene.target)} <span>out of the cabinet</span></li>")
+        rows.append(f"<li>{swatch}{escape(target)} <span>out of the cabinet</span></li>")
     tries = f"<br>{failed} attempts failed" if failed > 1 else "<br>1 attempt failed" if failed else ""
     numbers = f"{film.length_s:.1f} s of motion · hand travels {plan.hand_travel_m:.1f} m{tries}"
     return f"{head}<p>{line}</p>{result}<ol>{''.join(rows)}</ol><p>{numbers}</p>"

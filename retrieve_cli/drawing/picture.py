@@ -63,6 +63,11 @@ class Film:
     scene: Scene
     plan: Plan | None = None
 
+    @property
+    def target(self) -> Body | None:
+        """The target as the scene has it, if it is among its objects."""
+        return next((b for b in self.scene.objects if b.name == self.scene.target), None)
+
     @cached_property
     def stretches(self) -> tuple[Stretch, ...]:
         """The motions in order. Objects stand where the scene or the last release has put them; what is held is not among them."""
@@ -94,7 +99,8 @@ class Film:
     def colours(self) -> dict[str, Colour]:
         """Every object's sRGB colour."""
         others = [b.name for b in self.scene.objects if b.name != self.scene.target]
-        return {self.scene.target: TARGET_COLOUR, **{name: PALETTE[i % len(PALETTE)] for i, name in enumerate(others)}}
+        target = {} if self.scene.target is None else {self.scene.target: TARGET_COLOUR}
+        return {**target, **{name: PALETTE[i % len(PALETTE)] for i, name in enumerate(others)}}
 
     def full(self, motion: Motion) -> Array:
         """A motion's waypoints (K, J) in the robot's own order of joints. Raises: ValueError for joints that the robot does not have."""

@@ -70,6 +70,8 @@ def time_of_best_sight(film: Film) -> float:
 
     camera, small = film.robot.tree.index["camera"], realsense_d435i(160, 120)
     taken = next((s.start_s for s in film.stretches if s.motion.held and s.motion.held.body == film.scene.target), film.length_s)
+    if film.target is None:
+        return 0.0
     names = [b.name for b in film.scene.objects]
     packed = surfaces([b.shape for b in film.scene.objects], np.array([b.T_world_body for b in film.scene.objects]))
     best, best_s = -1.0, 0.0
@@ -78,7 +80,7 @@ def time_of_best_sight(film: Film) -> float:
         poses = {b.name: b.T_world_body for b in film.bodies(state)}
         links = film.link_poses(state.q)
         seen = raycast(moved(packed, np.array([poses[n] for n in names])), links[camera], small).instance
-        mine = seen == names.index(film.scene.target)
+        mine = seen == names.index(film.target.name)
         cut = mine[0].any() or mine[-1].any() or mine[:, 0].any() or mine[:, -1].any()
         upright = max(0.0, -float(links[camera][2, 1]))
         worth = float(mine.sum()) * (0.2 if cut else 1.0) * (0.3 + 0.7 * upright)
@@ -157,8 +159,10 @@ def marks(film: Film, state: State, T_world_camera: Array) -> list[Polyline]:
     scene = film.scene
     lines = [Polyline(g, GRID_COLOUR, 1.0, hidden=0.0, halo_px=0.0) for g in grid(scene.cabinet, scene.regions_n, -0.0025)]
     lines.append(Polyline(front_edges(scene.cabinet), (0.42, 0.47, 0.54), 2.0, hidden=0.0, halo_px=0.0))
-    target = film.colours[scene.target]
-    T, radius = ring(scene.cabinet, scene.body(scene.target))
+    if film.target is None:
+        return lines
+    target = film.colours[film.target.name]
+    T, radius = ring(scene.cabinet, film.target)
     lines.append(Polyline(apply(T, circle(radius)), target, 3.5, hidden=0.45, halo_px=0.0))
     for body in film.bodies(state):
         if body.name == scene.target:

@@ -21,7 +21,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, RobotRef, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import inverse, transform
-from planning.io.documents import scene_from_json, scene_to_json
+from planning.io.scene_documents import scene_from_json, scene_to_json
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.scene_generation import SPECS, NoScene, Spec, generate, load_spec

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
-from planning.io.documents import scene_from_json
+from planning.io.scene_documents import scene_from_json
 from retrieve_cli.plan import run as plan
 from retrieve_cli.sense import parse_box, run
 

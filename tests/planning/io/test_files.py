@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 from kinematics.errors import InputError
 from kinematics.scene import Scene
 from kinematics.transforms import rotation_from_wxyz, transform, wxyz_from_rotation
-from planning.io.documents import plan_from_json, plan_to_json, scene_from_json, scene_to_json
 from planning.io.files import plan_writer, read_either, read_plans, read_scenes, replacing, scene_writer
+from planning.io.plan_documents import plan_from_json, plan_to_json
+from planning.io.scene_documents import scene_from_json, scene_to_json
 from planning.plan import Blocked
 
 Change = Callable[[dict[str, Any]], object]
@@ -222,7 +223,7 @@ MISTAKES: list[tuple[Change, str]] = [
     (_set("objects.0.T_world_object.p", [0.6, 0.06, 0.15]), "objects[0]: 'box_0' overlaps 'can_1' by 20.0 mm; move one of them"),
     (_set("objects.0.T_world_object.p", [0.5, 0.0, 0.145]), "objects[0]: 'box_0' overlaps the cabinet's wall 'floor' by 5.0 mm; "),
     (_set("objects.0.T_world_object.p", [0.6, 0.1, 0.16]), "objects[0]: 'box_0' overlaps 'can_1' by "),
-    (_set("schema", "retrieve/scene@2"), "schema: 'retrieve/scene@2' is too new: update the program; this program reads "),
+    (_set("schema", "retrieve/scene@3"), "schema: 'retrieve/scene@3' is too new: update the program; this program reads "),
     (
         _set("schema", "retrieve/scene@0"),
         "schema: 'retrieve/scene@0' is too old: write the file again; this program reads ",
@@ -231,7 +232,7 @@ MISTAKES: list[tuple[Change, str]] = [
         _set("schema", "retrieve/plan@1"),
         "schema: this is a plan, and a scene is expected; plans go to `retrieve report` and `retrieve show`",
     ),
-    (_set("schema", "scene"), "schema: 'scene' is unknown; this program reads retrieve/scene@1 and retrieve/plan@1"),
+    (_set("schema", "scene"), "schema: 'scene' is unknown; this program reads retrieve/scene@1 and retrieve/scene@2 and "),
     (_set("schema", 1), "schema: the number 1 stands where a text is expected"),
     (_set("observation", {}), "observation: missing field 'objects'"),
     (_set("observation", {**documents.observed()["observation"], "known": 1.5}), "observation.known: 1.5 is above 1"),

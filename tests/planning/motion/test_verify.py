@@ -22,7 +22,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import Array, rotation_about, transform
-from planning.io.documents import plan_from_json, scene_from_json
+from planning.io.plan_documents import plan_from_json
+from planning.io.scene_documents import scene_from_json
 from planning.motion.sampling import RESOLUTION_M, samples
 from planning.motion.verify import hand_poses, verify
 from planning.plan import Motion

@@ -15,7 +15,7 @@ from kinematics.robots.robot import from_ref
 from kinematics.scene import Scene
 from kinematics.transforms import apply, inverse, transform, wxyz_from_rotation
 from perception.camera import look_at
-from planning.io.documents import scene_from_json
+from planning.io.scene_documents import scene_from_json
 from retrieve_cli.drawing.page import page
 from retrieve_cli.drawing.picture import Film
 from retrieve_cli.drawing.still import items, seen_lines

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from kinematics.errors import InputError
 from planning import metrics
-from planning.io.documents import plan_from_json
+from planning.io.plan_documents import plan_from_json
 from planning.metrics import KINDS, MAX_MOVES, PAPER, Episode, failure
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 from planning.statistics import Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson

@@ -1,0 +1,70 @@
+"""What a sensed scene carries beside the truth, to JSON and back: boxes, regions, views, and what nobody has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.transforms import Array
+from planning.io.checked import Node
+from planning.io.documents import numbers, pose_to_json
+
+MOST_CELLS = 10**8
+
+
+def observation_from_node(node: Node) -> dict[str, Any]:
+    """What a sensed scene carries: checked, and passed on as it is."""
+    f = node.record(("objects", "regions", "views", "known"))
+    for item in f["objects"].items():
+        o = item.record(("name", "box"), extra=True)
+        o["name"].text()
+        o["box"].vector(6)
+    for item in f["regions"].items():
+        item.vector(4)
+    for item in f["views"].items():
+        v = item.record(("T_world_camera", "known"), ("unknown",), extra=True)
+        if "unknown" in v:
+            _unknown(v["unknown"])
+        v["T_world_camera"].pose()
+        v["known"].number(least=0, most=1)
+    f["known"].number(least=0, most=1)
+    return dict(node.value)
+
+
+def _unknown(node: Node) -> None:
+    """Raises InputError for boxes that are not of whole cells within the cabinet."""
+    u = node.record(("cells", "boxes"))
+    cells = u["cells"].vector(3)
+    if (cells % 1 != 0).any() or (cells < 1).any() or np.prod(cells) > MOST_CELLS:
+        raise u["cells"].error(f"three whole numbers from 1 on are needed, whose product is at most {MOST_CELLS}")
+    for item in u["boxes"].items():
+        box = item.vector(6)
+        if (box % 1 != 0).any() or (box[:3] < 0).any() or (box[:3] >= box[3:]).any() or (box[3:] > cells).any():
+            raise item.error("a box is six whole numbers, its first cell and the one after its last along x, y and z, within the cells")
+
+
+def observation_to_json(
+    boxes: Mapping[str, Array],
+    regions: Array,
+    views: Sequence[tuple[Array, float]],
+    known: float,
+    cells: tuple[int, ...],
+    unknown: NDArray[np.int64],
+) -> dict[str, Any]:
+    """What a sensed scene carries: boxes by name (6,), regions (n², 4), each view's T_world_camera and the share known after it.
+
+    cells (3,): into how many cells the cabinet's depth, width and height are divided; unknown (B, 6): boxes that fill what nobody has seen
+    after the last view, which tells of them: their first cell and the one after their last, along each.
+    """
+    seen: list[dict[str, Any]] = [{"T_world_camera": pose_to_json(T), "known": float(share)} for T, share in views]
+    if seen:
+        seen[-1]["unknown"] = {"cells": [int(n) for n in cells], "boxes": [[int(i) for i in row] for row in unknown]}
+    return {
+        "objects": [{"name": name, "box": numbers(box)} for name, box in boxes.items()],
+        "regions": [numbers(row) for row in regions],
+        "views": seen,
+        "known": float(known),
+    }

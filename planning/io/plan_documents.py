@@ -1,0 +1,120 @@
+"""Plans to JSON documents and back: the field names of DESIGN's contract, and every check that a plan must pass."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kinematics.scene import Held
+from planning.io.checked import Node
+from planning.io.documents import expect, numbers, pose_to_json, without_none
+from planning.plan import STAGES, Blocked, Motion, Move, Plan
+
+PLAN = "retrieve/plan@1"
+RULES = ("deep", "region", "strict")
+
+
+def plan_to_json(plan: Plan) -> dict[str, Any]:
+    """A plan as schema/plan.schema.json has it."""
+    return {
+        "schema": PLAN,
+        "scene": plan.scene,
+        "policy": plan.policy,
+        "rule": plan.rule,
+        "success": bool(plan.success),
+        "reason": _blocked_to_json(plan.reason),
+        "moves": [
+            {
+                "object": m.object,
+                "region": int(m.region),
+                "T_world_from": pose_to_json(m.T_world_from),
+                "T_world_to": pose_to_json(m.T_world_to),
+                "done": bool(m.done),
+                "reason": _blocked_to_json(m.reason),
+            }
+            for m in plan.moves
+        ],
+        "motions": [
+            {
+                "stage": m.stage,
+                "joint_names": list(m.joint_names),
+                "q": [numbers(row) for row in m.q],
+                "t_s": numbers(m.t_s),
+                "held": None if m.held is None else {"body": m.held.body, "T_hand_body": pose_to_json(m.held.T_hand_body)},
+                "may_touch": [list(pair) for pair in m.allowed_contacts],
+            }
+            for m in plan.motions
+        ],
+        "planning_time_s": float(plan.planning_time_s),
+        "motion_time_s": float(plan.motion_time_s),
+        "hand_travel_m": float(plan.hand_travel_m),
+        "return": float(plan.value),
+        "verified": bool(plan.verified),
+    }
+
+
+def plan_from_json(document: Any, where: str = "plan") -> Plan:
+    """The inverse of `plan_to_json`, checked. Raises InputError that begins with `where`."""
+    return plan_from_node(Node(document, where))
+
+
+def plan_from_node(node: Node) -> Plan:
+    expect(node, "plan")
+    words = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
+    f = node.record((*words, "planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified"), extra=True)
+    return Plan(
+        scene=f["scene"].text(),
+        policy=f["policy"].text(),
+        rule=f["rule"].text(RULES),
+        success=f["success"].flag(),
+        reason=_blocked(f["reason"]),
+        moves=tuple(_move(m) for m in f["moves"].items()),
+        motions=tuple(_motion(m) for m in f["motions"].items()),
+        planning_time_s=f["planning_time_s"].number(least=0),
+        motion_time_s=f["motion_time_s"].number(least=0),
+        hand_travel_m=f["hand_travel_m"].number(least=0),
+        value=f["return"].number(),
+        verified=f["verified"].flag(),
+    )
+
+
+def _move(node: Node) -> Move:
+    f = node.record(("object", "region", "T_world_from", "T_world_to", "done", "reason"), extra=True)
+    poses = (f["T_world_from"].pose(), f["T_world_to"].pose())
+    return Move(f["object"].text(), f["region"].integer(least=0), *poses, f["done"].flag(), _blocked(f["reason"]))
+
+
+def _motion(node: Node) -> Motion:
+    f = node.record(("stage", "joint_names", "q", "t_s", "held", "may_touch"), extra=True)
+    names = tuple(name.text() for name in f["joint_names"].items(least=1))
+    q = f["q"].matrix(len(names))
+    t_s = f["t_s"].vector(len(q))
+    if (t_s[1:] < t_s[:-1]).any() or t_s[0] < 0:
+        raise f["t_s"].error("runs backwards; times start at 0 or later and never decrease")
+    held = None
+    if f["held"].value is not None:
+        h = f["held"].record(("body", "T_hand_body"), extra=True)
+        held = Held(h["body"].text(), h["T_hand_body"].pose())
+    pairs = []
+    for pair in f["may_touch"].items():
+        if len(two := [name.text() for name in pair.items(least=2)]) > 2:
+            raise pair.error(f"holds {len(two)} names, and 2 are needed")
+        pairs.append((two[0], two[1]))
+    return Motion(f["stage"].text(STAGES), names, q, t_s, held, tuple(pairs))
+
+
+def _blocked(node: Node) -> Blocked | None:
+    if node.value is None:
+        return None
+    if isinstance(node.value, str):
+        return Blocked(node.text())
+    f = node.record(("stage",), ("link", "body", "depth_m", "detail"), extra=True)
+    words = {key: f[key].text() for key in ("link", "body", "detail") if key in f and f[key].value is not None}
+    depth = f["depth_m"].number() if "depth_m" in f and f["depth_m"].value is not None else None
+    return Blocked(f["stage"].text(), words.get("link"), words.get("body"), depth, words.get("detail"))
+
+
+def _blocked_to_json(why: Blocked | None) -> dict[str, Any] | None:
+    if why is None:
+        return None
+    depth = None if why.depth_m is None else float(why.depth_m)
+    return without_none({"stage": why.stage, "link": why.link, "body": why.body, "depth_m": depth, "detail": why.detail})

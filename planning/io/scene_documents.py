@@ -1,0 +1,290 @@
+"""Scenes to JSON documents and back: the field names of DESIGN's contract, and every check that a scene must pass.
+
+A scene that uses nothing of version 2 is written as version 1. Paths inside a file (meshes, URDFs) are relative to its folder; in memory
+they are absolute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from kinematics.collision.fcl_solids import overlapping
+from kinematics.errors import blame, did_you_mean
+from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, load_mesh
+from planning.io.checked import Node
+from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
+from planning.io.observation_documents import observation_from_node
+
+SCENE_1, SCENE_2 = "retrieve/scene@1", "retrieve/scene@2"
+SOURCES = ("given", "seen")
+OVERLAP_TOLERANCE_M = 0.001
+"""Solids that overlap by no more than this stand side by side."""
+
+LoadMesh = Callable[[str, float], ConvexMesh]
+
+
+def mesh_loader(folder: Path) -> LoadMesh:
+    """Reads the meshes of one file, each once."""
+
+    @cache
+    def load(file: str, scale: float) -> ConvexMesh:
+        path = (folder / file).resolve()
+        return load_mesh(path, scale, str(path))
+
+    return load
+
+
+# Writing --------------------------------------------------------------------------------------------------------------------------------
+
+
+def scene_to_json(scene: Scene, folder: Path | None = None) -> dict[str, Any]:
+    """A scene as schema/scene.schema.json has it. Files inside `folder` (default: the current one) are written relative to it."""
+    at = folder or Path.cwd()
+    cabinet = scene.cabinet
+    second = _second_version(scene, at)
+    robot_2 = _robot_second_version(scene.robot)
+    objects = [_body_to_json(b, at) for b in scene.objects]
+    is_second = bool(second or robot_2 or not objects or any(b.max_tilt_deg is not None or b.source != "given" for b in scene.objects))
+    document: dict[str, Any] = {
+        "schema": SCENE_2 if is_second else SCENE_1,
+        "id": scene.id,
+        "seed": [int(s) for s in scene.seed] or None,
+        "robot": {**_robot_to_json(scene.robot, at), **robot_2},
+        "cabinet": {
+            "size_m": numbers(cabinet.size_m),
+            "T_world_cabinet": pose_to_json(cabinet.T_world_cabinet),
+            "wall_m": float(cabinet.wall_m),
+        },
+        "regions": {"n": int(scene.regions_n)},
+        "approaches": list(scene.approaches),
+        "objects": objects,
+        "target": scene.target,
+        "grasp": None if scene.grasp is None else _grasp_to_json(scene.grasp),
+        "observation": scene.observation,
+    }
+    return {**without_none(document), **second}
+
+
+def _second_version(scene: Scene, folder: Path) -> dict[str, Any]:
+    """The fields that only version 2 has, or that only there are null; none when the scene can be said in version 1."""
+    fields: dict[str, Any] = {}
+    if scene.obstacles:
+        fields["obstacles"] = [_body_to_json(b, folder) for b in scene.obstacles]
+    if scene.target is None or scene.target not in scene.poses():
+        fields["target"] = scene.target
+    if scene.target_box is not None:
+        fields["target_box"] = numbers(scene.target_box)
+    if scene.grasp is None:
+        fields["grasp"] = None
+    if scene.grasps:
+        fields["grasps"] = [{**_grasp_to_json(grasp), "score": float(score)} for grasp, score in scene.grasps]
+    return fields
+
+
+def _robot_to_json(ref: RobotRef, folder: Path) -> dict[str, Any]:
+    return without_none({
+        "name": ref.name,
+        "urdf": relative(ref.urdf, folder),
+        "hand_frame": ref.hand_frame,
+        "gripper_joint": ref.gripper_joint,
+        "T_world_base": pose_to_json(ref.T_world_base),
+    })  # fmt: skip
+
+
+def _robot_second_version(ref: RobotRef) -> dict[str, Any]:
+    return without_none({
+        "q_start": None if ref.q_start is None else {name: float(q) for name, q in ref.q_start.items()},
+        "home": None if ref.home is None else {name: float(q) for name, q in ref.home.items()},
+        "T_link_hand": None if ref.T_link_hand is None else pose_to_json(ref.T_link_hand),
+        "gripper_joints": list(ref.gripper_joints) or None,
+        "mount": ref.mount,
+    })  # fmt: skip
+
+
+def _body_to_json(body: Body, folder: Path) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "name": body.name,
+        "shape": _shape_to_json(body.shape, folder),
+        "T_world_object": pose_to_json(body.T_world_body),
+    }
+    if body.max_tilt_deg is not None:
+        document["max_tilt_deg"] = float(body.max_tilt_deg)
+    if body.source != "given":
+        document["source"] = body.source
+    return document
+
+
+def _shape_to_json(shape: Shape, folder: Path) -> dict[str, Any]:
+    match shape:
+        case Box():
+            return {"type": "box", "size_m": numbers(shape.size_m)}
+        case Cylinder():
+            return {"type": "cylinder", "radius_m": float(shape.radius_m), "height_m": float(shape.height_m)}
+        case ConvexMesh():
+            if not shape.file:
+                raise ValueError("a mesh that was not read from a file can't be written into a scene")
+            return {"type": "mesh", "file": relative(shape.file, folder), "scale": float(shape.scale)}
+
+
+def _grasp_to_json(grasp: Grasp) -> dict[str, Any]:
+    return {"T_world_hand": pose_to_json(grasp.T_world_hand), "width_m": float(grasp.width_m)}
+
+
+# Reading --------------------------------------------------------------------------------------------------------------------------------
+
+
+def scene_from_json(document: Any, where: str = "scene", folder: Path | None = None) -> Scene:
+    """The inverse of `scene_to_json`, checked. Raises InputError that begins with `where`."""
+    at = (folder or Path.cwd()).resolve()
+    return scene_from_node(Node(document, where), at, mesh_loader(at))
+
+
+def scene_from_node(node: Node, folder: Path, load: LoadMesh) -> Scene:
+    """A scene of either version, checked. load: reads meshes by their path in the file and their scale. Raises InputError."""
+    second = expect(node, "scene") >= 2
+    f = _fields(
+        node, second, ("schema", "id", "robot", "cabinet", "regions", "objects", "target", "grasp"), ("seed", "approaches", "observation"),
+        ("obstacles", "grasps", "target_box"),
+    )  # fmt: skip
+    cabinet = f["cabinet"].record(("size_m", "T_world_cabinet", "wall_m"))
+    objects = _bodies(f["objects"], load, second, WALLS, least=0 if second else 1)
+    taken = (*WALLS, *(b.name for b in objects))
+    obstacles = _bodies(f["obstacles"], load, second, taken, least=0, still=True) if "obstacles" in f else ()
+    scene = Scene(
+        id=f["id"].text(),
+        robot=_robot(f["robot"], folder, second),
+        cabinet=Cabinet(
+            cabinet["size_m"].vector(3, positive=True), cabinet["T_world_cabinet"].pose(), cabinet["wall_m"].number(positive=True)
+        ),
+        objects=objects,
+        target=_target(f["target"], objects, second),
+        grasp=_grasp(f["grasp"]) if not second or f["grasp"].value is not None else None,
+        regions_n=f["regions"].record(("n",))["n"].integer(least=1),
+        approaches=tuple(a.text(APPROACHES) for a in f["approaches"].items(least=1)) if "approaches" in f else APPROACHES,
+        seed=tuple(s.integer() for s in f["seed"].items()) if "seed" in f else (),
+        observation=observation_from_node(f["observation"]) if "observation" in f else None,
+        obstacles=obstacles,
+        grasps=tuple(_ranked_grasp(g) for g in f["grasps"].items()) if "grasps" in f else (),
+        target_box=_target_box(f["target_box"]) if "target_box" in f else None,
+    )
+    if scene.target is not None and scene.target_box is not None:
+        raise f["target_box"].error("stands beside a target that is named; it is for a target of null")
+    _check_overlaps(scene, f["objects"])
+    return scene
+
+
+def _fields(node: Node, second: bool, required: Sequence[str], optional: Sequence[str], of_second: Sequence[str]) -> dict[str, Node]:
+    """The fields of an object that has more of them in version 2."""
+    if not second and isinstance(node.value, dict) and (later := [name for name in of_second if name in node.value]):
+        raise node.error(f'the field {later[0]!r} came with version 2: write "schema": "{SCENE_2}"')
+    return node.record(required, (*optional, *of_second) if second else optional)
+
+
+def _target(node: Node, objects: Sequence[Body], second: bool) -> str | None:
+    """A target's name; in version 2 it may be unknown, or the name of what was not seen yet."""
+    if second and node.value is None:
+        return None
+    target, names = node.text(), [b.name for b in objects]
+    unseen = second and all(b.source == "seen" for b in objects)
+    if target not in names and not unseen:
+        raise node.error(f"{target!r} is not among the objects ({', '.join(names)}){did_you_mean(target, names)}")
+    return target
+
+
+def _target_box(node: Node) -> Any:
+    box = node.vector(6)
+    if (box[3:] <= 0).any():
+        raise node.error("its size is not positive; a box is [cx, cy, cz, dx, dy, dz], centre and size in metres")
+    return box
+
+
+def _grasp(node: Node) -> Grasp:
+    f = node.record(("T_world_hand", "width_m"))
+    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0))
+
+
+def _ranked_grasp(node: Node) -> tuple[Grasp, float]:
+    f = node.record(("T_world_hand", "width_m", "score"))
+    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0)), f["score"].number()
+
+
+def _robot(node: Node, folder: Path, second: bool) -> RobotRef:
+    f = _fields(
+        node, second, ("T_world_base",), ("name", "urdf", "hand_frame", "gripper_joint"),
+        ("q_start", "home", "T_link_hand", "gripper_joints", "mount"),
+    )  # fmt: skip
+    if ("name" in f) == ("urdf" in f):
+        raise node.error(
+            "must say either 'name' (a named robot) or 'urdf' (a file), " + ("not both" if "name" in f else "and says neither")
+        )
+    name, urdf, hand, joint = (f[key].text() if key in f else None for key in ("name", "urdf", "hand_frame", "gripper_joint"))
+    if urdf is not None and not (folder / urdf).is_file():
+        raise f["urdf"].error(f"the file {folder / urdf} does not exist; the path is relative to the scene file")
+    return RobotRef(
+        f["T_world_base"].pose(),
+        name,
+        str((folder / urdf).resolve()) if urdf else None,
+        hand,
+        joint,
+        q_start=_joint_values(f["q_start"]) if "q_start" in f else None,
+        home=_joint_values(f["home"]) if "home" in f else None,
+        T_link_hand=f["T_link_hand"].pose() if "T_link_hand" in f else None,
+        gripper_joints=tuple(j.text() for j in f["gripper_joints"].items(least=1)) if "gripper_joints" in f else (),
+        mount=f["mount"].flag() if "mount" in f else None,
+    )
+
+
+def _joint_values(node: Node) -> Mapping[str, float]:
+    """Values by joint name; which joints there are is known when the robot is loaded."""
+    names = tuple(node.value) if isinstance(node.value, dict) else ()
+    return {name: joint.number() for name, joint in node.record((), names).items()}
+
+
+def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *, least: int, still: bool = False) -> tuple[Body, ...]:
+    """Objects, or obstacles (`still`). taken: names that stand for something else."""
+    bodies: dict[str, Body] = {}
+    for item in node.items(least=least):
+        f = _fields(item, second, ("name", "shape", "T_world_object"), (), () if still else ("max_tilt_deg", "source"))
+        name = f["name"].text()
+        if name in bodies:
+            raise f["name"].error(f"{name!r} is the name of an {'obstacle' if still else 'object'} before it; each needs its own")
+        if name in taken:
+            what = "a wall of the cabinet" if name in WALLS else "an object"
+            raise f["name"].error(f"{name!r} is {what}; choose another name")
+        bodies[name] = Body(
+            name,
+            _shape(f["shape"], load),
+            f["T_world_object"].pose(),
+            f["max_tilt_deg"].number(least=0, most=180) if "max_tilt_deg" in f else None,
+            "seen" if "source" in f and f["source"].text(SOURCES) == "seen" else "given",
+        )
+    return tuple(bodies.values())
+
+
+def _shape(node: Node, load: LoadMesh) -> Shape:
+    fields = {"box": ("size_m",), "cylinder": ("radius_m", "height_m"), "mesh": ("file",)}
+    kind = node.record(("type",), tuple(node.value) if isinstance(node.value, dict) else ())["type"].text(fields)
+    f = node.record(("type", *fields[kind]), ("scale",) if kind == "mesh" else ())
+    if kind == "box":
+        return Box(f["size_m"].vector(3, positive=True))
+    if kind == "cylinder":
+        return Cylinder(f["radius_m"].number(positive=True), f["height_m"].number(positive=True))
+    file, scale = f["file"].text(), f["scale"].number(positive=True) if "scale" in f else 1.0
+    with blame(f"{node.where}: {f['file'].path}"):
+        return load(file, scale)
+
+
+def _check_overlaps(scene: Scene, node: Node) -> None:
+    """Raises InputError when an object overlaps another, a wall or an obstacle by more than the tolerance: the deepest is named."""
+    still = {**dict.fromkeys(WALLS, "the cabinet's wall"), **{b.name: "the obstacle" for b in scene.obstacles}}
+    for contact in overlapping((*scene.cabinet.walls(), *scene.obstacles, *scene.objects), OVERLAP_TOLERANCE_M):
+        a, b = sorted((contact.a, contact.b), key=lambda name: name in still)
+        if a in still:  # walls meet at the edges, and furniture stands as it was built
+            continue
+        i = next(i for i, body in enumerate(scene.objects) if body.name == a)
+        what = f"{still[b]} {b!r}" if b in still else repr(b)
+        raise node.items()[i].error(f"{a!r} overlaps {what} by {1000 * contact.depth_m:.1f} mm; move one of them")

@@ -9,6 +9,8 @@ z up. Hand frame: origin between the finger pads, z along the approach, y the wa
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -155,6 +157,13 @@ class Scene:
             if b.name == name:
                 return b
         raise KeyError(name)
+
+    @property
+    def random_word(self) -> int:
+        """A number (63 bits) for the seeds of random generators, from the scene's own id and seed alone: what is drawn for a scene does not
+        depend on which scenes come before it, nor on who draws."""
+        words = json.dumps([self.id, [int(s) for s in self.seed]]).encode()
+        return int.from_bytes(hashlib.sha256(words).digest()[:8], "little") >> 1
 
     def poses(self) -> dict[str, Array]:
         """The objects' poses T_world_object at the beginning, by name."""

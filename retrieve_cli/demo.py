@@ -103,7 +103,7 @@ def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:
     from retrieve_cli.plan import STAGE
 
     motions = Motions(arm, scene)
-    rng = np.random.default_rng([seed, STAGE, 0])
+    rng = np.random.default_rng([seed, STAGE, scene.random_word])
     return retrieve(scene, make_policy(POLICY, motions), motions, name=POLICY, rng=rng), motions
 
 

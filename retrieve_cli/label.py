@@ -117,14 +117,16 @@ def label_item(job: Job, item: Item) -> list[Row]:
     from planning.scene_generation import NoScene
 
     with blame(item.where, NoScene):
-        scene = item.scene
-        if scene is None:
+        scene, index = item.scene, item.index
+        if scene is not None:
+            index = scene.random_word  # its place in the file is nobody's business
+        else:
             assert job.robot is not None
             assert job.variety is not None
-            spec = job.specs[item.index % len(job.specs)]
-            scene = varied_scene(spec, from_ref(job.robot), job.robot, job.seed, item.index, job.variety)
+            spec = job.specs[index % len(job.specs)]
+            scene = varied_scene(spec, from_ref(job.robot), job.robot, job.seed, index, job.variety)
         found = rows(
-            from_ref(scene.robot), scene, job.seed, item.index,
+            from_ref(scene.robot), scene, job.seed, index,
             paths=job.paths, moves=job.moves, objects=job.objects, partly_seen=job.partly_seen,
         )  # fmt: skip
         return list(found)

@@ -143,7 +143,7 @@ def plan_scene(job: Job, item: Item) -> Plan:
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
         policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None)
-    rng = np.random.default_rng([job.seed, STAGE, item.index])
+    rng = np.random.default_rng([job.seed, STAGE, item.scene.random_word])
     return retrieve(item.scene, policy, motions, name=name, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
 
 
@@ -172,7 +172,7 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
-            rng=np.random.default_rng([job.seed, STAGE, item.index]),
+            rng=np.random.default_rng([job.seed, STAGE, item.scene.random_word]),
         )
 
 

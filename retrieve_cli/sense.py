@@ -58,7 +58,7 @@ def run(
             with blame(where):
                 arm = from_ref(scene.robot, on_step=say)
                 if from_views is None:
-                    rng = np.random.default_rng([seed, STAGE, index])
+                    rng = np.random.default_rng([seed, STAGE, scene.random_word])
                     frames, voxels, reason = look(scene, arm, Limits(share=share, views=max_views), noise, rng)
                 else:
                     recorded = read_frames(from_views, scene=None if _is_one(from_views) else index)

@@ -14,7 +14,7 @@ from kinematics.robots.robot import Robot, check_names, load
 from kinematics.scene import WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import transform
-from planning.io.documents import scene_from_json
+from planning.io.scene_documents import scene_from_json
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
 from planning.scene_generation import generate, load_spec

@@ -105,7 +105,7 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
     """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
-    The hand's x points up, or for downward grasps away from the cabinet's front, so that a camera on that side sees over the object.
+    The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
     low, high = bounds(body.shape, body.T_world_body)
     middle, height = (low + high) / 2, high[2] - low[2]
@@ -135,8 +135,8 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
 
 
 def _level_hand(ahead: Array, pitch: float) -> Array:
-    """Rotation (3, 3) of a hand that looks along `ahead` (3,), level, and down by `pitch`: it closes level, its x is up, or ahead if it
-    looks straight down."""
+    """Rotation (3, 3) of a hand that looks along `ahead` (3,), level, and down by `pitch`: it closes level, its x is up, or
+    opposite to `ahead` if it looks straight down."""
     co, si = np.cos(pitch), np.sin(pitch)
     a, b = float(ahead[0]), float(ahead[1])
     y = (b, -a) if pitch < 1.5 else (-b, a)  # approach × up, or ahead × approach

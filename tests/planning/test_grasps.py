@@ -77,6 +77,37 @@ def test_a_line_that_misses_a_box_or_runs_along_a_face() -> None:
         assert (crossing(BOX, [0, beside, 0], diagonal) is not None) == hit
 
 
+def test_a_line_that_touches_an_edge_or_a_rim_in_one_point_misses() -> None:
+    across = np.array([0.6, -0.8, 0.0])
+    assert crossing(BOX, [0.02, 0.03, 0.0], across * [1, -1, 1]) is not None
+    assert crossing(BOX, [0.02, 0.03, 0.0], across) is None
+    assert crossing(CAN, [-0.03, 0.0, 0.05], [0.6, 0.0, 0.8]) is None
+    assert crossing(CAN, [0.03, 0.0, 0.0], Y) is None
+
+
+def test_a_line_that_is_all_but_parallel_to_a_face() -> None:
+    """It meets the face a million kilometres away, if at all: beside the box it misses, in the box it is as good as parallel."""
+    for slope in (1e-13, 1e-12, 1.5e-12, 1e-9):
+        for sign in (1, -1):
+            d = [1.0, sign * slope, 0.0]
+            assert crossing(BOX, [0, 0.031, 0], d) is None
+            assert crossing(BOX, [0, -0.031, 0], d) is None
+            assert crossing(BOX, [0, 0.029, 0], d) == pytest.approx((-0.02, 0.02))
+
+
+def test_a_line_all_but_along_a_can_leaves_by_the_side() -> None:
+    """Ten nanometres inside the side, and leaning: less than a millionth is taken for upright."""
+    assert 1e-6**2 == 1e-12
+    for lean, leaves in ((0.9e-6, 0.05), (1e-6, 0.01), (1.25e-6, 0.008)):
+        assert crossing(CAN, [0.03 - 1e-8, 0, 0], [lean, 0.0, 1.0]) == pytest.approx((-0.05, leaves), rel=1e-5)
+
+
+def test_on_the_rim_the_side_counts() -> None:
+    down = np.array([0.6, 0.0, -0.8])
+    assert normals(CAN, [-0.03, 0, 0.05], down) == [[-1, 0, 0], pytest.approx([1, 0, 0])]
+    assert normals(CAN, [0.03, 0, -0.05], down) == [pytest.approx([-1, 0, 0]), [1, 0, 0]]
+
+
 def test_a_line_across_an_edge_of_a_box() -> None:
     """It enters through one face and leaves through another, whose normals are told."""
     assert crossing(BOX, [0, 0.02, 0], np.array([0.6, 0.8, 0.0])) == pytest.approx((-0.02 / 0.6, 0.01 / 0.8))
@@ -196,6 +227,9 @@ def test_fingers_do_not_close_on_faces_that_look_up() -> None:
         assert len(closing_directions(BOX, transform(rotation_about(X, rise + more)))) == n
         assert len(closing_directions(BOX, transform(rotation_about(X, -rise - more)))) == n
     assert closing_directions(BOX, transform(rotation_about(X, np.pi / 4))) == pytest.approx([0.0])
+    T = np.eye(4)
+    T[:3, 0] = np.sqrt(0.96), 0.0, 0.2  # that much itself is too much
+    assert closing_directions(BOX, T) == pytest.approx([np.pi / 2], abs=1e-6)
 
 
 def test_fingers_close_all_round_on_everything_else() -> None:
@@ -377,8 +411,16 @@ def test_pads_close_on_a_skew_side_only_within_the_friction_cone() -> None:
             assert any(looks(g) == (0.0, 0.0) for g in found_on(mesh, "horizontal")) == holds
 
 
+def test_normals_at_the_edge_of_the_friction_cone_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without friction just those along the closing direction are left."""
+    monkeypatch.setattr(grasps, "FRICTION_ANGLE", 0.0)
+    assert {abs(looks(g)[0]) for g in found_on(BOX, "horizontal")} == {round(np.pi / 2, 6)}
+
+
 def test_what_is_too_wide_is_not_grasped() -> None:
     """Two millimetres must be left on each side."""
+    assert 0.096 + 0.004 == PLAIN.max_m
+    assert len(found_on(Box(np.array([0.096, 0.04, 0.1])), "horizontal")) == 8
     for width, n in ((0.0959, 8), (0.0961, 4)):
         assert len(found_on(Box(np.array([0.04, width, 0.1])), "horizontal")) == n
     assert found_on(Cylinder(0.049, 0.1), "horizontal") == []
@@ -427,6 +469,20 @@ def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
     assert steep.T_world_hand[:3, 3] == pytest.approx([-back * np.cos(np.pi / 6), 0.0, 0.01 + back * np.sin(np.pi / 6)])
     above = found_on(Box(np.array([0.08, 0.05, 0.30])), "downward", opening=opening, floor_z=-0.15)[0]
     assert above.T_world_hand[:3, 3] == pytest.approx([0.0, 0.0, 0.13])
+
+
+def test_how_deep_depends_on_the_width() -> None:
+    """The table is asked at the object's width, which is measured where the pads would close: 3 cm at 5 cm, so 1.2 cm are left over."""
+    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.02, 0.04]))
+    first = found_on(Box(np.array([0.08, 0.05, 0.10])), "horizontal", opening=opening)[0]
+    assert first.T_world_hand[:3, 3] == pytest.approx([-(0.04 + BEHIND_M - 0.03), 0.0, 0.01], abs=1e-6)
+
+
+def test_how_far_a_mesh_reaches_is_measured_on_its_box() -> None:
+    """A round mesh reaches further across its box's corners, where the pads would close so far forward that they slip off."""
+    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.0305))
+    found = found_on(ConvexMesh((prism(0.03, 0.1, 48),)), "horizontal", opening=opening)
+    assert {round(np.degrees(looks(g)[0])) % 360 for g in found} == {0, 90, 180, 270}
 
 
 def test_a_grasp_that_would_close_beside_a_set_back_mesh_is_left_out() -> None:

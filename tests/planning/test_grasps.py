@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kinematics.gripper import Opening
+from kinematics.robots.gripper import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
@@ -35,9 +35,9 @@ X, Y, Z = np.eye(3)
 
 def test_the_numbers() -> None:
     """All of them in one place; whoever changes one changes plans."""
-    assert FRICTION_ANGLE == pytest.approx(np.radians(10))
+    assert pytest.approx(np.radians(10)) == FRICTION_ANGLE
     assert (CLEARANCE_M, BELOW_TOP_M, BEHIND_M, LEAST_BITE_M) == (0.010, 0.015, 0.002, 0.010)
-    assert PITCHES == {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
+    assert {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)} == PITCHES
     assert LOWEST_M == {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
     assert grasps.UP.tolist() == [0.0, 0.0, 1.0]
 
@@ -45,7 +45,9 @@ def test_the_numbers() -> None:
 # ------------------------------------------------------------------------------------------------------------------------------------ lines
 
 
-def crossing(shape: Shape, origin: Array | list[float], direction: Array | list[float], T: Array | None = None) -> tuple[float, float] | None:
+def crossing(
+    shape: Shape, origin: Array | list[float], direction: Array | list[float], T: Array | None = None
+) -> tuple[float, float] | None:
     found = line_contacts(shape, np.eye(4) if T is None else T, np.array(origin, float), np.array(direction, float))
     return None if found is None else (found.enter, found.leave)
 
@@ -154,7 +156,7 @@ def test_a_line_that_enters_a_can_by_the_lid_and_leaves_by_the_side() -> None:
 def test_a_line_through_a_mesh_is_measured_over_all_its_parts() -> None:
     """Two cubes of 2 cm, 4 cm apart: from the first's near face to the last's far face, or through the one that is met."""
     cube = box_corners(np.full(3, 0.01))
-    mesh = ConvexMesh((cube + [0.03, 0, 0], cube + [-0.03, 0.005, 0]))
+    mesh = ConvexMesh((cube + np.array([0.03, 0, 0]), cube + np.array([-0.03, 0.005, 0])))
     assert crossing(mesh, [0, 0, 0], X) == pytest.approx((-0.04, 0.04))
     assert crossing(mesh, [0, 0, 0], -X) == pytest.approx((-0.04, 0.04))
     assert normals(mesh, [0, 0, 0], X) == [pytest.approx([-1, 0, 0]), pytest.approx([1, 0, 0])]
@@ -203,7 +205,7 @@ def inside(shape: Shape, p: Array) -> Array:
             return np.asarray((across <= 0.03).all(1) & (np.abs(p[:, 2]) <= 0.04))
 
 
-# --------------------------------------------------------------------------------------------------------------------- closing, opening
+# ------------------------------------------------------------------------------------------------------------------------- closing, opening
 
 
 def test_fingers_close_on_the_upright_faces_of_a_box() -> None:
@@ -257,7 +259,7 @@ def test_how_far_before_the_middle_the_pads_close() -> None:
     assert set_back(0.005, 0.05, none) == 0.0
 
 
-# ------------------------------------------------------------------------------------------------------------------------------- heights
+# ---------------------------------------------------------------------------------------------------------------------------------- heights
 
 
 @pytest.mark.parametrize("kind", ["horizontal", "diagonal"])
@@ -291,7 +293,7 @@ def test_the_height_of_a_grasp_from_above() -> None:
     assert grasps._level("downward", 0.5, 0.52, 0.5, 0.6) is None
 
 
-# ------------------------------------------------------------------------------------------------------------------------------ the hand
+# --------------------------------------------------------------------------------------------------------------------------------- the hand
 
 
 def test_a_level_hand_closes_level_and_keeps_its_camera_up() -> None:
@@ -317,10 +319,12 @@ def test_a_hand_from_above_turns_its_camera_back() -> None:
         assert np.linalg.det(R) == pytest.approx(1.0)
 
 
-# ------------------------------------------------------------------------------------------------------------------------ all together
+# ----------------------------------------------------------------------------------------------------------------------------- all together
 
 
-def found_on(shape: Shape, *kinds: str, toward: float = 0.0, opening: Opening = PLAIN, T: Array | None = None, floor_z: float = -0.05) -> list[Grasp]:
+def found_on(
+    shape: Shape, *kinds: str, toward: float = 0.0, opening: Opening = PLAIN, T: Array | None = None, floor_z: float = -0.05
+) -> list[Grasp]:
     body = Body("it", shape, np.eye(4) if T is None else T)
     return list(sample_grasps(body, opening, kinds, floor_z, toward))
 
@@ -345,7 +349,14 @@ def test_the_most_natural_grasp_comes_first() -> None:
 
 
 def test_natural_is_along_the_bearing_of_the_object() -> None:
-    for toward, first in ((np.pi / 2, np.pi / 2), (-np.pi / 2, -np.pi / 2), (0.1, 0.0), (np.pi - 0.1, np.pi), (-3.0, np.pi), (1.2, np.pi / 2)):
+    for toward, first in (
+        (np.pi / 2, np.pi / 2),
+        (-np.pi / 2, -np.pi / 2),
+        (0.1, 0.0),
+        (np.pi - 0.1, np.pi),
+        (-3.0, np.pi),
+        (1.2, np.pi / 2),
+    ):
         bearing, pitch = looks(found_on(BOX, "horizontal", toward=toward)[0])
         assert np.cos(bearing - first) == pytest.approx(1.0)
         assert pitch == 0.0
@@ -419,7 +430,7 @@ def test_normals_at_the_edge_of_the_friction_cone_hold(monkeypatch: pytest.Monke
 
 def test_what_is_too_wide_is_not_grasped() -> None:
     """Two millimetres must be left on each side."""
-    assert 0.096 + 0.004 == PLAIN.max_m
+    assert PLAIN.max_m == 0.096 + 0.004
     assert len(found_on(Box(np.array([0.096, 0.04, 0.1])), "horizontal")) == 8
     for width, n in ((0.0959, 8), (0.0961, 4)):
         assert len(found_on(Box(np.array([0.04, width, 0.1])), "horizontal")) == n
@@ -453,7 +464,7 @@ def test_the_pads_close_where_their_table_says() -> None:
 
 
 def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
-    """The knuckles leave 2 cm; the box reaches 4 cm towards the hand: the pads close 2.2 cm before its middle; a can is taken in the middle."""
+    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.2 cm before its middle. A can is taken in its middle."""
     opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
     deep = Box(np.array([0.08, 0.05, 0.10]))
     first = found_on(deep, "horizontal", opening=opening)[0]
@@ -488,6 +499,8 @@ def test_how_far_a_mesh_reaches_is_measured_on_its_box() -> None:
 def test_a_grasp_that_would_close_beside_a_set_back_mesh_is_left_out() -> None:
     """A mesh that is shorter at the side of the hand than its box: where the pads would close, there is nothing."""
     opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.zeros(2))
-    post_behind = ConvexMesh((box_corners(np.array([0.01, 0.02, 0.05])) + [0.05, 0, 0], box_corners(np.array([0.05, 0.02, 0.005])) - [0.01, 0, 0.045]))
+    post_behind = ConvexMesh(
+        (box_corners(np.array([0.01, 0.02, 0.05])) + 0.05 * X, box_corners(np.array([0.05, 0.02, 0.005])) - np.array([0.01, 0, 0.045]))
+    )
     bearings = {looks(g)[0] for g in found_on(post_behind, "horizontal", opening=opening)}
     assert 0.0 not in bearings

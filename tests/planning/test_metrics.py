@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from planning import metrics
-from planning.intervals import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
 from planning.metrics import KINDS, MEASURES, PAPER, RULES, SHARES, Episode, failure, headlines, pairs, rows
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Move, Plan
 from planning.retrieval import Rule
+from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
 
 
 def move(done: bool = True, stage: str | None = None, name: str = "a", detail: str | None = None) -> Move:
@@ -24,7 +24,14 @@ def failed(stage: str, name: str = "a", detail: str | None = None) -> Move:
 
 
 def plan(
-    scene: str = "s", policy: str = "random", rule: str = "deep", *, success: bool = True, moves: Sequence[Move] = (), reason: Any = None, **more: Any
+    scene: str = "s",
+    policy: str = "random",
+    rule: str = "deep",
+    *,
+    success: bool = True,
+    moves: Sequence[Move] = (),
+    reason: Any = None,
+    **more: Any,
 ) -> Plan:
     given = {"planning_time_s": 0.5, "motion_time_s": 2.0, "hand_travel_m": 3.0, "value": -4.0, "verified": True, **more}
     return Plan(scene, policy, rule, success, reason, tuple(moves), (), **given)
@@ -37,11 +44,13 @@ def episode(scene: str, policy: str = "random", rule: str = "deep", *, success: 
     )
 
 
-# ------------------------------------------------------------------------------------------------------------------------ one plan's figures
+# ----------------------------------------------------------------------------------------------------------------------- one plan's figures
 
 
 def test_what_is_counted_of_a_success() -> None:
-    e = Episode.of(plan("0-7", "local", "region", moves=[failed("ik"), move(), failed("lift"), move(False), move(stage="grasp")], verified=False))
+    e = Episode.of(
+        plan("0-7", "local", "region", moves=[failed("ik"), move(), failed("lift"), move(False), move(stage="grasp")], verified=False)
+    )
     assert (e.scene, e.policy, e.rule, e.success, e.verified) == ("0-7", "local", "region", True, False)
     assert (e.moved, e.planning_time_s, e.motion_time_s, e.hand_travel_m, e.value) == (2, 0.5, 2.0, 3.0, -4.0)
     assert e.whole_time_s == 2.5
@@ -64,7 +73,7 @@ def test_the_names_in_reports() -> None:
     assert set(RULES) == set(Rule)
 
 
-# ---------------------------------------------------------------------------------------------------------------------- why a plan failed
+# ------------------------------------------------------------------------------------------------------------------------ why a plan failed
 
 
 @pytest.mark.parametrize("stage", ["verify", "look"])
@@ -133,7 +142,7 @@ def test_moves_beyond_the_limit_count_too() -> None:
     assert failure(plan(success=False, moves=[move()] * 6)) == "retrieve"
 
 
-# ------------------------------------------------------------------------------------------------------------------------------------ rows
+# ------------------------------------------------------------------------------------------------------------------------------------- rows
 
 
 def test_a_row_by_hand() -> None:
@@ -194,7 +203,7 @@ def test_rows_stand_rule_by_rule_in_the_order_of_table_1() -> None:
     assert rows([]) == []
 
 
-# ----------------------------------------------------------------------------------------------------------------------- pairs, headlines
+# ------------------------------------------------------------------------------------------------------------------------- pairs, headlines
 
 
 def test_a_pair_by_hand() -> None:
@@ -250,7 +259,7 @@ def test_headlines_are_our_planner_over_the_baselines_under_one_rule() -> None:
     assert headlines(pairs(episodes), "random") == []
 
 
-# --------------------------------------------------------------------------------------------------------------------------------- the paper
+# -------------------------------------------------------------------------------------------------------------------------------- the paper
 
 TABLE_1 = """
 random      45  1.689 0.962  0.001 0.001  1.97  1.204
@@ -277,6 +286,7 @@ def test_the_papers_table() -> None:
 def test_the_papers_measures_by_name() -> None:
     row = PAPER[2]
     assert row.spreads() == {
-        "moved": row.moved, "planning_time_s": row.planning_time_s, "motion_time_s": None, "hand_travel_m": row.hand_travel_m, "value": None,
+        "moved": row.moved, "planning_time_s": row.planning_time_s, "motion_time_s": None,
+        "hand_travel_m": row.hand_travel_m, "value": None,
     }  # fmt: skip
     assert metrics.PaperRow("x", row.success, row.moved, row.moved, row.moved).printed

@@ -44,7 +44,7 @@ def tried(plan: Plan) -> list[tuple[str, int, bool]]:
     return [(m.object, m.region, m.done) for m in plan.moves]
 
 
-# ------------------------------------------------------------------------------------------------------------------------------ the target
+# ------------------------------------------------------------------------------------------------------------------------------- the target
 
 
 def test_a_free_target_needs_no_move() -> None:
@@ -127,7 +127,7 @@ def test_the_policy_sees_the_state_that_moves_have_led_to() -> None:
     assert np.array_equal(plan.moves[1].T_world_from, plan.moves[0].T_world_to)
 
 
-# ------------------------------------------------------------------------------------------------------------------------------- the rules
+# -------------------------------------------------------------------------------------------------------------------------------- the rules
 
 
 def test_the_rules_by_name() -> None:
@@ -147,7 +147,15 @@ def test_region_tries_all_regions_of_one_object_a_step() -> None:
     motions = FakeMotions(scene_of("a", "b", "c"), opens=[NEVER])
     plan_with(motions, ordered(a=[1, 2], b=[1, 2, 3], c=[1]), Rule.REGION)
     assert motions.tried == [("a", 1), ("a", 2), ("b", 1), ("b", 2), ("b", 3), ("c", 1)]
-    assert [a[0] for a in motions.asked] == ["target", *["relocate"] * 2, "target", *["relocate"] * 3, "target", "relocate", *["target"] * 3]
+    assert [a[0] for a in motions.asked] == [
+        "target",
+        *["relocate"] * 2,
+        "target",
+        *["relocate"] * 3,
+        "target",
+        "relocate",
+        *["target"] * 3,
+    ]
 
 
 def test_deep_tries_all_that_the_policy_has_and_then_gives_up() -> None:
@@ -205,7 +213,7 @@ def test_regions_are_asked_for_one_object_after_another() -> None:
     assert asked == ["a"]
 
 
-# ------------------------------------------------------------------------------------------------------------------------------- the limit
+# -------------------------------------------------------------------------------------------------------------------------------- the limit
 
 
 @pytest.mark.parametrize("rule", list(Rule))
@@ -239,7 +247,7 @@ def test_a_policy_that_proposes_nothing() -> None:
         assert (motions.looks, plan.moves, plan.success) == (looks, (), False)
 
 
-# ---------------------------------------------------------------------------------------------------------------------------- failed pairs
+# ----------------------------------------------------------------------------------------------------------------------------- failed pairs
 
 
 def test_a_failed_pair_is_forgotten_in_a_new_state() -> None:
@@ -247,7 +255,7 @@ def test_a_failed_pair_is_forgotten_in_a_new_state() -> None:
     motions = FakeMotions(
         scene_of("a", "b"),
         opens=[frozenset({("b", 2), ("a", 1)})],
-        possible=lambda made, c: c == ("b", 2) and not made or c == ("a", 1) and ("b", 2) in made,
+        possible=lambda made, c: (c == ("b", 2) and not made) or (c == ("a", 1) and ("b", 2) in made),
     )
     for rule in (Rule.DEEP, Rule.REGION, Rule.STRICT):
         plan = plan_with(motions, ordered(a=[1], b=[2]), rule)
@@ -278,7 +286,7 @@ def test_a_failed_attempt_says_what_was_tried_and_why_not() -> None:
     assert attempt.T_world_to[:3, 3] == pytest.approx([0.15, 0.05, HEIGHT_M / 2])
 
 
-# ---------------------------------------------------------------------------------------------------------------------------- out of reach
+# ----------------------------------------------------------------------------------------------------------------------------- out of reach
 
 
 def test_an_object_out_of_reach_is_tried_once_a_step() -> None:
@@ -296,7 +304,7 @@ def test_an_object_out_of_reach_may_be_within_it_in_a_new_state() -> None:
     motions = FakeMotions(
         scene_of("a", "b"),
         opens=[frozenset({("b", 4), ("a", 2)})],
-        possible=lambda made, c: c == ("b", 4) or bool(made) and c == ("a", 2),
+        possible=lambda made, c: c == ("b", 4) or (bool(made) and c == ("a", 2)),
         graspable=lambda made, name: bool(made) or name != "a",
     )
     plan = plan_with(motions, ordered(a=[1, 2, 3], b=[4]))
@@ -311,7 +319,7 @@ def test_objects_within_reach_are_tried_in_every_region() -> None:
     assert motions.tried == [("a", 1), ("a", 2), ("b", 1), ("c", 1), ("c", 2)]
 
 
-# --------------------------------------------------------------------------------------------------------------------------------- reasons
+# ---------------------------------------------------------------------------------------------------------------------------------- reasons
 
 
 def test_the_reason_is_what_blocks_the_target_last() -> None:
@@ -346,7 +354,7 @@ def test_the_final_check_gets_all_motions_and_only_if_there_are_some(checked: li
 
 
 def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Choosing: 2 asks of select at 1 s, 3 of place at 0.1 s. Motions: 3 looks at the target and 3 tries at 10 s; the final check, 1000 s."""
+    """Select twice at 1 s, place three times at 0.1 s; 3 looks at the target and 3 tries at 10 s; the final check, 1000 s."""
     clock = Clock()
     monkeypatch.setattr(retrieval, "perf_counter", clock)
     monkeypatch.setattr(retrieval, "verify", lambda *_: setattr(clock, "now", clock.now + 1000.0))
@@ -377,7 +385,7 @@ def test_a_stopwatch_adds_up_its_blocks(monkeypatch: pytest.MonkeyPatch) -> None
     assert watch.seconds == pytest.approx(3.5)
 
 
-# ------------------------------------------------------------------------------------------------------------------- travel and the return
+# -------------------------------------------------------------------------------------------------------------------- travel and the return
 
 
 def test_travel_along_an_arc_is_measured_in_chords() -> None:
@@ -467,7 +475,9 @@ def test_whatever_the_world_the_loop_keeps_its_promises(seed: int) -> None:
         possible=lambda made, c: works[len(made), *c],
         graspable=lambda made, name: reach[len(made), name],
     )
-    policy: Policy = Policy(lambda seen, rng: [names[i] for i in rng.permutation(3)], lambda seen, name, rng: [int(i) for i in rng.permutation(5)])
+    policy: Policy = Policy(
+        lambda seen, rng: [names[i] for i in rng.permutation(3)], lambda seen, name, rng: [int(i) for i in rng.permutation(5)]
+    )
     plan = plan_with(motions, policy, rule, seed, max_moves=limit)
     made: list[Choice] = []
     failed: set[Choice] = set()
@@ -483,5 +493,3 @@ def test_whatever_the_world_the_loop_keeps_its_promises(seed: int) -> None:
     assert motions.looks <= limit + 1
     if rule is Rule.STRICT:
         assert len(plan.moves) <= limit
-
-

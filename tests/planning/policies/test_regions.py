@@ -1,4 +1,4 @@
-"""Free regions by hand: a cabinet of 0.4 × 0.4 × 0.3 m with 4 × 4 cells of 0.1 m; cell 4 i + j has its centre at (0.05 + 0.1 i, −0.15 + 0.1 j)."""
+"""Free regions by hand, in a cabinet of 0.4 × 0.4 × 0.3 m with 4 × 4 cells: cell 4 i + j has its centre at (0.05 + 0.1 i, −0.15 + 0.1 j)."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_the_ceiling() -> None:
 
 
 def test_a_cabinet_that_is_turned_and_moved() -> None:
-    """Boxes lie along the world's axes, so that in a cabinet turned by 45° they reach further: 0.06 · √2 across, more than 0.09 does not fit."""
+    """Boxes lie along the world's axes, so that in a cabinet turned by 45° they reach √2 times as far; more than 0.09 does not fit."""
     T = transform(rotation_about((0, 0, 1), np.pi / 4), [3.0, -2.0, 0.5])
     for size, fits in ((0.06, ALL), (0.0636, ALL), (0.0637, [1, 2, 5, 6, 9, 10])):
         assert free_regions(observation({"moved": (*FAR[:3], size, size, 0.1)}, T_cabinet=T), "moved").tolist() == fits

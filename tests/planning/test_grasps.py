@@ -464,7 +464,7 @@ def test_the_pads_close_where_their_table_says() -> None:
 
 
 def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
-    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.2 cm before its middle. A can is taken in its middle."""
+    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.2 cm before its middle; a can is taken in it."""
     opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
     deep = Box(np.array([0.08, 0.05, 0.10]))
     first = found_on(deep, "horizontal", opening=opening)[0]

@@ -1,4 +1,4 @@
-"""Free regions by hand, in a cabinet of 0.4 × 0.4 × 0.3 m with 4 × 4 cells: cell 4 i + j has its centre at (0.05 + 0.1 i, −0.15 + 0.1 j)."""
+"""Free regions by hand, in a cabinet of 0.4 × 0.4 × 0.3 m with 4 × 4 cells: cell 4 i + j is centred at (0.05 + 0.1 i, −0.15 + 0.1 j)."""
 
 from __future__ import annotations
 

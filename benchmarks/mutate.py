@@ -50,6 +50,7 @@ TESTS = {
     "planning/retrieval.py": ("tests/planning/test_retrieval.py",),
     "planning/metrics.py": ("tests/planning/test_metrics.py",),
     "planning/grasps.py": ("tests/planning/test_grasps.py",),
+    "planning/motion/verify.py": ("tests/planning/motion/test_verify_rules.py",),
     "planning/policies/random.py": ("tests/planning/policies/test_random.py",),
     "planning/policies/regions.py": ("tests/planning/policies/test_regions.py",),
 }

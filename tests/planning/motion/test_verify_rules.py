@@ -242,7 +242,7 @@ def test_where_the_hand_is() -> None:
     scene = replace(SCENE, robot=replace(SCENE.robot, T_world_base=turned))
     T = hand_poses(slider(), scene, np.array([0.3, 0.1, 0.5]))
     assert T.shape == (4, 4)
-    assert T[:3, 3] == pytest.approx(BASE + [-0.1, 0.3, 0.0])
+    assert T[:3, 3] == pytest.approx(BASE + np.array([-0.1, 0.3, 0.0]))
     assert np.allclose(T[:3, :3], rotations_about((0.0, 0.0, 1.0), np.array(np.pi / 2 + 0.5)))
     many = hand_poses(slider(), scene, np.array([[[0.3, 0.1, 0.5]], [[0.0, 0.0, 0.0]]]))
     assert many.shape == (2, 1, 4, 4)

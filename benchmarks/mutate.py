@@ -52,6 +52,7 @@ TESTS = {
     "planning/grasps.py": ("tests/planning/test_grasps.py",),
     "planning/motion/verify.py": ("tests/planning/motion/test_verify_rules.py",),
     "planning/policies/random.py": ("tests/planning/policies/test_random.py",),
+    "planning/policies/local.py": ("tests/planning/policies/test_local.py",),
     "planning/policies/regions.py": ("tests/planning/policies/test_regions.py",),
 }
 """For every module the tests that concern it; they alone decide whether its mutants live."""

@@ -33,7 +33,9 @@ def slider() -> Any:
         T = transform(rotations_about((0.0, 0.0, 1.0), q[..., 2]), at)
         return np.stack([np.broadcast_to(np.eye(4), T.shape), T], -3)
 
-    return SimpleNamespace(name="slider", lower=LOWER, upper=UPPER, tree=SimpleNamespace(poses=poses, index={"base": 0, "hand": 1}))
+    return SimpleNamespace(
+        name="slider", lower=LOWER, upper=UPPER, tree=SimpleNamespace(poses=poses, names=("base", "hand"), index={"base": 0, "hand": 1})
+    )
 
 
 class Engines:
@@ -88,6 +90,12 @@ def holding(name: str, q: Sequence[float], scene: Scene = SCENE, by: Array | Non
 
 def test_the_tolerances() -> None:
     assert (SAME_M, SAME_RAD) == (0.001, 0.001)
+
+
+def test_names_that_two_things_share_are_refused_at_once(engines: Engines) -> None:
+    """Nobody could tell what may touch what."""
+    with pytest.raises(ValueError, match="hand"):
+        says(move([9.0, 0, 0]), scene=scene_of("a", "hand"))
 
 
 def test_nothing_to_check_is_well(engines: Engines) -> None:

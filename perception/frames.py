@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,12 @@ from numpy.typing import NDArray
 
 from kinematics.transforms import Array, inverse, transform
 from perception.camera import Depth, Intrinsics, cloud
+from perception.masks import Instances, mask_reader, read_json
 
 DEPTH_SCALE_MM = 0.1
 """What one step of a written depth image means, unless it shows something further away than 6.5 m."""
+SATURATED = 65535
+"""A depth with all 16 bits set is none: cameras and converters write it where nothing was measured, or what is too far away."""
 PALETTE = np.array(
     [
         [31, 119, 180],
@@ -74,9 +77,9 @@ def write_frames(folder: Path, frames: Sequence[Frame], *, scene: int = 0) -> Pa
     _clear(home)
     cameras, objects = {}, {}
     for i, frame in enumerate(frames):
-        scale = DEPTH_SCALE_MM if frame.depth.max(initial=0) * 1e3 / DEPTH_SCALE_MM <= 65535 else 1.0
+        scale = DEPTH_SCALE_MM if frame.depth.max(initial=0) * 1e3 / DEPTH_SCALE_MM < SATURATED - 1 else 1.0
         steps = np.round(frame.depth.astype(float) * 1e3 / scale)
-        if steps.max(initial=0) > 65535:
+        if steps.max(initial=0) >= SATURATED:
             raise ValueError(f"frame {i}: a depth of {frame.depth.max():.1f} m does not fit into 16 bits of millimetres")
         _write_png(home / "depth" / f"{i:06d}.png", steps.astype(np.uint16))
         T = inverse(frame.T_world_camera)
@@ -161,8 +164,9 @@ def _put(file: Path, data: bytes) -> None:
 def read_frames(folder: Path, *, scene: int | None = None) -> tuple[Frame, ...]:
     """The frames of one scene in the BOP layout, in the order of their numbers; the folder is the scene's, or the one that holds scenes.
 
-    The recording's world must be the scene's. Without mask_visib the instances are None. Objects take their `name` from scene_gt.json, else
-    obj_000007 after their obj_id (a second one of the same in an image obj_000007_1), else object_0 after their mask's number.
+    The recording's world must be the scene's. Saturated depths measure nothing. Without masks (see `perception.masks`) the instances are
+    None. In BOP's, objects take their `name` from scene_gt.json, else obj_000007 after their obj_id (a second one of the same in an image
+    obj_000007_1), else object_0 after their mask's number.
     Raises: ValueError with the file, what is wrong with it and what is expected there.
     """
     home = _scene_folder(folder, scene)
@@ -173,8 +177,8 @@ def read_frames(folder: Path, *, scene: int | None = None) -> tuple[Frame, ...]:
     for key in cameras:
         if not key.isdecimal():
             raise ValueError(f"{home / 'scene_camera.json'}: {key!r} is no number of an image")
-    masks = any((home / "mask_visib").glob("*.png"))
-    return tuple(_frame(home, int(key), cameras[key], objects.get(key) if objects else None, masks) for key in sorted(cameras, key=int))
+    masks = mask_reader(home, objects, _image)
+    return tuple(_frame(home, int(key), cameras[key], masks) for key in sorted(cameras, key=int))
 
 
 def _scene_folder(folder: Path, scene: int | None) -> Path:
@@ -193,7 +197,7 @@ def _scene_folder(folder: Path, scene: int | None) -> Path:
     raise ValueError(f"{folder}: {missing}; there are {', '.join(scenes)}")
 
 
-def _frame(home: Path, image: int, camera: Any, objects: Any, masks: bool) -> Frame:
+def _frame(home: Path, image: int, camera: Any, masks: Callable[[int, tuple[int, ...]], Instances] | None) -> Frame:
     where = f"{home / 'scene_camera.json'}: image {image}"
     if not isinstance(camera, dict):
         raise ValueError(f"{where}: is no object with cam_K, depth_scale, cam_R_w2c and cam_t_w2c")
@@ -208,45 +212,21 @@ def _frame(home: Path, image: int, camera: Any, objects: Any, masks: bool) -> Fr
     u, _, vt = np.linalg.svd(R)  # the nearest rotation: files round
     depth = _image(home / "depth" / f"{image:06d}.png", None)
     intrinsics = Intrinsics(depth.shape[1], depth.shape[0], *(float(x) for x in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])))
-    instance, names = _instances(home, image, objects, depth.shape) if masks else (None, ())
+    if not (0 < intrinsics.cx < intrinsics.width and 0 < intrinsics.cy < intrinsics.height):
+        raise ValueError(
+            f"{where}: the principal point of cam_K, {K[0, 2]:g}, {K[1, 2]:g}, lies outside the depth image of {intrinsics.width} × "
+            f"{intrinsics.height} pixels: is cam_K for another resolution?"
+        )
+    instance, names = masks(image, depth.shape) if masks else (None, ())
     robot = home / "mask_robot" / f"{image:06d}.png"
     arm = _image(robot, depth.shape) > 0 if robot.is_file() else None
     q = _numbers(camera, "robot_q", None, where) if camera.get("robot_q") is not None else None
-    metres = (depth * (scale * 1e-3)).astype(np.float32)
+    metres = np.where(depth >= SATURATED, 0, depth * (scale * 1e-3)).astype(np.float32)
     return Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm, q)
 
 
-def _instances(home: Path, image: int, objects: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-    """The masks of one image as one image of instances, and the instances' names."""
-    if objects is None:
-        count = len(list((home / "mask_visib").glob(f"{image:06d}_*.png")))
-        names = [f"object_{k}" for k in range(count)]
-    else:
-        names = _names(objects, f"{home / 'scene_gt.json'}: image {image}")
-    out = np.full(shape, -1, np.int32)
-    for k in range(len(names)):
-        out[_image(home / "mask_visib" / f"{image:06d}_{k:06d}.png", shape) > 0] = k
-    return out, tuple(names)
-
-
-def _names(objects: Any, where: str) -> list[str]:
-    if not isinstance(objects, list) or not all(isinstance(o, dict) and isinstance(o.get("obj_id"), int) for o in objects):
-        raise ValueError(f"{where}: is no list of objects with an obj_id")
-    names: list[str] = []
-    for o in objects:
-        name = base = str(o.get("name") or f"obj_{o['obj_id']:06d}")
-        for again in range(1, len(objects)):
-            if name in names:
-                name = f"{base}_{again}"
-        names.append(name)
-    return names
-
-
 def _json(file: Path) -> dict[str, Any]:
-    try:
-        value = json.loads(file.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as e:
-        raise ValueError(f"{file}: is no JSON: {e}") from e
+    value = read_json(file)
     if not isinstance(value, dict):
         raise ValueError(f'{file}: is no object by image number: {{"0": …}}')
     return value

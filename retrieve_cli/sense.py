@@ -46,6 +46,7 @@ def run(
     from perception.belief import believe, observation
     from perception.frames import read_frames, write_frames, write_ply
     from perception.objects.prepared_frames import axial_noise
+    from perception.recorded import misfit, trusted
     from perception.rendering.synthetic_camera import marked
     from planning.sensing.look_around import Limits, unknown_mask
 
@@ -61,7 +62,9 @@ def run(
                     rng = np.random.default_rng([seed, STAGE, scene.random_word])
                     frames, voxels, reason = look(scene, arm, Limits(share=share, views=max_views), noise, rng)
                 else:
-                    recorded = read_frames(from_views, scene=None if _is_one(from_views) else index)
+                    recorded = [trusted(f) for f in read_frames(from_views, scene=None if _is_one(from_views) else index)]
+                    if why := misfit(recorded, scene.cabinet):
+                        raise InputError(f"--from-views {from_views}: {why}")
                     frames = marked(arm, scene.robot.T_world_base, recorded)
                     voxels, reason = fuse(empty_scene, frames, axial_noise(frames, empty_scene.cabinet)), f"{len(frames)} recorded views"
                 belief = believe(empty_scene, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)

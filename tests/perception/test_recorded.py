@@ -1,0 +1,107 @@
+"""Recorded frames as they are: saturated and flying pixels clear nothing; frames that can't be of the cabinet say why."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from kinematics.scene import Body, Cabinet
+from kinematics.shapes import Box
+from kinematics.transforms import inverse, transform
+from perception.camera import look_at, realsense_d435i
+from perception.frames import Frame, read_frames, write_frames
+from perception.mapping.voxels import FREE, unknown_voxels
+from perception.recorded import misfit, trusted
+from perception.rendering.raycast import raycast, surfaces
+
+CAMERA = realsense_d435i(320, 240)
+CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.5, 0.0, 0.1]), 0.03)
+POSE = look_at(np.array([0.25, -0.2, 0.5]), np.array([0.8, 0.0, 0.15]))
+
+
+def photograph() -> Frame:
+    """A box in a cabinet, seen from before it."""
+    bodies = [Body("box", Box(np.array([0.1, 0.1, 0.2])), transform(p=[0.75, 0.0, 0.2])), *CABINET.walls()]
+    view = raycast(surfaces([b.shape for b in bodies], np.array([b.T_world_body for b in bodies])), POSE, CAMERA)
+    return Frame(view.depth, None, (), CAMERA, POSE)
+
+
+def free(frame: Frame) -> np.ndarray:
+    return unknown_voxels(CABINET).fuse(frame.depth, frame.intrinsics, frame.T_world_camera).state == FREE
+
+
+def test_saturated_depths_measure_nothing(tmp_path: Path) -> None:
+    home = write_frames(tmp_path, [photograph()])
+    (before,) = read_frames(tmp_path)
+    image = np.array(Image.open(home / "depth" / "000000.png"))
+    image[100:140, 150:170] = 65535
+    Image.fromarray(image).save(home / "depth" / "000000.png")
+    (frame,) = read_frames(tmp_path)
+    assert (frame.depth[100:140, 150:170] == 0).all()
+    assert not (free(frame) & ~free(before)).any()
+
+
+def test_what_is_beyond_any_range_measures_nothing() -> None:
+    frame = photograph()
+    depth = frame.depth.copy()
+    depth[100:140, 150:170] = 42.0
+    depth[0, 0] = np.nan
+    out = trusted(replace(frame, depth=depth)).depth
+    assert (out[100:140, 150:170] == 0).all()
+    assert np.isfinite(out).all()
+
+
+def test_flying_pixels_are_dropped_and_clear_nothing() -> None:
+    frame = photograph()
+    truth, depth = frame.depth, frame.depth.copy()
+    edge = np.zeros(depth.shape, bool)
+    edge[:, 1:] = (truth[:, 1:] - truth[:, :-1] > 0.05) & (truth[:, :-1] > 0.4)  # right of the box: the first pixel of what is behind
+    depth[edge] = (0.5 * truth + 0.5 * np.roll(truth, 1, 1))[edge]
+    assert edge.sum() > 50
+    out = trusted(replace(frame, depth=depth)).depth
+    assert (out[edge] == 0).mean() > 0.9
+    assert not (free(replace(frame, depth=out)) & ~free(frame)).any()
+
+
+def test_clean_surfaces_are_no_flying_pixels() -> None:
+    frame = photograph()
+    assert (trusted(frame).depth > 0).sum() > 0.999 * (frame.depth > 0).sum()
+
+
+def test_a_recording_that_fits_is_not_complained_of() -> None:
+    assert misfit([photograph()], CABINET) is None
+    assert misfit([], CABINET) is None
+
+
+@pytest.mark.parametrize(
+    ("frame", "cause"),
+    [
+        (replace(photograph(), T_world_camera=inverse(POSE)), "must be world to camera"),
+        (
+            replace(photograph(), T_world_camera=inverse(transform(inverse(POSE)[:3, :3], inverse(POSE)[:3, 3] * 1e-3))),
+            "must be in millimetres",
+        ),
+        (replace(photograph(), depth=photograph().depth * np.float32(10)), "depth_scale is wrong by a factor of 0.1"),
+        (replace(photograph(), T_world_camera=transform(p=[5, 5, 5])), "is the pose world-to-camera"),
+        (replace(photograph(), depth=np.zeros_like(photograph().depth)), "no pixel of the frames measured anything"),
+    ],
+    ids=["inverted", "metres", "scale", "elsewhere", "blind"],
+)
+def test_a_recording_that_can_not_fit_says_why(frame: Frame, cause: str) -> None:
+    why = misfit([frame], CABINET)
+    assert why is not None
+    assert cause in why
+
+
+def test_intrinsics_of_another_resolution_are_told(tmp_path: Path) -> None:
+    home = write_frames(tmp_path, [photograph()])
+    cameras = json.loads((home / "scene_camera.json").read_text())
+    cameras["0"]["cam_K"] = [910.0, 0, 640.0, 0, 910.0, 360.0, 0, 0, 1]
+    (home / "scene_camera.json").write_text(json.dumps(cameras))
+    with pytest.raises(ValueError, match="is cam_K for another resolution"):
+        read_frames(tmp_path)

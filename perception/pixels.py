@@ -270,8 +270,8 @@ def empty_share(a: Array, b: Array, near: Image, cameras: Array, T: Array, step_
 def flying_pixels(depth: Image, edge_m: float) -> Bool:
     """Which pixels (H, W) lie between the two sides of an edge and on neither: what they measure is in the air.
 
-    Along a row, a column or a diagonal, the pixels one or two before and behind differ by more than edge_m, are even with those next to
-    them on their side, and the pixel is off both of them by a fifth of the step.
+    Along a row, a column or a diagonal, the pixels one or two before and behind differ by more than edge_m (at 1 m, growing with z²), are
+    even with those four further on their side, and the pixel is off both of them by a fifth of the step.
     """
     height, width = depth.shape
     out = np.zeros(depth.shape, np.bool_)
@@ -282,13 +282,13 @@ def flying_pixels(depth: Image, edge_m: float) -> Bool:
                 continue
             for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
                 for k in range(1, 3):
-                    v1, u1, v2, u2 = v - (k + 2) * dv, u - (k + 2) * du, v + (k + 2) * dv, u + (k + 2) * du
+                    v1, u1, v2, u2 = v - (k + 4) * dv, u - (k + 4) * du, v + (k + 4) * dv, u + (k + 4) * du
                     if v1 < 0 or v2 >= height or min(u1, u2) < 0 or max(u1, u2) >= width:
                         continue
                     a, b = depth[v - k * dv, u - k * du], depth[v + k * dv, u + k * du]
                     a2, b2 = depth[v1, u1], depth[v2, u2]
                     step = abs(b - a)
-                    if a <= 0.0 or b <= 0.0 or a2 <= 0.0 or b2 <= 0.0 or step < edge_m:
+                    if a <= 0.0 or b <= 0.0 or a2 <= 0.0 or b2 <= 0.0 or step < edge_m * max(z * z, 1.0):
                         continue
                     even = abs(a2 - a) < 0.25 * step and abs(b2 - b) < 0.25 * step
                     if even and min(a, b) + 0.2 * step < z < max(a, b) - 0.2 * step:

@@ -21,8 +21,8 @@ from retrieve_cli.terminal import announce_first_run, say
 
 if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
+    from planning.learning.label_file import Manifest
     from planning.learning.labels import Row
-    from planning.learning.shards import Manifest
     from planning.learning.states import Variety
     from planning.scene_generation import Spec
 
@@ -174,11 +174,11 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
     """
     from importlib.metadata import version as installed
 
-    from planning.learning import shards
+    from planning.learning import label_file
     from retrieve_cli.version import version
 
     versions = {"retrieve": version(), **{name: installed(name) for name in ("numpy", "numba", "pyarrow")}}
-    if not (out / shards.MANIFEST).exists():
+    if not (out / label_file.MANIFEST).exists():
         if out.exists() and not out.is_dir():
             raise InputError(f"{out}: is a file, not a folder")
         if out.is_dir() and any(out.iterdir()):
@@ -187,9 +187,9 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
             out.mkdir(exist_ok=True)
         except FileNotFoundError as e:
             raise InputError(f"{out}: the folder {out.resolve().parent} does not exist; make it first") from e
-        return shards.Manifest(settings, versions)
+        return label_file.Manifest(settings, versions)
     with blame("label"):
-        old = shards.read_manifest(out)
+        old = label_file.read_manifest(out)
     wanted = json.loads(json.dumps(settings))
     other = [name for name in {**old.settings, **wanted} if old.settings.get(name) != wanted.get(name)]
     if other == ["scenes"] and wanted["scenes"] > old.settings["scenes"]:  # a last shard with fewer scenes than the others gets more

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kinematics.robots.robot import Robot
 from kinematics.robots.tree import FIXED
 from kinematics.transforms import Array
 
 if TYPE_CHECKING:
     import torch
+
+    from kinematics.robots.robot import Robot
 
 
 class Forward:
@@ -69,9 +70,17 @@ class Forward:
 
 
 def _driven(robot: Robot) -> dict[str, tuple[int, float, float]]:
-    """Every moving joint by name: the index in q that drives it, scale and offset."""
+    """Every moving joint by name: the index in q that drives it, scale and offset, as the URDF's mimic tags say (not as our tree does)."""
     from lxml import etree
 
-    child = {j.get("name"): j.find("child").get("link") for j in etree.fromstring(robot.urdf).iter("joint") if j.find("child") is not None}
-    links = {name: robot.tree.index[link] for name, link in child.items() if robot.tree.kind[robot.tree.index[link]] != FIXED}
-    return {n: (int(robot.tree.q_index[i]), float(robot.tree.scale[i]), float(robot.tree.offset[i])) for n, i in links.items()}
+    joints = {j.get("name", ""): j for j in etree.fromstring(robot.urdf).iter("joint") if j.get("type") not in (None, "fixed")}
+
+    def drive(name: str) -> tuple[int, float, float]:
+        mimic = joints[name].find("mimic")
+        if mimic is None:
+            return robot.joint_names.index(name), 1.0, 0.0
+        j, scale, offset = drive(mimic.get("joint", ""))
+        factor = float(mimic.get("multiplier", 1.0))
+        return j, factor * scale, factor * offset + float(mimic.get("offset", 0.0))
+
+    return {name: drive(name) for name in joints if name in robot.joint_names or joints[name].find("mimic") is not None}

@@ -27,6 +27,7 @@ from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import Parts, make_parts
 from kinematics.robots import urdf
 from kinematics.robots.gripper import Opening, measure
+from kinematics.robots.selfcheck import check_kinematics
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 from kinematics.scene import WALLS, Body, RobotRef, Scene
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
@@ -285,12 +286,24 @@ def _assemble(
     stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
     name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
     data = cache.load(name_in_cache)
-    if data is None:
+    if data is not None:
+        return _robot(name, title, text, data, gripper, home, base_p)
+    if on_step:
+        on_step(f"reading the meshes of {title}")
+    data = _derive(text, name, srdf, renamed)
+    robot = _robot(name, title, text, data, gripper, home, base_p)
+    if _fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
         if on_step:
-            on_step(f"reading the meshes of {title}")
-        data = _derive(text, name, srdf, renamed)
-        cache.store(name_in_cache, data)
-    return _robot(name, title, text, data, gripper, home, base_p)
+            on_step(f"comparing the kinematics of {title} with pytorch-kinematics")
+        check_kinematics(robot)
+    cache.store(name_in_cache, data)  # only what passed the check is kept
+    return robot
+
+
+def _fingerprint(data: dict[str, NDArray[Any]]) -> str:
+    """A hash of all that forward kinematics depends on; robots.toml has those of the named robots, which the tests check."""
+    arrays = [np.round(np.asarray(data[k], float), 9) + 0.0 for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset")]
+    return cache.key(*(str(n) for n in data["links"]), *(a.tobytes() for a in arrays))
 
 
 def _derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) -> dict[str, NDArray[Any]]:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planning.learning.dataset import UNKNOWN, Data, Flags
+from planning.learning.dataset import Data, Flags
+from planning.learning.label_file import NOT_ASKED
 from planning.learning.scores import paper_cost
 from planning.learning.settings import Settings
 from planning.learning.tokens import F32
@@ -42,7 +43,7 @@ def asked(data: Data) -> Flags:
 
     The others need no network: the boxes say so, or the object can't be moved at all.
     """
-    known = (data.feasible != UNKNOWN) & (data.hits != UNKNOWN) & (data.paths[:, None, None] > 0)
+    known = (data.feasible != NOT_ASKED) & (data.hits != NOT_ASKED) & (data.paths[:, None, None] > 0)
     return np.asarray(known & data.free & (data.pickable == 1)[:, :, None])
 
 
@@ -94,7 +95,7 @@ def _paper_pairs(part: Data, rng: np.random.Generator) -> Batch:
     feasible, hits = part.feasible[rows, moved], part.hits[rows, moved]
     share = np.asarray(hits / np.maximum(part.paths, 1)[:, None, None], np.float32)
     cost = paper_cost(feasible.astype(np.float32), share, part.distance()[rows, moved])
-    cost[(feasible == UNKNOWN) | ((hits == UNKNOWN) & (feasible == 1))] = np.nan
+    cost[(feasible == NOT_ASKED) | ((hits == NOT_ASKED) & (feasible == 1))] = np.nan
     cost[~part.free[rows, moved] | (regions[:, None, :, 3] < 0.5)] = 1
     cost[~part.there[:, None].repeat(moved.shape[1], 1)] = np.nan
     cost[~candidates[rows, moved]] = np.nan

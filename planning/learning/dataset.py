@@ -1,12 +1,11 @@
 """Labels as padded arrays: the whole folder in memory, states of a scene all for training or all for validation.
 
-M is the largest number of non-target objects, B of regions. What a label does not say (255 in the files) is NaN here.
+M is the largest number of non-target objects, B of regions. What a label does not say (`NOT_ASKED` in the files) is NaN here.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,16 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planning.learning.label_file import COLUMNS, MANIFEST, NOT_ASKED, read_manifest
 from planning.learning.tokens import F32, LENGTH_M
 from planning.policies.regions import GAP_M
 
 Flags = NDArray[np.bool_]
-SCHEMA = "retrieve/labels@1"
-UNKNOWN = 255
-COLUMNS = (
-    "scene", "robot", "base", "cabinet", "approaches", "grasp", "width_m", "target", "objects", "regions",
-    "paths", "blocks", "pickable", "opens", "feasible", "hits",
-)  # fmt: skip
+_UNREAD = ("state", "views")  # columns that training has no use for
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,21 +84,20 @@ def read(folder: Path) -> tuple[Data, dict[str, Any]]:
     """
     import pyarrow.parquet as parquet
 
-    manifest = _manifest(folder)
-    shards = {str(entry["file"]): entry.get("sha256") for entry in manifest.get("shards", [])}
-    if not shards:
-        raise ValueError(f"{folder}/manifest.json: names no shards; label some scenes first: retrieve label -o {folder}")
+    manifest = read_manifest(folder)
+    if not manifest.shards:
+        raise ValueError(f"{folder / MANIFEST}: names no shards; label some scenes first: retrieve label -o {folder}")
     digest, tables = hashlib.sha256(), []
-    for name, expected in shards.items():
-        file = folder / name
+    for shard in manifest.shards:
+        file = folder / shard.file
         if not file.is_file():
             raise ValueError(f"{file}: is missing, and manifest.json names it; run retrieve label again, it goes on where it stopped")
         content = hashlib.sha256(file.read_bytes()).hexdigest()
-        if expected not in (None, content):
+        if shard.sha256 not in (None, content):
             raise ValueError(f"{file}: is not the file that manifest.json describes (another sha256); label again into a new folder")
         digest.update(content.encode())
         try:
-            tables.append(parquet.read_table(file, columns=list(COLUMNS)))
+            tables.append(parquet.read_table(file, columns=[name for name in COLUMNS if name not in _UNREAD]))
         except Exception as e:  # pyarrow has no common class for a broken file, a missing column, a wrong type
             raise ValueError(f"{file}: is no shard of labels: {' '.join(str(e).split())[:200]}") from e
     try:
@@ -115,7 +109,7 @@ def read(folder: Path) -> tuple[Data, dict[str, Any]]:
     robots = sorted({str(r) for table in tables for r in table.column("robot").unique().to_pylist()})
     if len(robots) > 1:
         raise ValueError(f"{folder}: states of the robots {', '.join(robots)}; a model is for one robot: label each in a folder of its own")
-    return _joined(parts), {**manifest, "robot": robots[0], "hash": digest.hexdigest()[:16]}
+    return _joined(parts), {**manifest.settings, "robot": robots[0], "hash": digest.hexdigest()[:16]}
 
 
 def split(scenes: NDArray[np.str_], share: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -153,30 +147,11 @@ def free_cells(boxes: F32, mask: Flags, cabinet: F32, regions: F32) -> Flags:
     return np.asarray(free)
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
-    file = folder / "manifest.json"
-    if not file.is_file():
-        raise ValueError(
-            f"{folder}: is no folder of labels, for it has no manifest.json; make one: retrieve label scenes.jsonl -o {folder}"
-        )
-    try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as e:
-        raise ValueError(f"{file}: broken JSON: {e}") from e
-    schema = manifest.get("schema") if isinstance(manifest, dict) else None
-    kind, _, version = str(schema).partition("@")
-    if kind != SCHEMA.partition("@")[0] or not version.isdigit():
-        raise ValueError(f"{file}: schema: {schema!r} is not {SCHEMA}")
-    if version != SCHEMA.partition("@")[2]:
-        raise ValueError(f"{file}: schema: {schema} is too {'new' if int(version) > 1 else 'old'} for this version, which reads {SCHEMA}")
-    return manifest  # type: ignore[no-any-return]
-
-
 def _arrays(table: Any) -> Data:
     """One shard."""
     n = table.num_rows
     values, lengths = {}, {}
-    for name in COLUMNS:
+    for name in table.column_names:
         column = table.column(name).combine_chunks()
         if name in ("scene", "robot", "width_m", "paths"):
             values[name] = np.asarray(column.to_pylist())
@@ -221,10 +196,10 @@ def _arrays(table: Any) -> Data:
         regions=regions,
         there=np.arange(cells) < b[:, None],
         p=np.where(mask[:, 1:], p, np.nan).astype(np.float32),
-        pickable=_known(padded("pickable", (most,), UNKNOWN, np.uint8)),
-        opens=_known(padded("opens", (most,), UNKNOWN, np.uint8)),
-        feasible=padded("feasible", (most, cells), UNKNOWN, np.uint8),
-        hits=padded("hits", (most, cells), UNKNOWN, np.uint8),
+        pickable=_known(padded("pickable", (most,), NOT_ASKED, np.uint8)),
+        opens=_known(padded("opens", (most,), NOT_ASKED, np.uint8)),
+        feasible=padded("feasible", (most, cells), NOT_ASKED, np.uint8),
+        hits=padded("hits", (most, cells), NOT_ASKED, np.uint8),
         paths=paths,
         free=free_cells(boxes, mask, cabinet, regions),
     )
@@ -237,12 +212,12 @@ def _inner(name: str, objects: int, regions: int) -> tuple[int, ...]:
 
 
 def _known(flags: NDArray[np.uint8]) -> F32:
-    return np.where(flags == UNKNOWN, np.nan, flags).astype(np.float32)
+    return np.where(flags == NOT_ASKED, np.nan, flags).astype(np.float32)
 
 
 def _joined(parts: Sequence[Data]) -> Data:
     """Shards one after another, padded to the largest."""
-    fill: dict[str, Any] = {"p": np.nan, "pickable": np.nan, "opens": np.nan, "feasible": UNKNOWN, "hits": UNKNOWN}
+    fill: dict[str, Any] = {"p": np.nan, "pickable": np.nan, "opens": np.nan, "feasible": NOT_ASKED, "hits": NOT_ASKED}
 
     def join(name: str) -> NDArray[Any]:
         arrays = [getattr(part, name) for part in parts]

@@ -18,6 +18,7 @@ from kinematics.collision.edge_check import MARGIN_M
 from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse
+from planning.learning.label_file import NOT_ASKED
 from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
@@ -25,7 +26,6 @@ from planning.plan import Blocked
 ITERATIONS = 1500  # of a search in the emptied cabinet
 PATHS = 16
 MOST_IN_VAIN = 2  # searches for one solution of x_g
-NOT_ASKED = 255
 
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int64]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from label_rows import read_rows
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State, object_box
@@ -18,6 +19,7 @@ from kinematics.shapes import Box
 from kinematics.transforms import inverse, rotation_about, transform
 from planning.io.files import scene_writer
 from planning.learning import shards
+from planning.learning.label_file import Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target
 from planning.learning.states import MOVES, Variety, next_move, rows, varied_scene
 from planning.learning.swept import footprint, meets
@@ -252,11 +254,11 @@ def test_rows_come_back_from_a_shard(row: Row, tmp_path: Path) -> None:
     other = replace(row, scene="other", state=2)
     one, two = shards.write_shard(tmp_path, 0, [row, other]), shards.write_shard(tmp_path, 1, [row, other])
     assert one.sha256 == two.sha256 == hashlib.sha256((tmp_path / "shard-00001.parquet").read_bytes()).hexdigest()
-    shards.write_manifest(tmp_path, shards.Manifest({"seed": 1}, {}, (one, two), True))
-    back = list(shards.read_rows(tmp_path))
+    shards.write_manifest(tmp_path, Manifest({"seed": 1}, {}, (one, two), True))
+    back = list(read_rows(tmp_path))
     assert [(r.scene, r.state) for r in back] == [(row.scene, 0), ("other", 2)] * 2
     assert all(same(a, b) for a, b in zip(back, [row, other] * 2))
-    assert shards.read_manifest(tmp_path) == shards.Manifest({"seed": 1}, {}, (one, two), True)
+    assert read_manifest(tmp_path) == Manifest({"seed": 1}, {}, (one, two), True)
 
 
 def test_a_shard_that_is_not_whole_is_noticed(row: Row, tmp_path: Path) -> None:
@@ -272,18 +274,18 @@ def test_a_shard_that_is_not_whole_is_noticed(row: Row, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (None, "there is no manifest.json"),
-        ("{", "a broken one"),
-        ("[]", "a broken one"),
-        ('{"schema": "retrieve/labels@9"}', "this version reads retrieve/labels@1"),
-        ('{"schema": "retrieve/labels@1", "shards": 3}', "a broken one"),
+        (None, "has no manifest.json"),
+        ("{", "broken JSON"),
+        ("[]", "is not retrieve/labels@1"),
+        ('{"schema": "retrieve/labels@9"}', "too new for this version, which reads retrieve/labels@1"),
+        ('{"schema": "retrieve/labels@1", "shards": 3}', "not what a manifest has"),
     ],
 )
 def test_a_folder_without_a_good_manifest(text: str | None, says: str, tmp_path: Path) -> None:
     if text is not None:
         (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(ValueError, match=says):
-        list(shards.read_rows(tmp_path))
+        list(read_rows(tmp_path))
 
 
 # The command ----------------------------------------------------------------------------------------------------------------------------
@@ -323,8 +325,8 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(quick: Quick, tmp_path:
     quick.asked, quick.stop = [], 6
     assert main(["label", "-n", "11", "-o", str(broken)]) == 130
     assert quick.asked == list(range(7))
-    assert not shards.read_manifest(broken).complete
-    assert len(list(shards.read_rows(broken))) == 3, "what is there can be read"
+    assert not read_manifest(broken).complete
+    assert len(list(read_rows(broken))) == 3, "what is there can be read"
     (broken / "shard-00001.parquet.part").write_bytes(b"half a shard")
     quick.asked, quick.stop = [], -1
     assert main(["label", "-n", "11", "-o", str(broken)]) == 0
@@ -411,7 +413,7 @@ def test_workers_change_nothing(scene: Scene, tmp_path: Path) -> None:
         assert main(["label", str(tmp_path / "scenes.jsonl"), *args]) == 0
         found[workers] = folder_bytes(out)
     assert found["1"] == found["2"]
-    read = list(shards.read_rows(tmp_path / "2"))
+    read = list(read_rows(tmp_path / "2"))
     assert {r.scene for r in read} == {scene.id, "again"}
     manifest = json.loads(found["1"]["manifest.json"])
     assert manifest["schema"] == "retrieve/labels@1"

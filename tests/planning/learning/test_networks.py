@@ -16,10 +16,11 @@ import torch
 from kinematics.scene import Cabinet, Grasp
 from kinematics.transforms import rotation_about, transform
 from perception.observation import Observation
-from planning.learning import dataset, numpy_inference
+from planning.learning import numpy_inference
 from planning.learning.batches import asked, osnet_batch, rpnet_batch, usable
 from planning.learning.dataset import Data, read, split
 from planning.learning.evaluate import calibration_error, judge_osnet, judge_rpnet
+from planning.learning.label_file import NOT_ASKED
 from planning.learning.scores import object_score, paper_cost, region_score
 from planning.learning.settings import Settings
 from planning.learning.tokens import LENGTH_M, Tokens, pair_features, token_kinds, tokens
@@ -242,7 +243,7 @@ def test_what_was_not_asked_is_not_learned(data: Data) -> None:
     """Unknown labels weigh nothing: 255 instead of any answer gives a loss that does not depend on that answer."""
     index = usable("rpnet", data)[:20]
     dim = data.feasible.copy()
-    dim[:, 0] = dataset.UNKNOWN
+    dim[:, 0] = NOT_ASKED
     hidden = replace(data, feasible=dim)
     assert not asked(hidden)[:, 0].any()
     for form in FORMS:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -22,8 +24,11 @@ from kinematics.scene import Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
 from perception.camera import depth_edges, look_at, ray_directions, realsense_d435i
-from perception.rendering.raycast import Mesh, cast_rays, moved, raycast, surfaces
+from perception.rendering.raycast import Mesh, moved, raycast, surfaces
 from perception.rendering.shading import PALETTE, TARGET_COLOUR, WALL_COLOUR, Item, Studio, shade
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from ray_tree import cast_rays
 
 CAMERA = realsense_d435i(640, 480)
 EYE = look_at(np.array([0.0, 0.1, 0.5]), np.array([0.6, 0.0, 0.3]))

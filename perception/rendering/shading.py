@@ -38,9 +38,7 @@ PALETTE: tuple[Colour, ...] = (
     (0.48, 0.40, 0.36),
 )
 """Ten colours that differ in lightness as well as in hue, after Okabe and Ito and P. Tol, without the reds that mark the target."""
-ROBOT_COLOUR: Colour = (0.84, 0.85, 0.87)
 WALL_COLOUR: Colour = (0.62, 0.70, 0.80)
-PATH_COLOUR: Colour = (0.10, 0.32, 0.85)
 KEY_PX, SKY_PX = 768, 320
 """Width of the shadow images of one light."""
 GROUND_PX, GROUND_REACH = 448, 2.0

@@ -40,9 +40,10 @@ from kinematics.transforms import Array, apply, inverse, transform
 from planning.grasps import UP, open_width
 from planning.motion.reaching import APPROACH_M, LIFT_M
 from planning.motion.rrt_connect import plan
+from planning.motion.settings import DEFAULTS
 from planning.motion.shortcut import shorten
 from planning.motion.verify import hand_poses, verify
-from planning.motion.workcell import SHORTCUTS, PlanningQuery, Workcell
+from planning.motion.workcell import PlanningQuery, Workcell
 from planning.plan import Motion
 from planning.scene_generation import _sample, load_spec
 
@@ -215,7 +216,7 @@ def ours(question: Question, seed: int, budget_s: float = BUDGET_S) -> Json:
     planned = peers.clock()
     if found.path is None or planned - began > budget_s:
         return peers.answer(planned - began, planned - began, None)
-    path = shorten(task, found.path, iterations=SHORTCUTS, seed=seed, memory=memory).path
+    path = shorten(task, found.path, settings=DEFAULTS.shortcuts, seed=seed, memory=memory).path
     return peers.answer(planned - began, peers.clock() - began, path)
 
 

@@ -1,4 +1,4 @@
-"""Does the arm touch anything: exact verdicts on its convex parts, for one configuration or for a whole straight joint-space edge.
+"""Does the arm come too close to anything: exact verdicts on its convex parts, for one configuration or a whole straight joint-space edge.
 
 `Problem` is one motion query, packed flat for compiled code; `Scratch` is one thread's memory. A pair is two bodies that may not touch:
 part and part, or part and solid. Its distance is bounded from below by a ball and a box first, and by GJK (gjk.py) where they don't
@@ -26,11 +26,14 @@ from kinematics.transforms import Array
 
 Flags = NDArray[np.uint8]
 MARGIN_M = 5e-4
-"""Bodies closer than this count as touching; half of it is what a certified edge keeps everywhere."""
+"""Bodies closer than this, beyond the clearance that is asked for, count as touching; half of it is what a certified edge keeps everywhere
+besides."""
 TOLERANCE = 0.05
 """How much of a distance, relative, may be given away for speed; a pair up to 5 % beyond the margin may count as touching."""
 LOOSE = 0.5
 """The tolerance for distances that only say how far an edge is free around a sample."""
+FAR_STEPS = 24
+"""How many rows `path_clearance` may skip at once: distances further off are not measured."""
 GJK_PAYS_M = 0.03
 """GJK may prove this much more than the boxes do; where more is asked for, halving the interval is cheaper."""
 
@@ -44,6 +47,8 @@ class Problem(NamedTuple):
     the first one a part; their two rows of `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices.
     reach (M, K): metres that one body of the pair moves at most, relative to the other, per unit of each joint.
     weight (J,): the same for the arm as a whole, never 0. solid_T (B, 4, 4).
+    clearance (M,): how far each pair is to stay apart, in metres. A pair counts as touching when it is not further apart than
+    clearance + margin_m, and a certified edge keeps at least clearance + margin_m / 2.
     """
 
     chain: Chain
@@ -55,6 +60,7 @@ class Problem(NamedTuple):
     weight: Array
     solid_T: Array
     margin_m: float
+    clearance: Array
 
 
 @record
@@ -109,6 +115,7 @@ def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margi
         np.zeros(J),
         solids.T,
         margin_m,
+        np.zeros(count),
     )
     _fill(posed, solids, query, problem, np.empty((count, 4), np.int64))
     return problem
@@ -163,23 +170,28 @@ def _fill(posed: PosedGeometry, solids: Solids, query: Query, problem: Problem, 
 def still_apart(problem: Problem, scratch: Scratch) -> bool:
     """Whether all pairs that stand still to each other, such as a held object and the palm, are apart, whatever the arm does."""
     forward(problem.chain, problem.chain.lower, scratch.poses)
-    pairs, margin = problem.pairs, problem.margin_m
+    pairs = problem.pairs
     near = False
     for n in range(pairs.shape[0]):
-        near = near or (pairs[n, 2] == pairs[n, 3] and _near(problem, scratch, n, margin))
+        near = near or (pairs[n, 2] == pairs[n, 3] and _near(problem, scratch, n))
     return not near
 
 
 @jit_inline
-def _near(problem: Problem, scratch: Scratch, n: int, margin: float) -> bool:
-    """Whether pair n is not further apart than the margin, in doubt it is near."""
-    pairs, boxes, poses = problem.pairs, problem.boxes, scratch.poses
+def _near(problem: Problem, scratch: Scratch, n: int) -> bool:
+    """Whether pair n is not further apart than its clearance and the margin; in doubt it is near."""
+    pairs, boxes, poses, margin = problem.pairs, problem.boxes, scratch.poses, problem.clearance[n] + problem.margin_m
     if ball_gap(pairs, boxes, poses, n) > margin:
         return False
     scratch.counts[1] += 1
     work, toward, high = scratch.work, scratch.toward, margin * (1 + TOLERANCE)
     bound = pair_bound(pairs, boxes, problem.vertices, problem.groups, poses, work, toward, n, margin, high, np.inf, TOLERANCE)
     return bool(bound <= margin)
+
+
+def some_pairs(problem: Problem, kept: NDArray[np.bool_]) -> Problem:
+    """The same problem with some of its pairs alone, kept (M,)."""
+    return problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept], clearance=problem.clearance[kept])
 
 
 def make_scratch(problem: Problem) -> Scratch:
@@ -220,17 +232,17 @@ def enter(problem: Problem, scratch: Scratch) -> None:
 
 @jit_entry
 def config_free(problem: Problem, q: Array, scratch: Scratch) -> bool:
-    """Whether every pair is further apart than the problem's margin at q (J,); in doubt it is not."""
+    """Whether every pair is further apart than its clearance and the margin at q (J,); in doubt it is not."""
     return bool(first_contact(problem, q, scratch) < 0)
 
 
 @jit_entry
 def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
-    """The index in problem.pairs of a pair that is not further apart than the margin at q (J,), -1 when there is none."""
+    """The index in problem.pairs of a pair that is not further apart than its clearance and the margin at q (J,), -1 when there is none."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
     for n in range(problem.pairs.shape[0]):
-        if _near(problem, scratch, n, problem.margin_m):
+        if _near(problem, scratch, n):
             return n
     return -1
 
@@ -241,7 +253,7 @@ def frame_contact(problem: Problem, frame: int, T: Array, scratch: Scratch) -> i
     copy_rows(T, scratch.poses[frame])
     frames = problem.chain.q_index.shape[0] + 1
     for n in range(problem.pairs.shape[0]):
-        if problem.pairs[n, 2] == frame and problem.pairs[n, 3] >= frames and _near(problem, scratch, n, problem.margin_m):
+        if problem.pairs[n, 2] == frame and problem.pairs[n, 3] >= frames and _near(problem, scratch, n):
             return n
     return -1
 
@@ -258,25 +270,53 @@ def first_in_contact(problem: Problem, Q: Array, scratch: Scratch) -> int:
 @jit_entry
 def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch) -> float:
     """A lower bound, at most 5 % low, of the least distance of any pair at q (J,), or cap_m if that is less; 0 when something touches."""
+    least, _ = _nearest_pair(problem, q, cap_m, TOLERANCE, scratch)
+    return float(least)
+
+
+@jit_entry
+def path_clearance(problem: Problem, Q: Array, step_m: float, cap_m: float, tolerance: float, scratch: Scratch) -> tuple[float, int, int]:
+    """A lower bound of the least distance of any pair at any of configurations Q (N, J), or cap_m if that is less; in which row that is,
+    and between which pair, -1 where nothing comes nearer than cap_m.
+
+    step_m: between two rows no point moves further. Rows which that puts too far from everything are skipped. tolerance: how much of the
+    distance, relative, the bound may be low.
+    """
+    least, row, pair, i = cap_m, -1, -1, 0
+    while i < Q.shape[0]:
+        bound, n = _nearest_pair(problem, Q[i], least + FAR_STEPS * step_m, TOLERANCE, scratch)
+        if bound < least:
+            bound, n = _nearest_pair(problem, Q[i], least, tolerance, scratch)
+            if bound < least:
+                least, row, pair = bound, i, n
+        i += max(1, int((bound - least) / step_m))
+    return least, row, pair
+
+
+@jit_inline
+def _nearest_pair(problem: Problem, q: Array, cap_m: float, tolerance: float, scratch: Scratch) -> tuple[float, int]:
+    """A lower bound of the least distance of any pair at q (J,), and which pair that is; cap_m and -1 when all are that far apart."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
     pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
-    work, toward, least = scratch.work, scratch.toward, cap_m
+    work, toward, least, nearest = scratch.work, scratch.toward, cap_m, -1
     for n in range(pairs.shape[0]):
         if ball_gap(pairs, boxes, poses, n) < least:
             scratch.counts[1] += 1
-            least = min(least, pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, 0.0, least, np.inf, TOLERANCE))
-            if least <= 0.0:
-                return 0.0
-    return float(least)
+            bound = pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, 0.0, least, np.inf, tolerance)
+            if bound < least:
+                least, nearest = bound, n
+                if least <= 0.0:
+                    return 0.0, nearest
+    return least, nearest
 
 
 @jit_entry
 def edge_free(problem: Problem, qa: Array, qb: Array, scratch: Scratch) -> bool:
     """Whether the arm may move straight from qa to qb (J,).
 
-    True is certain: no pair gets closer than half the margin anywhere on the edge. False: some configuration on it has a pair that is not
-    further apart than the margin.
+    True is certain: every pair keeps its clearance and half the margin anywhere on the edge. False: some configuration on it has a pair
+    that is not further apart than its clearance and the margin.
     """
     return bool(edge_contact(problem, qa, qb, scratch) < 0)
 
@@ -311,7 +351,7 @@ def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, sc
     pairs, boxes, vertices, groups = problem.pairs, problem.boxes, problem.vertices, problem.groups
     poses, work, toward, counts, q = scratch.poses, scratch.work, scratch.toward, scratch.counts, scratch.q
     spans, lists, pool, motion = scratch.spans, scratch.lists, scratch.pool, scratch.motion
-    margin, keep = problem.margin_m, 0.5 * problem.margin_m
+    clearance, own_margin = problem.clearance, problem.margin_m
     counts[2] += 1
     begin_edge(problem.chain, problem.reach, qa, qb, pool[0, :n_pairs], scratch.rate, motion, scratch.bend)
     for s in range(count):
@@ -330,6 +370,7 @@ def _search(problem: Problem, qa: Array, qb: Array, count: int, n_pairs: int, sc
             begin, back, ahead = used, h, h
             for i in range(lists[now, s, 0], lists[now, s, 0] + lists[now, s, 1]):
                 n = pool[now, i]
+                margin, keep = clearance[n] + own_margin, clearance[n] + 0.5 * own_margin
                 need = keep + motion[n] * h
                 bound = ball_gap(pairs, boxes, poses, n)
                 if bound >= need:

@@ -89,11 +89,11 @@ def safe_interval(
     spin = 0.0
     for r in range(3):
         spin += boxes[body, r] * abs(rx * poses[i, 0, r] + ry * poses[i, 1, r] + rz * poses[i, 2, r])
-    return _until(gap, spin + away, bend), _until(gap, spin - away, bend)
+    return until(gap, spin + away, bend), until(gap, spin - away, bend)
 
 
 @jit_inline
-def _until(gap: float, speed: float, bend: float) -> float:
+def until(gap: float, speed: float, bend: float) -> float:
     """The s ≥ 0 at which speed · s + bend · s² / 2 reaches a gap > 0."""
     root = np.sqrt(speed * speed + 2.0 * bend * gap)
     if speed > 0.0:

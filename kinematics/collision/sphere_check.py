@@ -13,6 +13,9 @@ faster than that. Of two parts only the joints between them count. So a lane tha
 are cut finer, down to `FINAL_M` of growth. A piece that still touches then is *undecided*; where an inner ball touches it is
 certain that the edge does. Bodies and pairs out of reach of the whole edge are left aside after the first batch.
 
+Clearance. Where the world asks for some distance, every ball grows by it, the inner ones too: "free" is to keep the distance, "touches" is
+to fall short of it, both for certain.
+
 Bounds go coarse to fine: a ball around all that one frame carries, such as a hand, a part's bounding ball, its coarse balls, and only the
 fine balls that a touching coarse ball lists.
 
@@ -275,16 +278,18 @@ def _near_box(x: Lanes, y: Lanes, z: Lanes, boxes: F32, i: U64, r: Real) -> Mask
 
 @jit_inline
 def _part_body(S: F32, M: SphereModel, Wd: SphereWorld, p: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
-    """Part p's balls, grown by `grow` (motion) and `slack` (rounding), against body b: lanes that touch, and that do so for certain.
+    """Part p's balls, grown by `grow` (motion), `slack` (rounding) and the body's clearance, against body b: lanes that touch, and that do
+    so for certain.
 
     Lanes in `done` are of no interest any more.
     """
     fail, sure = _U(0), _U(0)
-    more = grow + slack
+    clear = Wd.clearance[b]
+    more = grow + slack + clear
     _frame_into_body(S, _X + _W * (_U(M.T.shape[0]) + _U(12) * M.frame[p]), Wd.R, Wd.p, b)
     for i in range(M.coarse_start[p], M.coarse_start[p + _U(1)]):
         x, y, z = _put(S, _REL, M.coarse, i)
-        hit, in_hit = _hits(x, y, z, Wd, b, M.coarse[i, 3] + more, M.coarse[i, 4] - slack)
+        hit, in_hit = _hits(x, y, z, Wd, b, M.coarse[i, 3] + more, _inner(M.coarse[i, 4], slack, clear))
         sure |= in_hit
         hit &= ~(done | sure)
         if hit == _U(0):
@@ -295,17 +300,17 @@ def _part_body(S: F32, M: SphereModel, Wd: SphereWorld, p: U64, b: U64, grow: Re
         for c in range(M.child_start[i], M.child_start[i + _U(1)]):
             j = M.child[c]
             x, y, z = _put(S, _REL, M.fine, j)
-            touch, in_touch = _hits(x, y, z, Wd, b, M.fine[j, 3] + more, M.fine[j, 4] - slack)
+            touch, in_touch = _hits(x, y, z, Wd, b, M.fine[j, 3] + more, _inner(M.fine[j, 4], slack, clear))
             fail |= touch & hit
             sure |= in_touch
     return fail | sure, sure
 
 
 @jit_inline
-def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
+def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, clear: Real, done: Mask) -> tuple[Mask, Mask]:
     """Part a's balls against part b's, as `_part_body` does it; everything is seen from a's frame, so b had better have fewer."""
     fail, sure = _U(0), _U(0)
-    more = grow + slack
+    more = grow + slack + clear
     K = _U(M.T.shape[0])
     A = _X + _W * (K + _U(12) * M.frame[a])
     x, y, z = _seen_from(S, A, _X + _W * (_U(13) * K + _U(12) + _U(3) * b))
@@ -318,7 +323,7 @@ def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, 
             continue
         for i in range(M.coarse_start[a], M.coarse_start[a + _U(1)]):
             d = _apart(x, y, z, M.coarse, i)
-            r, inner = M.coarse[i, 3] + M.coarse[j, 3] + more, _both(M.coarse[i, 4], M.coarse[j, 4]) - slack
+            r, inner = M.coarse[i, 3] + M.coarse[j, 3] + more, _inner(_both(M.coarse[i, 4], M.coarse[j, 4]), slack, clear)
             hit = below(d, r * r)
             if hit & ~(done | sure) == _U(0):
                 continue
@@ -335,7 +340,7 @@ def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, 
                 for c in range(M.child_start[i], M.child_start[i + _U(1)]):
                     h = M.child[c]
                     d = _apart(u, v, t, M.fine, h)
-                    r, inner = M.fine[g, 3] + M.fine[h, 3] + more, _both(M.fine[g, 4], M.fine[h, 4]) - slack
+                    r, inner = M.fine[g, 3] + M.fine[h, 3] + more, _inner(_both(M.fine[g, 4], M.fine[h, 4]), slack, clear)
                     fail |= below(d, r * r) & hit
                     sure |= below(d, inner * abs(inner))
     return fail | sure, sure
@@ -351,6 +356,12 @@ def _balls(M: SphereModel, p: U64) -> U64:
 def _both(a: Any, b: Any) -> Any:
     """The sum of two inner radii, or something negative when a ball has none."""
     return a + b if a > _ZERO and b > _ZERO else -_ONE
+
+
+@_inline
+def _inner(radius: Real, slack: Real, clear: Real) -> Real:
+    """How near to an inner ball's centre something certainly falls short of the clearance; negative for a ball that has none."""
+    return radius - slack + clear if radius > _ZERO else radius - slack
 
 
 @_inline
@@ -381,7 +392,7 @@ def _all_near(M: SphereModel, Wd: SphereWorld, X: SphereScratch, f: U64, half: f
         _keep(X.rows, _X + _W * (_U(13) * K + _U(12) + _U(3) * (P + f)), x, y, z)
         r = M.all[f, 3] + _f(half * X.all_travel[f]) + M.all_slack[f]
         for b in range(_U(Wd.kind.shape[0])):
-            X.in_reach[b] = _near_body(x, y, z, Wd, b, r + Wd.slack[b], _U(0)) != _U(0)
+            X.in_reach[b] = _near_body(x, y, z, Wd, b, r + Wd.slack[b] + Wd.clearance[b], _U(0)) != _U(0)
     else:
         for b in range(_U(Wd.kind.shape[0])):
             X.in_reach[b] = 1
@@ -390,14 +401,14 @@ def _all_near(M: SphereModel, Wd: SphereWorld, X: SphereScratch, f: U64, half: f
 
 
 @_inline
-def _apart_from_all(M: SphereModel, X: SphereScratch, a: U64, f: U64, half: float) -> bool:
+def _apart_from_all(M: SphereModel, X: SphereScratch, a: U64, f: U64, half: float, clear: Real) -> bool:
     """Whether part a is out of reach of all that frame f carries, in every lane. Parts on one frame are not asked about."""
     if X.looked[f, a] == 0:
         S, P = X.rows, _U(M.frame.shape[0])
         bounds = _X + _W * (_U(13) * _U(M.T.shape[0]) + _U(12))
         u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * (P + f)
         x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
-        more = M.all[f, 3] + _f(half * X.all_travel[f]) + M.slack[a] + M.all_slack[f]
+        more = M.all[f, 3] + _f(half * X.all_travel[f]) + M.slack[a] + M.all_slack[f] + clear
         r = M.bound[a, 3] + more
         near = below(x * x + y * y + z * z, r * r)
         if near != _U(0):
@@ -420,6 +431,7 @@ def _batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float, firs
     fail, sure = _U(0), _U(0)
     _frames(S, M)
     half, at, together = width * 0.5, K + _U(1), first or whole  # later batches look at what was near
+    own = _f(Wd.own_clearance)
     for q in range(P):
         p = P - _U(1) - q  # the hand touches most
         f = M.frame[p]
@@ -435,7 +447,7 @@ def _batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float, firs
                     X.bodies_on[p, b] = 0
                 continue
             slack = M.slack[p] + Wd.slack[b]
-            near = _near_body(x, y, z, Wd, b, M.bound[p, 3] + grow + slack, sure)
+            near = _near_body(x, y, z, Wd, b, M.bound[p, 3] + grow + slack + Wd.clearance[b], sure)
             if first:
                 X.bodies_on[p, b] = near != _U(0)
             if near & ~sure != _U(0):
@@ -454,13 +466,13 @@ def _batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float, firs
             a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
             if M.frame[a] > M.frame[b]:
                 a, b = b, a
-            if together and M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], half):
+            if together and M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], half, own):
                 if first:
                     X.pairs_on[i] = 0
                 continue
             grow = _f(half * (X.travel[b, M.frame[b]] - X.travel[b, M.frame[a]]))
             slack = M.slack[a] + M.slack[b]
-            r = M.bound[a, 3] + M.bound[b, 3] + grow + slack
+            r = M.bound[a, 3] + M.bound[b, 3] + grow + slack + own
             u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * b
             x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
             near = below(x * x + y * y + z * z, r * r)
@@ -472,7 +484,7 @@ def _batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float, firs
                     continue
                 if _balls(M, a) < _balls(M, b):
                     a, b = b, a
-                now, certain = _part_part(S, M, a, b, grow, slack, ~near | sure)
+                now, certain = _part_part(S, M, a, b, grow, slack, own, ~near | sure)
                 if last and now != _U(0):
                     X.left[a, b] = X.left[b, a] = 1
                 fail |= now
@@ -525,10 +537,10 @@ def _begin_edge(S: F32, X: SphereScratch) -> None:
 
 @jit_entry
 def edge_free(model: SphereModel, world: SphereWorld, qa: Array, qb: Array, scratch: SphereScratch) -> int:
-    """Whether the straight motion from qa (J,) to qb (J,) touches nothing.
+    """Whether the straight motion from qa (J,) to qb (J,) touches nothing, and keeps the world's clearances.
 
-    FREE: certain, at every point. TOUCHES: certain as well. UNDECIDED: ask an exact check. Joint values that are not finite, or a sliding
-    joint beyond its limits, are undecided.
+    FREE: certain, at every point. TOUCHES: certain as well, with the clearances for contact. UNDECIDED: ask an exact check. Joint values
+    that are not finite, or a sliding joint beyond its limits, are undecided.
     """
     n = _edge(model, world, qa, qb, scratch, scratch.stack, 0)
     return FREE if n == 0 else TOUCHES if n == _CONTACT else UNDECIDED
@@ -662,7 +674,7 @@ def _open_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, refused: Mask
     K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])
     frames, bounds = _X + _W * K, _X + _W * (_U(13) * K + _U(12))
     _frames(S, M)
-    at = K + _U(1)
+    at, own = K + _U(1), _f(Wd.own_clearance)
     for p in range(P):
         f = M.frame[p]
         if f != at:
@@ -674,7 +686,7 @@ def _open_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, refused: Mask
             if Wd.check[p, b]:
                 slack, near = M.slack[p] + Wd.slack[b], _U(0)
                 if X.in_reach[b]:
-                    near = _near_body(x, y, z, Wd, b, M.bound[p, 3] + slack, _U(0))
+                    near = _near_body(x, y, z, Wd, b, M.bound[p, 3] + slack + Wd.clearance[b], _U(0))
                 if near != _U(0):
                     near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near)
                 out[p * B + b] = near | refused
@@ -682,16 +694,16 @@ def _open_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, refused: Mask
         a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
         if M.frame[a] > M.frame[b]:
             a, b = b, a
-        if M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], 0.0):
+        if M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], 0.0, own):
             out[P * B + i] = refused
             continue
         slack = M.slack[a] + M.slack[b]
-        r = M.bound[a, 3] + M.bound[b, 3] + slack
+        r = M.bound[a, 3] + M.bound[b, 3] + slack + own
         u, v = bounds + _W * _U(3) * a, bounds + _W * _U(3) * b
         x, y, z = load(S, u) - load(S, v), load(S, u + _W) - load(S, v + _W), load(S, u + _U(2) * _W) - load(S, v + _U(2) * _W)
         near = below(x * x + y * y + z * z, r * r)
         if near != _U(0):
             if _balls(M, a) < _balls(M, b):
                 a, b = b, a
-            near, _ = _part_part(S, M, a, b, _ZERO, slack, ~near)
+            near, _ = _part_part(S, M, a, b, _ZERO, slack, own, ~near)
         out[P * B + i] = near | refused

@@ -64,9 +64,10 @@ class SphereModel(NamedTuple):
 class SphereWorld(NamedTuple):
     """Solids and the question about them.
 
-    kind (B,); R (B, 9): rows of the rotation from the world into the body; p (B, 3): the body's origin; half (B, 3); a hull's planes
-    (·, 4), planes[plane_start[b]:plane_start[b + 1]], in its own frame; ball (B, 4): a ball around it; slack (B,): the rounding allowance;
-    check (P, B), pairs (S, 2): see `Query`.
+    kind (B,); R (B, 9): rows of the rotation from the world into the body; p (B, 3): the body's origin; half (B, 3); a hull's planes (·,
+    4), planes[plane_start[b]:plane_start[b + 1]], in its own frame; ball (B, 4): a ball around it; slack (B,): the rounding allowance;
+    check (P, B), pairs (S, 2): see `Query`. clearance (B,): how far the parts are to stay from each body, in metres; own_clearance: from
+    each other.
     """
 
     kind: Index
@@ -79,6 +80,8 @@ class SphereWorld(NamedTuple):
     slack: F32
     check: NDArray[np.uint8]
     pairs: Index
+    clearance: F32
+    own_clearance: float
 
 
 def make_sphere_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> SphereModel:
@@ -134,6 +137,8 @@ def make_sphere_world(solids: Solids, query: Query) -> SphereWorld:
         np.empty(B, np.float32),
         query.check,
         query.pairs.astype(np.uint64, order="C"),
+        np.zeros(B, np.float32),
+        0.0,
     )
     _place_all(world, solids.T, solids.boxes)
     return world

@@ -1,7 +1,8 @@
 """The one place where an edge is judged: by the sphere covers, 16 configurations at once; what they leave open, exactly by GJK.
 
 What the covers call free is free, and what they call touching touches (kinematics.collision.sphere_check); a thin shell remains, and only
-the pieces of the edge that pass through it are looked at again (kinematics.collision.edge_check).
+the pieces of the edge that pass through it are looked at again (kinematics.collision.edge_check). What is carried has to stay upright
+besides (planning.motion.upright).
 """
 
 from __future__ import annotations
@@ -19,19 +20,23 @@ from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sph
 from kinematics.jit.decorators import jit_entry
 from kinematics.jit.record import record
 from kinematics.transforms import Array
+from planning.motion.upright import ANY_WAY_UP, Upright, edge_upright
 
+LARGEST_CLEARANCE_M = 0.5
 _MOST_PIECES = 48
 _TOUCHES, _EVERYTHING = -1, -2
 
 
 @record
 class Task(NamedTuple):
-    """A motion query, packed twice: exactly, and for the lanes. covered: 0 when there are no covers and the exact test does it all."""
+    """A motion query, packed twice: exactly, and for the lanes. covered: 0 when there are no covers and the exact test does it all.
+    upright: how far what is carried may tilt."""
 
     exact: edge_check.Problem
     model: SphereModel
     world: SphereWorld
     covered: int
+    upright: Upright
 
 
 @record
@@ -48,13 +53,28 @@ def make_task(problem: edge_check.Problem, model: SphereModel | None = None, wor
     if model is None or world is None:
         solids, _ = make_solids([])
         empty = Query(np.zeros((0, 0), np.uint8), np.zeros((0, 2), np.int64))
-        return Task(problem, make_sphere_model(problem.chain, make_parts([], []), []), make_sphere_world(solids, empty), 0)
-    return Task(problem, model, world, 1)
+        return Task(problem, make_sphere_model(problem.chain, make_parts([], []), []), make_sphere_world(solids, empty), 0, ANY_WAY_UP)
+    return Task(problem, model, world, 1, ANY_WAY_UP)
 
 
 def pose_task(chain: Chain, posed: PosedGeometry, model: SphereModel, solids: Solids, query: Query, margin_m: float) -> Task:
     """A motion query of posed geometry with covers, which `model` packs for the lanes."""
-    return Task(edge_check.pose(chain, posed, solids, query, margin_m), model, make_sphere_world(solids, query), 1)
+    return Task(edge_check.pose(chain, posed, solids, query, margin_m), model, make_sphere_world(solids, query), 1, ANY_WAY_UP)
+
+
+def with_clearance(task: Task, solids_m: Array, own_m: float) -> Task:
+    """The same task for motions that keep some distance, proved by the covers as well as by the exact test.
+
+    solids_m (B,): from each of the solids, in metres; own_m: of the parts from each other. Raises: ValueError for a negative or huge one.
+    """
+    problem, world = task.exact, task.world
+    B = len(problem.solid_T)
+    if solids_m.shape != (B,) or not (np.all((solids_m >= 0) & (solids_m < LARGEST_CLEARANCE_M)) and 0 <= own_m < LARGEST_CLEARANCE_M):
+        raise ValueError(f"clearances must be {B} lengths from 0 to {LARGEST_CLEARANCE_M} m, and one between the parts")
+    solid = problem.pairs[:, 1] - (len(problem.boxes) - B)
+    clearance = np.where(solid >= 0, np.append(solids_m, own_m)[np.where(solid >= 0, solid, B)], own_m)
+    world = world._replace(clearance=solids_m.astype(np.float32), own_clearance=float(own_m)) if task.covered else world
+    return task._replace(exact=problem._replace(clearance=clearance), world=world)
 
 
 def without_still(task: Task, memory: Memory) -> Task:
@@ -67,7 +87,7 @@ def without_still(task: Task, memory: Memory) -> Task:
     moving = problem.pairs[:, 2] != problem.pairs[:, 3]
     if moving.all() or not edge_check.still_apart(problem, memory.exact):
         return task
-    problem = problem._replace(pairs=problem.pairs[moving], reach=problem.reach[moving])
+    problem = edge_check.some_pairs(problem, moving)
     world = world._replace(pairs=world.pairs[frame[world.pairs[:, 0]] != frame[world.pairs[:, 1]]])
     return task._replace(exact=problem, world=world)
 
@@ -89,6 +109,8 @@ def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
 @jit_entry
 def connects(task: Task, qa: Array, qb: Array, memory: Memory) -> bool:
     """Whether the arm may move straight from qa to qb (J,), for certain. Every planner asks this and nothing else."""
+    if task.upright.limited and not edge_upright(task.exact.chain, task.upright, qa, qb, memory.exact):
+        return False
     if not task.covered:
         return bool(edge_check.edge_free(task.exact, qa, qb, memory.exact))
     n = edge_open(task.model, task.world, qa, qb, memory.lanes, memory.pieces)

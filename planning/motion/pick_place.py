@@ -22,6 +22,7 @@ from kinematics.transforms import Array
 from planning.motion.picking import Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.reaching import place_on_floor
+from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.timing import time_stamps
 from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
@@ -58,7 +59,8 @@ class Motions:
     """All motion planning for one scene: what the loop and the policies ask. Budgets count RRT-Connect's iterations.
 
     time_budget_s: the paper's protocol instead, wall-clock seconds for one RRT-Connect.
-    obstacles: more that stands still, besides the cabinet's walls: what was not seen yet, furniture.
+    obstacles: more that stands still, besides what the scene has: space that was not seen yet.
+    settings: how far motions keep from everything, how upright things are carried, how paths are sought.
     """
 
     def __init__(
@@ -69,9 +71,10 @@ class Motions:
         iterations: int = ITERATIONS,
         time_budget_s: float | None = None,
         obstacles: Sequence[Body] = (),
+        settings: MotionSettings = DEFAULTS,
     ) -> None:
         self.robot, self.scene = robot, scene
-        self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles)
+        self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         self._picking = Picking(self.cell)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
 

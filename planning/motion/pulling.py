@@ -6,9 +6,11 @@ space such ways are too thin to be met by chance.
 
 from __future__ import annotations
 
+import numpy as np
+
 from kinematics.chain import Chain, forward
-from kinematics.inverse import descend
-from kinematics.jit.decorators import copy_row, copy_rows, jit_inline
+from kinematics.inverse import descend, make_work
+from kinematics.jit.decorators import copy_row, copy_rows, jit_entry
 from kinematics.transforms import Array
 
 WAYS = 12
@@ -17,14 +19,22 @@ _ROUGHLY = 3
 """Iterations of `descend`. The millimetres that it may leave do no harm: an edge is certified for itself, whatever it was meant to be."""
 
 
-@jit_inline
-def pulled(chain: Chain, q: Array, way: int, frames: Array, work: Array, T: Array, out: Array) -> None:
-    """Where the joints (J,) are, about, when the last frame has moved by PULL_M from where it is at q (J,), as far as limits allow.
+def pull(chain: Chain, q: Array, way: int, by_m: float) -> Array:
+    """Where the joints (J,) are, about, when the last frame has moved by by_m from where it is at q (J,); way: see `pulled`."""
+    out = np.empty(len(q))
+    frames, work = make_work(chain)
+    pulled(chain, q, way, by_m, frames, work, np.empty((2, 4, 4)), out)
+    return out
+
+
+@jit_entry
+def pulled(chain: Chain, q: Array, way: int, by_m: float, frames: Array, work: Array, T: Array, out: Array) -> None:
+    """Where the joints (J,) are, about, when the last frame has moved by by_m from where it is at q (J,), as far as limits allow.
 
     way: 0 to 11; there and back along each of its own axes first, then along the world's. Scratch: frames and work, as for
     `inverse.descend`, and T (2, 4, 4).
     """
-    K, axis, by = chain.q_index.shape[0], way // 2 % 3, PULL_M if way % 2 == 0 else -PULL_M
+    K, axis, by = chain.q_index.shape[0], way // 2 % 3, by_m if way % 2 == 0 else -by_m
     forward(chain, q, frames)
     copy_rows(frames[0], T[0])  # the identity
     copy_rows(frames[K], T[1])

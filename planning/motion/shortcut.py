@@ -7,6 +7,7 @@ in metres moved, as in RRT-Connect.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,27 @@ from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
 from planning.motion.rrt_connect import Route, uniform, weighted
 
-ITERATIONS = 100
-PATIENCE = 3  # a third of the tries in a row that brought nothing, and no more are made
-GAIN = 5e-4  # share of the length that a shortcut has to save
 _ROOM = 64  # waypoints that partial shortcuts may add
+
+
+@dataclass(frozen=True)
+class ShortcutSettings:
+    """How a path is shortened. tries: how many shortcuts are tried; patience: 1 / patience of the tries in a row that brought nothing, and
+    no more are made; gain: share of the length that a shortcut has to save."""
+
+    tries: int = 100
+    patience: int = 3
+    gain: float = 5e-4
+
+
+DEFAULTS = ShortcutSettings()
 
 
 def shorten(
     task: Task,
     path: Array,
     *,
-    iterations: int = ITERATIONS,
+    settings: ShortcutSettings = DEFAULTS,
     seed: int = 0,
     memory: Memory | None = None,
 ) -> Route:
@@ -44,9 +55,9 @@ def shorten(
     room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
     work = np.empty((len(room) + 2, path.shape[1]))
     rng = np.array([seed % 2**64], np.uint64)
-    n = int(_shorten(task, room, len(path), rng, iterations, memory, work))
+    n = int(_shorten(task, room, len(path), rng, settings.tries, settings.patience, settings.gain, memory, work))
     spent = scratch.counts - counts
-    return Route(room[:n].copy(), "", -1, None, iterations, int(spent[0]), int(spent[2]), time.perf_counter() - began)
+    return Route(room[:n].copy(), "", -1, None, settings.tries, int(spent[0]), int(spent[2]), time.perf_counter() - began)
 
 
 def length(task: Task, path: Array) -> float:
@@ -55,13 +66,15 @@ def length(task: Task, path: Array) -> float:
 
 
 @jit_entry
-def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iterations: int, memory: Memory, work: Array) -> int:
+def _shorten(
+    task: Task, path: Array, n: int, rng: NDArray[np.uint64], tries: int, patience: int, gain: float, memory: Memory, work: Array
+) -> int:
     """Shorten path[:n] in place; returns how many waypoints it has now. work: scratch, two rows more than the path."""
     n = _leap(task, path, n, memory)
     n_q, weight, misses = path.shape[1], task.exact.weight, 0
     a, b, new = work[0], work[1], work[2:]
-    for _ in range(iterations):
-        if n < 3 or PATIENCE * misses > iterations:
+    for _ in range(tries):
+        if n < 3 or patience * misses > tries:
             break
         misses += 1
         total = 0.0
@@ -104,7 +117,7 @@ def _shorten(task: Task, path: Array, n: int, rng: NDArray[np.uint64], iteration
         now = 0.0
         for k in range(m - 1):
             now += weighted(weight, new[k], new[k + 1])
-        if now > old - GAIN * total or n - (j - i) + m > path.shape[0]:
+        if now > old - gain * total or n - (j - i) + m > path.shape[0]:
             continue
         free = True
         for k in range(m - 1):

@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import chain, product
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics import inverse
-from kinematics.chain import Int, forward
 from kinematics.collision import edge_check
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
-from kinematics.collision.posed_geometry import PosedGeometry, join_posed, make_geometry_model, pose_geometry
-from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, shape_geometry
+from kinematics.collision.posed_geometry import join_posed, pose_geometry
+from kinematics.collision.robot_model import shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
 from kinematics.robots.robot import Robot, check_names
-from kinematics.scene import Body, Cabinet, Held, Scene
+from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import convex_parts
-from kinematics.transforms import Array, rotation_about, transform
-from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, without_still
-from planning.motion.lazy_list import LazyList
+from kinematics.transforms import Array
+from planning.motion.arm import FINGERS_AT, arm_at
+from planning.motion.connecting import connect
+from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, with_clearance, without_still
 from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
-from planning.motion.rrt_connect import plan, reach
-from planning.motion.shortcut import shorten
+from planning.motion.rrt_connect import reach
+from planning.motion.settings import DEFAULTS, MotionSettings
+from planning.motion.upright import Upright, edge_is_upright, is_upright, make_upright
+from planning.motion.waiting import LEVEL, looking_in, waiting
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
-SHORTCUTS = 40
-FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
 ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
+TILTS = "what is carried would lean too far"
 KEPT = 6  # sets of poses for which the packed bodies are kept
 
 
@@ -85,14 +85,24 @@ class _Bodies(NamedTuple):
 class Workcell:
     """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query.
 
-    obstacles: more that stands still, besides the cabinet's walls: what was not seen yet, furniture.
+    obstacles: more that stands still, besides what the scene has: space that was not seen yet, from which no distance is kept.
     Raises: ValueError when two things have one name, see `kinematics.robots.robot.check_names`.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, iterations: int, time_budget_s: float | None, obstacles: Sequence[Body] = ()) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        *,
+        iterations: int,
+        time_budget_s: float | None,
+        obstacles: Sequence[Body] = (),
+        settings: MotionSettings = DEFAULTS,
+    ) -> None:
         check_names(robot, scene, obstacles)
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
-        self.arm = _arm(robot, scene.robot.T_world_base.tobytes())
+        self.settings, self._unseen = settings, frozenset(b.name for b in obstacles)
+        self.arm = arm_at(robot, scene.robot.T_world_base)
         self.walls = [*scene.cabinet.walls(), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
@@ -117,7 +127,7 @@ class Workcell:
         touch = self.touch(empty, own)
         if touch is None:
             return self.robot.with_arm(own, gripper)
-        for q in self._waiting():
+        for q in waiting(self.arm, self.scene.cabinet):
             if self.touch(empty, q) is None:
                 return self.robot.with_arm(q, gripper)
         raise ValueError(f"robot {self.robot.name} finds no place to wait before this cabinet: at home, {touch.link} touches {touch.body}")
@@ -156,12 +166,20 @@ class Workcell:
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
         task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
+        if self.settings.clearance.least_m > 0:
+            task = self._with_clearance(task, bodies, self.settings.clearance.least_m)
         if held is not None:
-            task, self._entered = without_still(task, self.memory), None
+            task, self._entered = without_still(task, self.memory)._replace(upright=self._upright(held)), None
         query = PlanningQuery(task, links + bodies)
         if plain:
             known[gripper] = query
         return query
+
+    def _upright(self, held: Held) -> Upright:
+        """How far a held object may tilt from how it stood."""
+        R_stood = self.scene.body(held.body).T_world_body[:3, :3]
+        axis = self.arm.T_frame_hand[:3, :3] @ held.T_hand_body[:3, :3] @ R_stood[2]
+        return make_upright(axis, float(np.radians(self.settings.max_tilt_deg)))
 
     def allowing(self, query: PlanningQuery, a: str, b: str) -> PlanningQuery:
         """The same query, but link or held object a may touch body b."""
@@ -170,8 +188,8 @@ class Workcell:
         first, second = (np.array([n == name for n in names]) for name in (a, b))
         first[P:] = second[:P] = False  # a mover and what stands: their names are of two spaces
         kept = ~(first[problem.pairs[:, 0]] & second[problem.pairs[:, 1]])
+        problem = edge_check.some_pairs(problem, kept)
         check = np.where(first[:P, None] & second[P:], np.uint8(0), world.check)
-        problem = problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept])
         return PlanningQuery(task._replace(exact=problem, world=world._replace(check=check)), names)
 
     def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> ContactQuery:
@@ -228,6 +246,8 @@ class Workcell:
         memory = self.enter(query)
         if connects(query.task, qa, qb, memory):
             return None
+        if not edge_is_upright(query.task.exact.chain, query.task.upright, qa, qb, memory.exact):
+            return CollisionPair(detail=TILTS)
         pair = edge_check.edge_contact(query.task.exact, qa, qb, memory.exact)
         return self.name_of(query, pair) if pair >= 0 else CollisionPair(detail="touches by less than the margin")
 
@@ -250,27 +270,49 @@ class Workcell:
     def connect(
         self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
     ) -> Array | Blocked:
-        """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A); iterations: a budget of its own."""
+        """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A), with as much clearance as there is;
+        iterations: a budget of its own."""
         seed = int(rng.integers(2**31))
         if touch := self.touch(query, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
-        task, memory = query.task, self.enter(query)
-        most = iterations or (self.iterations if self.time_budget_s is None else 2**62)
-        found = plan(
-            task, start, goals, max_iterations=most, time_budget_s=None if iterations else self.time_budget_s, seed=seed, memory=memory
-        )
-        if found.path is None:
-            touch = self.touch(query, goals[0])
-            if touch:
-                return Blocked("transit", touch.link, touch.body, detail="at the goal")
-            touch = self.edge(query, start, goals[0]) or CollisionPair()
-            return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
-        return np.asarray(shorten(task, found.path, iterations=SHORTCUTS, seed=seed, memory=memory).path)
+        found = connect(
+            query.task, lambda clearance_m: self.keeping(query, clearance_m).task, start, goals,
+            max_iterations=iterations or (self.iterations if self.time_budget_s is None else 2**62),
+            time_budget_s=None if iterations else self.time_budget_s, seed=seed, memory=self.memory, settings=self.settings,
+        )  # fmt: skip
+        self._entered = None
+        if found.path is not None:
+            return found.path
+        if touch := self.touch(query, goals[0]):
+            return Blocked("transit", touch.link, touch.body, detail="at the goal")
+        if found.why == "tilt":
+            return Blocked("transit", detail=TILTS)
+        touch = self.edge(query, start, goals[0]) or CollisionPair()
+        return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
+
+    def keeping(self, query: PlanningQuery, clearance_m: float) -> PlanningQuery:
+        """The same query for motions that keep so far from everything but what they may touch and unseen space, in metres."""
+        return query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m))
+
+    def clearest(self, query: PlanningQuery, path: Array) -> float:
+        """The largest of the clearances that are tried which all edges of a certified path (K, A) keep, in metres."""
+        *wider, least = self.settings.clearance.levels_m
+        for level in wider:
+            clear = self.keeping(query, level)
+            memory = self.enter(clear)
+            if all(connects(clear.task, a, b, memory) for a, b in pairwise(path)):
+                return level
+        return least
+
+    def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float) -> Task:
+        solids = np.array([0.0 if name in self._unseen else clearance_m for name in bodies])
+        return with_clearance(task, solids, min(clearance_m, self.settings.clearance.own_m))
 
     def reached(self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
         """To which of goals (G, A) there is a path from start (A,), each sought in so many iterations."""
         seed = int(rng.integers(2**31))
-        return reach(query.task, start, goals, max_iterations=iterations, seed=seed, memory=self.enter(query))
+        memory, rrt = self.enter(query), self.settings.rrt
+        return reach(query.task, start, goals, max_iterations=iterations, seed=seed, memory=memory, settings=rrt)
 
     def name_of(self, query: PlanningQuery | ContactQuery, pair: int) -> CollisionPair | None:
         """The bodies behind the index of a pair; None behind -1."""
@@ -290,21 +332,27 @@ class Workcell:
 
     def outside(self, carrying: PlanningQuery, held: Held, most: int = 8) -> Array:
         """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
-        goals = list[Array]()
+        goals, task, memory = list[Array](), carrying.task, self.memory
         T_cabinet = np.linalg.inv(self.scene.cabinet.T_world_cabinet)
-        for i, q in enumerate(chain([self.home_arm], self._waiting())):
+        for i, q in enumerate(chain([self.home_arm], waiting(self.arm, self.scene.cabinet, self._looks(task.upright, held)))):
             if goals and i > ENOUGH_WAITING:
                 break
             centre = (T_cabinet @ self.arm.hand_pose(q) @ held.T_hand_body)[:3, 3]
-            if centre[0] < -0.03 and self.touch(carrying, q) is None:
+            upright = is_upright(task.exact.chain, task.upright, q, memory.exact)
+            if centre[0] < -0.03 and upright and self.touch(carrying, q) is None:
                 goals.append(q)
                 if len(goals) == most:
                     break
         return np.array(goals).reshape(-1, len(self.home_arm))
 
-    def _waiting(self) -> Iterable[Array]:
-        cabinet = self.scene.cabinet
-        return _waiting(self.arm, cabinet.size_m.tobytes(), cabinet.T_world_cabinet.tobytes(), cabinet.wall_m)
+    def _looks(self, upright: Upright, held: Held) -> Array:
+        """How the hand looks into the cabinet with an object in it, in the cabinet's frame (3, 3): level, or where the object would then
+        lean too far, pitched as when it was taken."""
+        T_cabinet = self.scene.cabinet.T_world_cabinet
+        axis_in_hand = self.arm.T_frame_hand[:3, :3].T @ upright.axis
+        if (T_cabinet[2, :3] @ LEVEL) @ axis_in_hand >= upright.allowed:
+            return LEVEL
+        return looking_in(T_cabinet, self.scene.body(held.body).T_world_body[:3, :3] @ held.T_hand_body[:3, :3].T)
 
     def _standing(self, poses: Mapping[str, Array]) -> _Bodies:
         found = self._bodies.pop(id(poses), None)
@@ -318,69 +366,3 @@ class Workcell:
             found = _Bodies(poses, place_solids(self._stock, np.array(which), T), names, {})
         self._bodies[id(poses)] = found
         return found
-
-
-class Arm(RobotCollisionModel):
-    """A robot at one place, with what inverse kinematics starts from."""
-
-    def __init__(self, robot: Robot, T_world_base: Array) -> None:
-        super().__init__(robot, T_world_base)
-        self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
-        self.self_pairs: Int = robot.self_pairs()
-        self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))
-        self._finger_pieces = make_geometry_model([robot.hulls[i].vertices for i in self.fingers])
-        self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
-
-    def moving_fingers(self, opened: float, closed: float) -> tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]:
-        """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: the posed geometry, its links,
-        the pairs (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
-        key = (opened, closed)
-        if key not in self._moving:
-            if len(self._moving) == OPENINGS:
-                self._moving.pop(next(iter(self._moving)))  # the oldest
-            *before, last = (opened + share * (closed - opened) for share in FINGERS_AT)
-            own, posed, links = self.fingers, self.posed(last), self.links
-            pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
-            for gripper in before:
-                posed = join_posed(posed, self.posed_links(own, self._finger_pieces, gripper))
-                copies = np.arange(len(self.links))
-                copies[own] = len(links) + np.arange(len(own))
-                links += tuple(self.links[i] for i in own)
-                pairs.append(copies[pairs[0]])
-            self._moving[key] = posed, links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
-        return self._moving[key]
-
-    def hand_pose(self, q: Array) -> Array:
-        """T_world_hand (4, 4) at the arm's configuration q (A,)."""
-        frames = np.empty((len(self.chain.q_index) + 1, 4, 4))
-        forward(self.chain, q, frames)
-        return np.asarray(frames[-1] @ self.T_frame_hand)
-
-
-@lru_cache(maxsize=8)
-def _arm(robot: Robot, base: bytes) -> Arm:
-    return Arm(robot, np.frombuffer(base).reshape(4, 4))
-
-
-@lru_cache(maxsize=8)
-def _waiting(arm: Arm, size: bytes, T_cabinet: bytes, wall_m: float) -> Iterable[Array]:
-    return LazyList(_find_waiting(arm, Cabinet(np.frombuffer(size), np.frombuffer(T_cabinet).reshape(4, 4), wall_m)))
-
-
-def _find_waiting(arm: Arm, cabinet: Cabinet) -> Iterator[Array]:
-    """Arm configurations with the hand before the cabinet's front, looking in, free of its walls; the most central first."""
-    solids, names = make_solids(cabinet.walls())
-    posed = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
-    check = np.ones((len(posed.frame), len(names)), np.uint8)
-    check[posed.frame == 0] = 0
-    problem = edge_check.pose(arm.chain, posed, solids, Query(check, arm.self_pairs), edge_check.MARGIN_M)
-    scratch = edge_check.make_scratch(problem)
-    _, width, height = cabinet.size_m
-    home = arm.robot.arm_q(arm.robot.home)
-    level = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
-    for back, z, y, yaw in product((0.08, 0.16), (0.5, 0.9, 0.2), (0.0, 0.25, -0.25, 0.5, -0.5), (0.0, 0.6, -0.6, 1.2, -1.2)):
-        R = rotation_about((0.0, 0.0, 1.0), yaw) @ level
-        T = cabinet.T_world_cabinet @ transform(R, [-back, y * width, z * height])
-        for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
-            if edge_check.config_free(problem, q, scratch):
-                yield q

@@ -18,14 +18,14 @@ from kinematics.shapes import Box, box_corners
 from kinematics.transforms import Array, transform
 from planning.motion.edges import make_task
 from planning.motion.pulling import PULL_M, WAYS, pulled
-from planning.motion.rrt_connect import PULLS_AT, plan
+from planning.motion.rrt_connect import RRTConnectSettings, plan
 
 LINK = 0.4
 
 
 @jit_entry
 def _pulled(chain: Chain, q: Array, way: int, frames: Array, work: Array, T: Array, out: Array) -> None:
-    pulled(chain, q, way, frames, work, T, out)
+    pulled(chain, q, way, PULL_M, frames, work, T, out)
 
 
 def _frame(chain: Chain, q: Array) -> Array:
@@ -86,7 +86,7 @@ def test_out_of_a_tight_slot(back: bool) -> None:
         ends = (goal, start) if back else (start, goal)
         found = plan(make_task(problem), ends[0], ends[1][None], seed=seed, max_iterations=2000)
         assert found.path is not None
-        assert found.iterations > PULLS_AT
+        assert found.iterations > RRTConnectSettings().pulls_at
         for a, b in pairwise(found.path):
             assert all(
                 config_free(problem._replace(margin_m=0.45 * problem.margin_m), a + t * (b - a), scratch) for t in np.linspace(0, 1, 50)

@@ -17,7 +17,7 @@ from kinematics.shapes import Box, box_corners
 from kinematics.transforms import Array, transform
 from planning.motion.edges import make_memory, make_task
 from planning.motion.rrt_connect import plan, reach
-from planning.motion.shortcut import length, shorten
+from planning.motion.shortcut import ShortcutSettings, length, shorten
 
 LEFT, RIGHT = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 
@@ -59,7 +59,7 @@ def test_through_the_slit(width_m: float) -> None:
         found = plan(make_task(problem), LEFT, RIGHT[None], max_iterations=20000, seed=seed)
         assert found.path is not None
         np.testing.assert_array_equal(found.path[[0, -1]], [LEFT, RIGHT])
-        short = shorten(make_task(problem), found.path, seed=seed, iterations=200).path
+        short = shorten(make_task(problem), found.path, seed=seed, settings=ShortcutSettings(tries=200)).path
         assert short is not None
         np.testing.assert_array_equal(short[[0, -1]], [LEFT, RIGHT])
         assert length(make_task(problem), short) <= length(make_task(problem), found.path) + 1e-12
@@ -83,7 +83,7 @@ def test_shortest_way_is_nearly_found() -> None:
     corners = np.array([LEFT, [-0.15, 0.5], [0.15, 0.5], RIGHT])
     found = plan(make_task(problem), LEFT, RIGHT[None], seed=1)
     assert found.path is not None
-    short = shorten(make_task(problem), found.path, iterations=1000).path
+    short = shorten(make_task(problem), found.path, settings=ShortcutSettings(tries=1000)).path
     assert short is not None
     assert length(make_task(problem), corners) - 1e-9 <= length(make_task(problem), short) < 1.03 * length(make_task(problem), corners)
 
@@ -171,7 +171,7 @@ def test_robots_among_walls(robot: Robot) -> None:
         if found.path is None:
             continue
         solved += 1
-        short = shorten(make_task(problem), found.path, seed=i, iterations=30, memory=memory).path
+        short = shorten(make_task(problem), found.path, seed=i, settings=ShortcutSettings(tries=30), memory=memory).path
         assert short is not None
         looser = problem._replace(margin_m=0.45 * problem.margin_m)
         for qa, qb in pairwise(short):

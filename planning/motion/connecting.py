@@ -1,0 +1,107 @@
+"""A path with as much clearance as there is: RRT-Connect and shortcuts at falling distances from everything, retreating from narrow ends.
+
+The wanted distance is tried first, and briefly; then whether there is a path at all, with the whole budget; then the distances between. So
+a motion that can't be had costs little more than one search, and one that can keeps well clear wherever its ends let it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from kinematics.collision import edge_check
+from kinematics.transforms import Array
+from planning.motion.edges import Memory, Task, connects
+from planning.motion.pulling import WAYS, pull
+from planning.motion.rrt_connect import Route, plan
+from planning.motion.settings import MotionSettings
+from planning.motion.shortcut import shorten
+from planning.motion.upright import is_upright
+
+PULL_OUT_M, PULLS_OUT = 0.02, 5
+"""Steps in which the hand is pulled out of a narrow end, and how many."""
+MOST_ENDS = 8
+"""Goals that a search with clearance is given."""
+
+
+def connect(
+    task: Task,
+    keeping: Callable[[float], Task],
+    start: Array,
+    goals: Array,
+    *,
+    max_iterations: int,
+    time_budget_s: float | None,
+    seed: int,
+    memory: Memory,
+    settings: MotionSettings,
+) -> Route:
+    """A shortened path from start (A,) to the nearest of goals (G, A), each edge certified.
+
+    task: the query at the least clearance, which start and goals are to hold to; keeping: the same at another clearance, in metres.
+    The memory is ready for the task, and has served others afterwards. max_iterations, time_budget_s: of the search at the least clearance.
+    """
+    *wider, _ = settings.clearance.levels_m
+    briefly = min(settings.clearance.iterations, max_iterations)
+    for level in wider[:1]:
+        if (found := _connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings)) is not None:
+            return found
+        edge_check.enter(task.exact, memory.exact)
+    found = plan(
+        task, start, goals, max_iterations=max_iterations, time_budget_s=time_budget_s, seed=seed, memory=memory, settings=settings.rrt
+    )
+    if found.path is None:
+        return found
+    closely = replace(found, path=shorten(task, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path)
+    clear = (_connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings) for level in wider[1:])
+    return next((route for route in clear if route is not None), closely)
+
+
+def _connect_clear(
+    task: Task, clear: Task, start: Array, goals: Array, iterations: int, seed: int, memory: Memory, settings: MotionSettings
+) -> Route | None:
+    """A path by the clear task, found within a few iterations, or None. Where an end is nearer to something than that, the hand is pulled
+    straight out of there first, by edges of the other task."""
+    begin = way_out(task, clear, start, memory)
+    if begin is None:
+        return None
+    ends = [(g, way) for g, q in enumerate(goals[:MOST_ENDS]) if (way := way_out(task, clear, q, memory)) is not None]
+    if not ends:
+        return None
+    edge_check.enter(clear.exact, memory.exact)
+    roots = np.array([way[-1] for _, way in ends])
+    found = plan(clear, begin[-1], roots, max_iterations=iterations, seed=seed, memory=memory, settings=settings.rrt)
+    if found.path is None:
+        return None
+    short = shorten(clear, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path
+    assert short is not None
+    goal, end = ends[found.goal]
+    return replace(found, path=np.concatenate([begin[:-1], short, end[-2::-1]]), goal=goal)
+
+
+def way_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:
+    """From q (A,) to where the clear task holds: q alone where it does there, else a straight pull of the hand that is free by the other
+    task, as waypoints (K, A); None when no pull gets there."""
+    if _holds(clear, q, memory):
+        return q[None]
+    for way in range(WAYS):
+        out = [q]
+        for _ in range(PULLS_OUT):
+            there = pull(task.exact.chain, out[-1], way, PULL_OUT_M)
+            edge_check.enter(task.exact, memory.exact)
+            if not connects(task, out[-1], there, memory):
+                break
+            out.append(there)
+            if _holds(clear, there, memory):
+                return np.array(out)
+    return None
+
+
+def _holds(task: Task, q: Array, memory: Memory) -> bool:
+    """Whether q (A,) keeps what a task asks for."""
+    edge_check.enter(task.exact, memory.exact)
+    if edge_check.first_contact(task.exact, q, memory.exact) >= 0:
+        return False
+    return bool(is_upright(task.exact.chain, task.upright, q, memory.exact))

@@ -1,0 +1,65 @@
+"""What may be chosen about motions: how far they keep from everything, how upright things are carried, how paths are sought."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from planning.motion.rrt_connect import RRTConnectSettings
+from planning.motion.shortcut import ShortcutSettings
+
+
+@dataclass(frozen=True)
+class ClearanceSettings:
+    """How far motions keep from everything that they may not touch, in metres.
+
+    wanted_m: preferred; between_m: what else is tried before the least; least_m: what nothing may fall short of, 0 where the certificate's
+    fraction of a millimetre will do. own_m: the most that is asked for between the robot's own links, and what it holds. Unseen space may
+    be passed at no distance. iterations: of a search at any but the least clearance.
+    """
+
+    wanted_m: float = 0.005
+    between_m: tuple[float, ...] = (0.003, 0.002, 0.001)
+    least_m: float = 0.0
+    own_m: float = 0.002
+    iterations: int = 500
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for lengths that are no clearances, or a least one above the wanted one."""
+        if not 0 <= self.least_m <= self.wanted_m <= MOST_WANTED_M:
+            raise ValueError(
+                f"clearances must rise from 0 to at most {1000 * MOST_WANTED_M:.0f} mm, and the least ({1000 * self.least_m:g} mm) "
+                f"may not exceed the wanted one ({1000 * self.wanted_m:g} mm)"
+            )
+
+    @cached_property
+    def levels_m(self) -> tuple[float, ...]:
+        """The clearances that are tried, falling from the wanted one to the least."""
+        between = sorted((c for c in self.between_m if self.least_m < c < self.wanted_m), reverse=True)
+        return tuple(dict.fromkeys((self.wanted_m, *between, self.least_m)))
+
+
+MOST_WANTED_M = 0.1
+MOST_TILT_DEG, LEAST_TILT_DEG = 180.0, 1.0
+"""Half a turn is no limit; a limit below one degree leaves the arm no room for a certified motion."""
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """All that may be chosen about motions. max_tilt_deg: how far what is carried may lean from how it stood, where the object itself does
+    not say; 180 frees it."""
+
+    clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
+    max_tilt_deg: float = 30.0
+    rrt: RRTConnectSettings = field(default_factory=RRTConnectSettings)
+    shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(tries=40))
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a tilt that is none, or too narrow."""
+        if not LEAST_TILT_DEG <= self.max_tilt_deg <= MOST_TILT_DEG:
+            raise ValueError(f"the largest tilt, {self.max_tilt_deg:g}°, must lie between {LEAST_TILT_DEG:g}° and {MOST_TILT_DEG:g}°")
+
+
+UNCONSTRAINED = MotionSettings(ClearanceSettings(wanted_m=0.0), max_tilt_deg=MOST_TILT_DEG)
+"""Motions touch nothing, and no more is asked of them."""
+DEFAULTS = UNCONSTRAINED

@@ -60,11 +60,12 @@ def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Co
 
 def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Contact | None:
     speed, gap = normals @ d, offsets - normals @ o
-    if np.any((np.abs(speed) < 1e-12) & (gap < 0)):
+    along = np.abs(speed) < 1e-12
+    if np.any(along & (gap < 0)):
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         s = gap / speed
-    entering, leaving = np.where(speed < -1e-12, s, -np.inf), np.where(speed > 1e-12, s, np.inf)
+    entering, leaving = np.where(~along & (speed < 0), s, -np.inf), np.where(~along & (speed > 0), s, np.inf)
     i, j = int(np.argmax(entering)), int(np.argmin(leaving))
     return Contact(float(entering[i]), float(leaving[j]), normals[i], normals[j]) if entering[i] < leaving[j] else None
 
@@ -105,22 +106,21 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
     """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
-    The hand's x points up, or for downward grasps away from the cabinet's front, so that a camera on that side sees over the object.
+    The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
     low, high = bounds(body.shape, body.T_world_body)
-    middle, height = (low + high) / 2, high[2] - low[2]
+    middle = (low + high) / 2
     candidates: list[tuple[float, Array, Array, Array, float]] = []
     for yaw in closing_directions(body.shape, body.T_world_body):
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         for kind in approaches:
-            heights = {z for share in (0.6, 0.85) if (z := _level(kind, low[2], high[2], floor_z, share)) is not None}
-            levels = sorted(heights, key=lambda z: abs(z - low[2] - 0.6 * height))
+            levels = sorted({z for share in (0.6, 0.85) if (z := _level(kind, low[2], high[2], floor_z, share)) is not None})
             for pitch in PITCHES[kind]:
                 for side in (1.0, -1.0):
                     ahead = side * np.array([-u[1], u[0], 0.0])
                     R = _level_hand(ahead, pitch)
                     turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
-                    reach = float(np.abs(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))) if kind != "downward" else 0.0
+                    reach = float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))
                     for rank, z in enumerate(levels):
                         point = np.array([middle[0], middle[1], z])
                         candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, reach * np.cos(pitch)))
@@ -135,8 +135,8 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
 
 
 def _level_hand(ahead: Array, pitch: float) -> Array:
-    """Rotation (3, 3) of a hand that looks along `ahead` (3,), level, and down by `pitch`: it closes level, its x is up, or ahead if it
-    looks straight down."""
+    """Rotation (3, 3) of a hand that looks along `ahead` (3,), level, and down by `pitch`: it closes level, its x is up, or
+    opposite to `ahead` if it looks straight down."""
     co, si = np.cos(pitch), np.sin(pitch)
     a, b = float(ahead[0]), float(ahead[1])
     y = (b, -a) if pitch < 1.5 else (-b, a)  # approach × up, or ahead × approach

@@ -101,8 +101,7 @@ def retrieve(
         if steps == max_moves:
             break
         steps += 1
-        why: Blocked | None = Blocked("select", detail="the policy proposes no object and region")
-        out_of_reach = set[str]()
+        stuck, out_of_reach = True, set[str]()
         for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking):
             if object_name in out_of_reach:
                 continue  # another region would not help
@@ -118,10 +117,10 @@ def retrieve(
             on_step(f"moved {object_name} to region {region}")
             moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))
             way += moved.motions
-            state, why = moved.after, None
+            state, stuck = moved.after, False
             failed.clear()  # a new state: what failed before may work now
             break
-        if why is not None and rule is Rule.DEEP:
+        if stuck and rule is Rule.DEEP:
             break  # everything that the policy has was tried in this state: another round would be the same
     why = taken if isinstance(taken, Blocked) else None
     return conclude(motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)

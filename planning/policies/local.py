@@ -80,11 +80,7 @@ def make_local_region(lines: Lines) -> Callable[[Observation, str, np.random.Gen
         line, box = lines.of(seen), seen.boxes[name]
         free = free_regions(seen, name)
         distance = np.linalg.norm(seen.regions[free, :2] - box[:2], axis=1)
-        bottom = box[2] - box[5] / 2
-        return [
-            int(free[i])
-            for i in np.argsort(distance, kind="stable")
-            if line.first_touch(np.array([*seen.regions[free[i], :2], bottom + box[5] / 2, *box[3:]])) is None
-        ]
+        nearest = free[np.argsort(distance, kind="stable")]
+        return [int(i) for i in nearest if line.first_touch(np.array([*seen.regions[i, :2], *box[2:]])) is None]
 
     return local_region

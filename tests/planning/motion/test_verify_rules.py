@@ -1,0 +1,258 @@
+"""The last word's own rules, with engines that only note what they are asked: limits, gaps, what is held and from where, and what is said.
+
+The robot slides along x and y and turns about z; the engines' word on contacts is tested in test_verify.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fakes import BASE, scene_of
+
+from kinematics.collision.fcl_solids import Contact
+from kinematics.scene import Held, Scene
+from kinematics.transforms import Array, inverse, rotations_about, transform
+from planning.motion import verify as module
+from planning.motion.verify import SAME_M, SAME_RAD, hand_poses, verify
+from planning.plan import Blocked, Motion
+
+LOWER, UPPER = np.array([-1.0, -2.0, -np.inf]), np.array([1.0, 2.0, np.inf])
+UNTOUCHED: tuple[tuple[str, str], ...] = ()
+
+
+def slider() -> Any:
+    """Three joints: along x, along y, about z; the hand at their end."""
+
+    def poses(q: Array) -> Array:
+        at = np.stack([q[..., 0], q[..., 1], np.zeros(q.shape[:-1])], -1)
+        T = transform(rotations_about((0.0, 0.0, 1.0), q[..., 2]), at)
+        return np.stack([np.broadcast_to(np.eye(4), T.shape), T], -3)
+
+    return SimpleNamespace(
+        name="slider", lower=LOWER, upper=UPPER, tree=SimpleNamespace(poses=poses, names=("base", "hand"), index={"base": 0, "hand": 1})
+    )
+
+
+class Engines:
+    """Both engines and the sampler: each question is noted, and answered as was written down for its number."""
+
+    def __init__(self, answers: dict[int, tuple[int, list[Contact]]] | None = None) -> None:
+        self.answers, self.asked, self.made = answers or {}, list[SimpleNamespace](), list[tuple[str, Any, Any]]()
+
+    def install(self, patch: pytest.MonkeyPatch) -> Engines:
+        patch.setattr(module, "Verdict", lambda robot, scene: self._make("verdict", robot, scene))
+        patch.setattr(module, "BroadPhase", lambda robot, scene: self._make("broad phase", robot, scene))
+        patch.setattr(module, "samples", lambda robot, scene, motion: ("rows of", motion.stage))
+        return self
+
+    def _make(self, what: str, robot: Any, scene: Scene) -> Engines:
+        self.made.append((what, robot, scene))
+        return self
+
+    def judge(self, rows: Any, poses: dict[str, Array], held: Held | None, allowed: Sequence[tuple[str, str]]) -> Any:
+        return ("judged", rows, sorted(poses), held, allowed)
+
+    def first_contacts(self, rows: Any, poses: dict[str, Array], held: Held | None, allowed: Any, judged: Any) -> Any:
+        assert judged == ("judged", rows, sorted(poses), held, allowed)
+        self.asked.append(SimpleNamespace(rows=rows, poses={n: T.copy() for n, T in poses.items()}, held=held, allowed=allowed))
+        return self.answers.get(len(self.asked) - 1)
+
+
+@pytest.fixture
+def engines(monkeypatch: pytest.MonkeyPatch) -> Engines:
+    return Engines().install(monkeypatch)
+
+
+SCENE = scene_of("a", "b")
+
+
+def move(*q: Sequence[float], stage: str = "transit", held: Held | None = None, allowed: tuple[tuple[str, str], ...] = UNTOUCHED) -> Motion:
+    return Motion(stage, ("x", "y", "turn"), np.array(q, float), np.arange(len(q), dtype=float), held, allowed)
+
+
+def says(*motions: Motion, scene: Scene = SCENE) -> Blocked | None:
+    return verify(slider(), scene, motions)
+
+
+def holding(name: str, q: Sequence[float], scene: Scene = SCENE, by: Array | None = None) -> Held:
+    """What holds an object that stands where it does at first, the hand being at q; moved in the hand by a transform."""
+    T_world_hand = hand_poses(slider(), scene, np.array(q, float))
+    return Held(name, inverse(T_world_hand) @ scene.poses()[name] @ (np.eye(4) if by is None else by))
+
+
+# ------------------------------------------------------------------------------------------------------------------------- limits and gaps
+
+
+def test_the_tolerances() -> None:
+    assert (SAME_M, SAME_RAD) == (0.001, 0.001)
+
+
+def test_names_that_two_things_share_are_refused_at_once(engines: Engines) -> None:
+    """Nobody could tell what may touch what."""
+    with pytest.raises(ValueError, match="hand"):
+        says(move([9.0, 0, 0]), scene=scene_of("a", "hand"))
+
+
+def test_nothing_to_check_is_well(engines: Engines) -> None:
+    assert says() is None
+    assert engines.asked == []
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_joint_limits(engines: Engines, joint: int, side: float) -> None:
+    """Rounding may leave them by 1e-9; any waypoint counts, in any motion; a joint without limits has none."""
+    limit = (UPPER if side > 0 else LOWER)[joint]
+    for beyond, well in ((0.0, True), (0.9e-9, True), (1.1e-9, False), (1.0, False)):
+        q = np.zeros(3)
+        q[joint] = limit + side * beyond
+        said = says(move([0, 0, 0], [0, 0, 50.0]), move([0, 0, 50.0], q, [0, 0, 0], stage="lower"))
+        assert said == (None if well else Blocked("verify", detail="motion 1, lower: a joint leaves its limits"))
+    exactly = np.zeros(3)
+    exactly[joint] = limit + side * 1e-9
+    assert says(move(exactly)) is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_none_are_outside_the_limits(engines: Engines, value: float) -> None:
+    for joint in range(3):
+        q = np.zeros(3)
+        q[joint] = value
+        assert says(move([0, 0, 0], q)) == Blocked("verify", detail="motion 0, transit: a joint leaves its limits")
+    assert engines.asked == []
+
+
+def test_motions_follow_one_another_without_a_gap(engines: Engines) -> None:
+    first = move([0, 0, 0], [0.5, 0.5, 0.5])
+    for gap, well in ((0.0, True), (0.9e-9, True), (1.1e-9, False), (0.5, False)):
+        for joint in range(3):
+            q = np.array([0.5, 0.5, 0.5])
+            for sign in (1, -1):
+                q[joint] = 0.5 + sign * gap
+                said = says(first, move(q, [0, 0, 0], stage="lift"))
+                detail = "motion 1, lift: it does not start where the one before ends"
+                assert said == (None if well else Blocked("verify", detail=detail))
+    assert says(first, move([0.5, 0.5, 0.5], [0, 0, 0]), move([0.0, 0.0, 0.1])) is not None
+    assert says(move([0.3, 0, 0], [0, 0, 0])) is None  # the first may start anywhere
+    assert says(move([0, 0, 0], [0, 0, 0]), move([0, 0, 1e-9], [0, 0, 0])) is None  # just as much is none
+
+
+def test_limits_are_looked_at_before_gaps_and_gaps_before_contacts(engines: Engines) -> None:
+    """What comes later is not asked about."""
+    assert "limits" in str(says(move([0, 0, 0]), move([5.0, 0, 0])))
+    assert "does not start" in str(says(move([0, 0, 0]), move([0.5, 0, 0], held=Held("a", np.eye(4)))))
+    assert [asked.rows for asked in engines.asked] == [("rows of", "transit")] * 2
+
+
+# ------------------------------------------------------------------------------------------------------------------------- what is asked
+
+
+def test_every_motion_is_asked_about_with_all_that_it_says(engines: Engines) -> None:
+    robot, allowed = slider(), (("pad", "a"), ("a", "floor"))
+    assert verify(robot, SCENE, [move([0, 0, 0]), move([0, 0, 0], stage="grasp", allowed=allowed)]) is None
+    assert engines.made == [("verdict", robot, SCENE), ("broad phase", robot, SCENE)]
+    first, second = engines.asked
+    assert (first.rows, first.held, first.allowed) == (("rows of", "transit"), None, ())
+    assert (second.rows, second.held, second.allowed) == (("rows of", "grasp"), None, allowed)
+    for asked in (first, second):
+        assert list(asked.poses) == ["a", "b", "target"]
+        assert all(np.array_equal(T, SCENE.poses()[n]) for n, T in asked.poses.items())
+
+
+def test_the_deepest_contact_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine gives them deepest first; nothing is asked after the first motion with one."""
+    engines = Engines({1: (3, [Contact("arm", "b", 0.004), Contact("hand", "a", 0.001)])}).install(monkeypatch)
+    said = says(move([0, 0, 0]), move([0, 0, 0], stage="lower"), move([0, 0, 0]))
+    assert said == Blocked("verify", "arm", "b", 0.004, "motion 1, lower")
+    assert len(engines.asked) == 2
+
+
+# ------------------------------------------------------------------------------------------------------------------------- what is held
+
+
+def test_a_held_object_no_longer_stands_and_stands_where_it_is_put(engines: Engines) -> None:
+    """It is taken in motion 1, carried in 2, and let go after it: from then on it stands where the hand was."""
+    held = holding("a", [0.2, 0.1, 0.0])
+    ends = [0.4, 0.3, 0.5]
+    said = says(
+        move([0, 0, 0], [0.2, 0.1, 0.0]),
+        move([0.2, 0.1, 0.0], [0.3, 0.1, 0.0], stage="lift", held=held),
+        move([0.3, 0.1, 0.0], ends, stage="transfer", held=held),
+        move(ends, [0, 0, 0.5], stage="retreat"),
+        move([0, 0, 0.5], [0, 0, 0.0]),
+    )
+    assert said is None
+    assert [sorted(a.poses) for a in engines.asked] == [["a", "b", "target"], ["b", "target"], ["b", "target"], *[["a", "b", "target"]] * 2]
+    assert [a.held for a in engines.asked] == [None, held, held, None, None]
+    put = hand_poses(slider(), SCENE, np.array(ends)) @ held.T_hand_body
+    assert all(np.allclose(a.poses["a"], put) for a in engines.asked[3:])
+    assert not np.allclose(put, SCENE.poses()["a"])
+    assert np.array_equal(engines.asked[4].poses["b"], SCENE.poses()["b"])
+
+
+def test_an_object_that_was_put_down_is_taken_from_there(engines: Engines) -> None:
+    held, ends = holding("a", [0.2, 0.1, 0.0]), [0.4, 0.3, 0.5]
+    way = [move([0.2, 0.1, 0.0], ends, held=held), move(ends, [0, 0, 0]), move([0, 0, 0], ends)]
+    assert says(*way, move(ends, [0, 0, 0], held=held)) is None
+    refused = says(*way[:2], move([0, 0, 0], [0.2, 0.1, 0.0]), move([0.2, 0.1, 0.0], [0, 0, 0], stage="lift", held=held))
+    assert refused == Blocked("verify", "hand", "a", detail="motion 3, lift: the object is not where the hand takes it")
+
+
+def test_one_object_after_another_without_a_motion_between(engines: Engines) -> None:
+    """The hand lets a go and takes b in one: a stands where it was let go."""
+    first = holding("a", [0.2, 0.1, 0.0])
+    there = [0.5, 0.5, 0.0]
+    second = holding("b", there)
+    assert says(move([0.2, 0.1, 0.0], there, held=first), move(there, [0, 0, 0], held=second)) is None
+    assert [sorted(a.poses) for a in engines.asked] == [["b", "target"], ["a", "target"]]
+    assert np.allclose(engines.asked[1].poses["a"], hand_poses(slider(), SCENE, np.array(there)) @ first.T_hand_body)
+
+
+def test_the_target_may_stay_in_the_hand(engines: Engines) -> None:
+    held = holding("target", [0.2, 0.1, 0.0])
+    assert says(move([0.2, 0.1, 0.0], [0, 0, 0], held=held)) is None
+    assert sorted(engines.asked[0].poses) == ["a", "b"]
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_an_object_may_jump_by_a_millimetre_into_the_hand(engines: Engines, number: int) -> None:
+    """In any direction, and turn by a milliradian; no more."""
+    q = [0.2, 0.1, 0.7]
+    before = [move([0, 0, 0], q)] * number
+    for direction in np.concatenate([np.eye(3), -np.eye(3), [[0.6, 0.0, -0.8]]]):
+        for share, well in ((0.99, True), (1.01, False), (100.0, False)):
+            for by in (transform(p=share * SAME_M * direction), transform(rotations_about(direction, np.array(share * SAME_RAD)))):
+                said = says(*before, move(q, [0, 0, 0.7], stage="lift", held=holding("a", q, by=by)))
+                detail = f"motion {number}, lift: the object is not where the hand takes it"
+                assert said == (None if well else Blocked("verify", "hand", "a", detail=detail))
+    for by in (transform(p=[0.0, 0.0, 0.9 * SAME_M]) @ transform(rotations_about((1.0, 0.0, 0.0), np.array(0.9 * SAME_RAD))),):
+        assert says(*before, move(q, [0, 0, 0.7], held=holding("a", q, by=by))) is None
+
+
+def test_the_hand_takes_where_the_motion_starts(engines: Engines) -> None:
+    """Not where it ends."""
+    held = holding("a", [0.2, 0.1, 0.0])
+    assert says(move([0.2, 0.1, 0.0], [0.5, 0.5, 1.0], held=held)) is None
+    assert says(move([0.5, 0.5, 1.0], [0.2, 0.1, 0.0], held=held)) is not None
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- the hand
+
+
+def test_where_the_hand_is() -> None:
+    """One configuration or many; the base stands somewhere and is turned."""
+    turned = transform(rotations_about((0.0, 0.0, 1.0), np.array(np.pi / 2)), BASE)
+    scene = replace(SCENE, robot=replace(SCENE.robot, T_world_base=turned))
+    T = hand_poses(slider(), scene, np.array([0.3, 0.1, 0.5]))
+    assert T.shape == (4, 4)
+    assert T[:3, 3] == pytest.approx(BASE + np.array([-0.1, 0.3, 0.0]))
+    assert np.allclose(T[:3, :3], rotations_about((0.0, 0.0, 1.0), np.array(np.pi / 2 + 0.5)))
+    many = hand_poses(slider(), scene, np.array([[[0.3, 0.1, 0.5]], [[0.0, 0.0, 0.0]]]))
+    assert many.shape == (2, 1, 4, 4)
+    assert np.array_equal(many[0, 0], T)
+    assert np.allclose(many[1, 0], turned)

@@ -1,0 +1,292 @@
+"""Table I from plans: every column, every reason of failure, pairs and headlines, worked out by hand on plans without motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planning import metrics
+from planning.metrics import KINDS, MEASURES, PAPER, RULES, SHARES, Episode, failure, headlines, pairs, rows
+from planning.plan import PLACE_OUT_OF_REACH, Blocked, Move, Plan
+from planning.retrieval import Rule
+from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
+
+
+def move(done: bool = True, stage: str | None = None, name: str = "a", detail: str | None = None) -> Move:
+    return Move(name, 0, np.eye(4), np.eye(4), done, None if stage is None else Blocked(stage, detail=detail))
+
+
+def failed(stage: str, name: str = "a", detail: str | None = None) -> Move:
+    return move(False, stage, name, detail)
+
+
+def plan(
+    scene: str = "s",
+    policy: str = "random",
+    rule: str = "deep",
+    *,
+    success: bool = True,
+    moves: Sequence[Move] = (),
+    reason: Any = None,
+    **more: Any,
+) -> Plan:
+    given = {"planning_time_s": 0.5, "motion_time_s": 2.0, "hand_travel_m": 3.0, "value": -4.0, "verified": True, **more}
+    return Plan(scene, policy, rule, success, reason, tuple(moves), (), **given)
+
+
+def episode(scene: str, policy: str = "random", rule: str = "deep", *, success: bool = True, moved: int = 1, **more: Any) -> Episode:
+    """One with `moved` moves; a failure is told as a failed retrieval."""
+    return Episode.of(
+        plan(scene, policy, rule, success=success, moves=[move()] * moved, reason=None if success else Blocked("transfer"), **more)
+    )
+
+
+# ----------------------------------------------------------------------------------------------------------------------- one plan's figures
+
+
+def test_what_is_counted_of_a_success() -> None:
+    e = Episode.of(
+        plan("0-7", "local", "region", moves=[failed("ik"), move(), failed("lift"), move(False), move(stage="grasp")], verified=False)
+    )
+    assert (e.scene, e.policy, e.rule, e.success, e.verified) == ("0-7", "local", "region", True, False)
+    assert (e.moved, e.planning_time_s, e.motion_time_s, e.hand_travel_m, e.value) == (2, 0.5, 2.0, 3.0, -4.0)
+    assert e.whole_time_s == 2.5
+    assert (e.reason, e.kind, e.blocked) == (None, None, ("ik", "lift"))
+
+
+def test_what_is_counted_of_a_failure() -> None:
+    e = Episode.of(plan(success=False, reason=Blocked("transfer", "arm", "can"), moves=[failed("grasp")]))
+    assert (e.success, e.reason, e.kind) == (False, "transfer", "pick")
+    assert Episode.of(plan(success=False)).reason == "unknown"
+    assert Episode.of(plan(success=True, reason=Blocked("lift"))).reason is None
+
+
+def test_the_names_in_reports() -> None:
+    assert MEASURES == ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
+    assert set(MEASURES) <= set(Episode.__dataclass_fields__)
+    assert KINDS == ("selection", "pick", "region", "place", "retrieve", "look", "verify")
+    assert SHARES == (0.1, 0.5, 0.9, 0.95)
+    assert RULES == ("deep", "region", "strict")
+    assert set(RULES) == set(Rule)
+
+
+# ------------------------------------------------------------------------------------------------------------------------ why a plan failed
+
+
+@pytest.mark.parametrize("stage", ["verify", "look"])
+def test_a_refused_plan_and_a_target_that_was_not_found_go_first(stage: str) -> None:
+    assert failure(plan(success=False, reason=Blocked(stage), moves=[failed("ik")])) == stage
+
+
+@pytest.mark.parametrize(
+    ("stage", "kind"),
+    [
+        *((stage, "pick") for stage in ("ik", "grasp", "transit", "approach", "lift")),
+        *((stage, "place") for stage in ("transfer", "lower", "release", "retreat")),
+        ("region", "region"),
+        ("select", "selection"),
+        ("place", "selection"),
+        ("whatever", "selection"),
+    ],
+)
+def test_the_kind_of_an_attempt(stage: str, kind: str) -> None:
+    assert failure(plan(success=False, moves=[failed(stage)])) == kind
+    assert failure(plan(success=False, moves=[failed(stage, detail="x")], reason=Blocked("ik"))) == kind
+    assert failure(plan(success=False, moves=[failed(stage, detail=PLACE_OUT_OF_REACH)])) == ("region" if stage == "region" else "place")
+
+
+def test_the_furthest_attempt_counts() -> None:
+    in_order = [failed("select"), failed("ik"), failed("region"), failed("lower")]
+    for n, kind in enumerate(("selection", "pick", "region", "place")):
+        assert failure(plan(success=False, moves=in_order[: n + 1])) == kind
+        assert failure(plan(success=False, moves=in_order[n::-1])) == kind
+
+
+def test_attempts_before_the_last_move_do_not_count() -> None:
+    """They were made in another state."""
+    assert failure(plan(success=False, moves=[failed("lower"), move(), failed("ik")])) == "pick"
+    assert failure(plan(success=False, moves=[failed("ik"), move()])) == "selection"
+    assert failure(plan(success=False, moves=[move(), failed("ik"), move(False)])) == "pick"
+    assert failure(plan(success=False, moves=[failed("ik")])) == "pick"
+
+
+@pytest.mark.parametrize(
+    ("rule", "moves", "steps"),
+    [
+        ("deep", [], 0),
+        ("deep", [move()] * 4, 4),
+        ("deep", [move()] * 5, 5),
+        ("deep", [failed("ik")] * 9 + [move()] * 5, 5),
+        ("deep", [failed("ik")] * 9 + [move()] * 4, 4),
+        ("strict", [failed("ik")] * 2 + [move()] * 2, 4),
+        ("strict", [failed("ik")] * 2 + [move()] * 3, 5),
+        ("region", [failed("ik", "a"), failed("ik", "a"), move(name="a"), *[move()] * 3], 4),
+        ("region", [failed("ik", "a"), failed("ik", "a"), move(name="a"), *[move()] * 4], 5),
+        ("region", [failed("ik", "a"), failed("ik", "b"), failed("ik", "b"), move(name="c"), move(), move()], 5),
+        ("region", [failed("ik", "a"), failed("ik", "b"), move(name="b"), move(), move()], 4),
+        ("region", [failed("ik", "a"), failed("ik", "a"), failed("ik", "a")], 1),
+        ("region", [move(), failed("ik", "b"), failed("ik", "c"), failed("ik", "a"), move(name="z")], 5),
+    ],
+)
+def test_the_steps_that_a_plan_took(rule: str, moves: list[Move], steps: int) -> None:
+    """A lost step is one attempt (strict), or the attempts on one object (region); an object that is moved in the end has lost none."""
+    assert metrics._steps(plan(rule=rule, moves=moves)) == steps
+    if moves and moves[-1].done:
+        assert failure(plan(rule=rule, success=False, moves=moves)) == ("retrieve" if steps >= 5 else "selection")
+
+
+def test_moves_beyond_the_limit_count_too() -> None:
+    assert failure(plan(success=False, moves=[move()] * 6)) == "retrieve"
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------- rows
+
+
+def test_a_row_by_hand() -> None:
+    """Four scenes, one of them planned twice; times of 1, 2, 3 s (solved), 9 and 8 s (failed)."""
+    episodes = [
+        episode("b", moved=3, planning_time_s=1.0, motion_time_s=2.0, hand_travel_m=2.0, value=-3.0, verified=False),
+        episode("a", moved=1, planning_time_s=0.75, motion_time_s=0.25, hand_travel_m=1.0, value=-1.0),
+        episode("c", moved=1, planning_time_s=0.5, motion_time_s=1.5, hand_travel_m=3.0, value=-5.0),
+        episode("d", success=False, moved=5, planning_time_s=4.0, motion_time_s=5.0, hand_travel_m=4.0, value=-7.0, verified=False),
+        Episode.of(plan("d", success=False, moves=[failed("lower"), failed("ik")], reason=Blocked("grasp"), planning_time_s=3.0)),
+    ]
+    (row,) = rows(episodes, {"a": 4, "b": 6, "c": 4, "d": 6, "elsewhere": 9})
+    assert (row.policy, row.rule) == ("random", "deep")
+    assert row.success == wilson(3, 5)
+    assert row.over_successes["moved"] == Spread(pytest.approx(5 / 3), pytest.approx((4 / 3) ** 0.5), 3)
+    assert row.over_all["moved"] == Spread(2.0, 2.0, 5)
+    assert row.over_successes["hand_travel_m"] == Spread(2.0, 1.0, 3)
+    assert row.over_successes["value"] == Spread(-3.0, 2.0, 3)
+    assert row.over_all["planning_time_s"] == Spread(pytest.approx(1.85), pytest.approx(np.std([0.75, 1, 0.5, 4, 3], ddof=1)), 5)
+    assert row.over_all["motion_time_s"].n == 5  # type: ignore[union-attr]
+    assert set(row.over_successes) == set(row.over_all) == set(MEASURES)
+    assert list(row.by_moves.items()) == [(1, 2), (3, 1)]
+    assert list(row.by_objects.items()) == [(4, wilson(2, 2)), (6, wilson(1, 3))]
+    assert row.failures == {"place": 1, "retrieve": 1}
+    assert list(row.failures) == ["place", "retrieve"]
+    assert row.failed_at == {"transfer": 1, "grasp": 1}
+    assert row.blocked_at == {"lower": 1, "ik": 1}
+    assert row.planning_s == quantiles([0.75, 1.0, 0.5, 4.0, 3.0], SHARES)
+    assert row.whole_s == quantiles([1.0, 3.0, 2.0], SHARES)
+    assert row.solved_s == (1.0, 2.0, 3.0)
+    assert (row.unverified, row.repeated) == (1, 1)
+
+
+def test_the_most_frequent_reasons_stand_first() -> None:
+    reasons = ["lift", "ik", "ik", "grasp", "ik", "grasp"]
+    episodes = [Episode.of(plan(f"{i}", success=False, reason=Blocked(r), moves=[failed(r)])) for i, r in enumerate(reasons)]
+    (row,) = rows(episodes)
+    assert list(row.failed_at.items()) == list(row.blocked_at.items()) == [("ik", 3), ("grasp", 2), ("lift", 1)]
+    assert row.over_successes["moved"] is None
+    assert (row.by_objects, row.solved_s, row.whole_s, row.by_moves) == ({}, (), (), {})
+
+
+def test_scenes_whose_objects_are_not_known_are_left_out_of_that_column() -> None:
+    (row,) = rows([episode("a"), episode("b", success=False), episode("c", success=False)], {"b": 5, "c": 5})
+    assert row.by_objects == {5: wilson(0, 2)}
+    assert row.success == wilson(1, 3)
+    (row,) = rows([episode("a"), episode("b")], {"b": 5})
+    assert row.by_objects == {5: wilson(1, 1)}
+
+
+def test_rows_stand_rule_by_rule_in_the_order_of_table_1() -> None:
+    """Planners and rules that the paper does not have come after those that it has, by name."""
+    policies = ("zebra", "search", "rrt", "rpnet-only", "osnet-only", "neural", "local", "random")
+    names = [(p, r) for p in policies for r in ("wild", "strict", "odd", "region", "deep")]
+    found = [(row.policy, row.rule) for row in rows(episode("a", p, r) for p, r in names)]
+    in_order = ["random", "local", "neural", "osnet-only", "rpnet-only", "rrt", "search", "zebra"]
+    assert found == [(p, r) for r in ("deep", "region", "strict", "odd", "wild") for p in in_order]
+    assert rows([]) == []
+
+
+# ------------------------------------------------------------------------------------------------------------------------- pairs, headlines
+
+
+def test_a_pair_by_hand() -> None:
+    """Fourteen scenes that both tried: both solved 2, one alone 4 and 3, none 5; travel differs by 1 and by 2 m where both solved."""
+    scenes = "abcdefghijklmn"
+    mine = [episode(s, "neural", success=s in "abcdef", hand_travel_m=3.0) for s in scenes]
+    other = [episode(s, "random", success=s in "abghi", hand_travel_m=2.0 if s == "a" else 1.0, value=-4.5) for s in reversed(scenes)]
+    (pair,) = pairs([*mine, *other])
+    assert (pair.a, pair.b) == (("neural", "deep"), ("random", "deep"))
+    assert (pair.both, pair.only_a, pair.only_b, pair.neither) == (2, 4, 3, 5)
+    assert pair.success == newcombe(2, 4, 3, 5)
+    assert pair.p == mcnemar(4, 3)
+    assert set(pair.measures) == set(MEASURES)
+    assert pair.measures["hand_travel_m"] == bootstrap([1.0, 2.0])
+    assert pair.measures["value"] == Difference(0.5, 0.5, 0.5, 2)
+    assert pair.measures["moved"] == Difference(0.0, 0.0, 0.0, 2)
+
+
+def test_only_scenes_that_each_tried_once_are_compared() -> None:
+    mine = [episode(s, "neural") for s in "abbc"]
+    other = [episode(s, "random") for s in "abccx"]
+    (pair,) = pairs([*mine, *other])
+    assert pair.success.n == 1
+    assert pairs([episode("a", "neural"), episode("b", "random")]) == []
+    assert pairs([episode("a", "neural"), episode("a", "random"), episode("a", "random")]) == []
+    assert pairs([]) == []
+
+
+def test_planners_are_compared_that_differ_in_policy_or_in_rule_but_not_in_both() -> None:
+    names = [("random", "deep"), ("local", "deep"), ("random", "strict"), ("local", "strict"), ("local", "region")]
+    found = [(p.a, p.b) for p in pairs(episode("a", *name) for name in names)]
+    assert found == [
+        (("local", "deep"), ("random", "deep")),
+        (("random", "strict"), ("random", "deep")),
+        (("local", "region"), ("local", "deep")),
+        (("local", "strict"), ("local", "deep")),
+        (("local", "strict"), ("local", "region")),
+        (("local", "strict"), ("random", "strict")),
+    ]
+
+
+def test_headlines_are_our_planner_over_the_baselines_under_one_rule() -> None:
+    names = [(p, r) for r in ("deep", "strict") for p in ("random", "local", "neural", "osnet-only", "search")]
+    episodes = [episode(s, p, r, success=p == "neural" or s in "ab" or (p, s) == ("local", "c")) for p, r in names for s in "abcd"]
+    found = headlines(pairs(episodes))
+    assert [(h.rule, h.first, h.second) for h in found] == [
+        (rule, "neural", other) for rule in ("deep", "strict") for other in ("random", "local")
+    ]
+    d = newcombe(2, 2, 0, 0)
+    assert found[0].points == Difference(pytest.approx(50.0), pytest.approx(100 * d.low), pytest.approx(100 * d.high), 4)
+    assert found[1].points.mean == pytest.approx(25.0)
+    assert [(h.first, h.second) for h in headlines(pairs(episodes), "search", ["osnet-only"])] == [("search", "osnet-only")] * 2
+    assert headlines(pairs(episodes), "random") == []
+
+
+# -------------------------------------------------------------------------------------------------------------------------------- the paper
+
+TABLE_1 = """
+random      45  1.689 0.962  0.001 0.001  1.97  1.204
+local       55  1.745 0.976  3.307 1.669  1.62  0.734
+neural      72  1.722 0.803  0.014 0.006  1.647 0.856
+osnet-only  71  1.662 0.903  2.987 1.636  2.074 1.185
+rpnet-only  47  1.638 0.783  0.010 0.005  1.808 0.913
+rrt         71  1.69  0.897  8.957 7.735  1.575 0.836
+"""
+
+
+def test_the_papers_table() -> None:
+    """Success of 100, then mean and standard deviation of objects moved, planning time and hand travel over the successes."""
+    printed = [line.split() for line in TABLE_1.strip().splitlines()]
+    assert [row.policy for row in PAPER] == [p[0] for p in printed]
+    for row, (_, k, *figures) in zip(PAPER, printed):
+        assert row.success == wilson(int(k), 100)
+        means, sds = [float(f) for f in figures[::2]], [float(f) for f in figures[1::2]]
+        assert [row.moved, row.planning_time_s, row.hand_travel_m] == [Spread(m, s, int(k)) for m, s in zip(means, sds)]
+        assert row.printed == (row.policy != "rrt")
+    assert isinstance(PAPER[0].success, Share)
+
+
+def test_the_papers_measures_by_name() -> None:
+    row = PAPER[2]
+    assert row.spreads() == {
+        "moved": row.moved, "planning_time_s": row.planning_time_s, "motion_time_s": None,
+        "hand_travel_m": row.hand_travel_m, "value": None,
+    }  # fmt: skip
+    assert metrics.PaperRow("x", row.success, row.moved, row.moved, row.moved).printed

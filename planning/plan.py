@@ -10,6 +10,9 @@ from kinematics.transforms import Array
 PLACE_OUT_OF_REACH = "the place is out of reach"
 """The detail that tells a place's stage "ik" from a grasp's."""
 
+SCENE = "scene"
+"""The stage of what is wrong with a scene itself: it can't be meant."""
+
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
 
 
@@ -18,7 +21,8 @@ class Blocked:
     """Why something can't be done: the stage, and where known what touches what and how deep.
 
     stage: a motion's stage, or "ik" (the hand pose is out of reach), "grasp" (no grasp fits the object), "region" (the place itself is
-    taken or outside), "select" and "place" (the policy proposed nothing more), "moves" (the limit was reached), "verify" (the final check).
+    taken or outside), "select" and "place" (the policy proposed nothing more), "moves" (the limit was reached), "verify" (the final check),
+    "scene" (the scene can't be meant).
     """
 
     stage: str
@@ -31,6 +35,23 @@ class Blocked:
         touch = f": {self.link} touches {self.body}" if self.link and self.body else ""
         deep = f" by {1000 * self.depth_m:.1f} mm" if self.depth_m is not None else ""
         return f"{self.stage}{touch}{deep}" + (f" ({self.detail})" if self.detail else "")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with a plan, as the verdict finds it.
+
+    stage: the motion's, or "scene", "plan", "moves" for what belongs to no motion. bodies: links and bodies that it is about. detail: what
+    is wrong, in words. amount: how much, in m, rad or their rates as the detail says; None where there is nothing to measure.
+    """
+
+    stage: str
+    bodies: tuple[str, ...]
+    detail: str
+    amount: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.stage}: {self.detail}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +88,8 @@ class Plan:
 
     planning_time_s: choosing objects and regions, as in the paper; motion_time_s: all motion planning.
     hand_travel_m: length of the hand's path. value: the paper's objective (eq. 1), written as `return` in files.
-    verified: every motion passed the exact check (planning.motion.verify).
+    verified: the motions passed the exact check (planning.motion.verify), and the plan the verdict (planning.verdict); None when there are
+    no motions. faults: why it is not verified, as far as the verdict found it.
     """
 
     scene: str
@@ -81,4 +103,5 @@ class Plan:
     motion_time_s: float
     hand_travel_m: float
     value: float
-    verified: bool
+    verified: bool | None
+    faults: tuple[Fault, ...] = ()

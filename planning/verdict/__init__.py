@@ -1,0 +1,7 @@
+"""The independent verdict: what a plan says, judged from scene and plan alone; and whether a grasp can be meant at all."""
+
+from planning.verdict.faults import Fault, Settings
+from planning.verdict.grasp import judge_grasp
+from planning.verdict.judge import Verdict, examine, judge
+
+__all__ = ["Fault", "Settings", "Verdict", "examine", "judge", "judge_grasp"]

@@ -1,0 +1,162 @@
+"""A robot's kinematics read from its URDF text alone, for many configurations at once in numpy.
+
+Links that are fixed to one another go together: what moves are `carriers`, one for each joint that moves, and carrier 0, the base.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from kinematics.transforms import Array, rotation_rpy, transform
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """What moves carrier `index + 1`: T_parent_joint (4, 4) in carrier `parent`, and how actuated joint `source` drives it.
+
+    Its pose at value x = scale · q[source] + offset is rest + sin(x) · turn[0] + (1 - cos(x)) · turn[1], or rest + x · slide.
+    """
+
+    parent: int
+    rest: Array
+    turn: Array
+    slide: Array
+    slides: bool
+    source: int
+    scale: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """joints (J names): the actuated ones, mimic joints left out, in the URDF's order; lower, upper, velocity (J,): their limits, infinite
+    where there is none. moving: one `Joint` for each carrier but the base. links: by name, the carrier and the pose (4, 4) in it.
+
+    above[c]: the carriers on the way from the base to carrier c, itself included.
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    moving: tuple[Joint, ...]
+    links: dict[str, tuple[int, Array]]
+    parent_link: dict[str, str]
+    above: tuple[frozenset[int], ...]
+
+    def driven_by(self, carrier: int) -> frozenset[int]:
+        """The actuated joints that move a carrier."""
+        return frozenset(self.moving[c - 1].source for c in self.above[carrier] if c)
+
+
+def poses(arm: Arm, q: Array, T_world_base: Array, wanted: frozenset[int] | None = None) -> dict[int, Array]:
+    """Poses (N, 4, 4) of carriers in the world at configurations q (N, J); of all of them, or of those wanted and what carries these."""
+    needed = None if wanted is None else frozenset().union(*(arm.above[c] for c in wanted))
+    out = {0: np.broadcast_to(T_world_base, (len(q), 4, 4))}
+    for c, joint in enumerate(arm.moving, 1):
+        if needed is not None and c not in needed:
+            continue
+        x = (joint.scale * q[:, joint.source] + joint.offset)[:, None, None]
+        local = joint.rest + x * joint.slide if joint.slides else joint.rest + np.sin(x) * joint.turn[0] + (1 - np.cos(x)) * joint.turn[1]
+        out[c] = (T_world_base if joint.parent == 0 else out[joint.parent]) @ local
+    return out
+
+
+@lru_cache(maxsize=8)
+def read(urdf: str) -> Arm:
+    """The arm of a cleaned URDF text, as `kinematics.robots` keeps it. Raises: ValueError for joints that it can't follow."""
+    root = ElementTree.fromstring(urdf)
+    by_child = {_name(j, "child"): j for j in root.iter("joint") if j.find("child") is not None}
+    names = [e.get("name", "") for e in root.findall("link")]
+    parents = {child: _name(j, "parent") for child, j in by_child.items()}
+    by_name = {j.get("name", ""): j for j in by_child.values()}
+    order = _from_the_root(names, parents)
+    actuated = [by_child[n].get("name", "") for n in order[1:] if by_child[n].get("type") != "fixed" and by_child[n].find("mimic") is None]
+    limits = np.array([_limits(by_name[n]) for n in actuated]).reshape(-1, 3)
+    moving: list[Joint] = []
+    links, above = {order[0]: (0, np.eye(4))}, [frozenset({0})]
+    for link in order[1:]:
+        joint = by_child[link]
+        carrier, T = links[parents[link]]
+        T = T @ _origin(joint)
+        if joint.get("type") == "fixed":
+            links[link] = (carrier, T)
+            continue
+        source, scale, offset = _source(by_name, joint)
+        moving.append(_joint(joint, carrier, T, actuated.index(source), scale, offset))
+        above.append(above[carrier] | {len(moving)})
+        links[link] = (len(moving), np.eye(4))
+    low, high, speed = limits.T
+    return Arm(tuple(actuated), low, high, speed, tuple(moving), links, parents, tuple(above))
+
+
+def _from_the_root(names: list[str], parents: dict[str, str]) -> list[str]:
+    """The links, parents before children. Raises: ValueError when there is more than one root, or none."""
+    roots = [n for n in names if n not in parents]
+    if len(roots) != 1:
+        raise ValueError(f"the URDF has {len(roots)} root links, and a tree has one")
+    children: dict[str, list[str]] = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+    order = roots
+    for link in order:
+        order += children.get(link, [])
+    return order
+
+
+def _joint(element: ElementTree.Element, parent: int, T: Array, source: int, scale: float, offset: float) -> Joint:
+    """A moving joint. Raises: ValueError for one that neither turns nor slides."""
+    kind = element.get("type", "")
+    if kind not in ("revolute", "continuous", "prismatic"):
+        raise ValueError(f"joint {element.get('name')!r} is of type {kind!r}; revolute, continuous, prismatic and fixed can be followed")
+    at = element.find("axis")
+    axis = np.array([1.0, 0.0, 0.0]) if at is None else _numbers(at.get("xyz", "1 0 0"))
+    x, y, z = axis / np.linalg.norm(axis)
+    K = np.zeros((4, 4))
+    K[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    slide = np.zeros((4, 4))
+    slide[:3, 3] = T[:3, :3] @ [x, y, z]
+    return Joint(parent, T, np.stack([T @ K, T @ K @ K]), slide, kind == "prismatic", source, scale, offset)
+
+
+def _source(by_name: dict[str, ElementTree.Element], joint: ElementTree.Element) -> tuple[str, float, float]:
+    """The actuated joint behind one, and how it follows. Raises: ValueError for one that follows itself, or nothing."""
+    scale, offset, seen = 1.0, 0.0, set[str]()
+    while (mimic := joint.find("mimic")) is not None:
+        name = mimic.get("joint", "")
+        if name in seen or name not in by_name:
+            raise ValueError(f"joint {joint.get('name')!r} mimics {name!r}, which leads nowhere")
+        seen.add(name)
+        offset += scale * float(mimic.get("offset") or 0.0)
+        scale *= float(mimic.get("multiplier") or 1.0)
+        joint = by_name[name]
+    return joint.get("name", ""), scale, offset
+
+
+def _limits(joint: ElementTree.Element) -> tuple[float, float, float]:
+    """Lower, upper and velocity limit; infinite where the URDF says nothing. A velocity of 0 says nothing, too."""
+    limit = joint.find("limit")
+    given = {} if limit is None else limit.attrib
+    endless = joint.get("type") == "continuous"
+    low, high = (-np.inf, np.inf) if endless else (float(given.get("lower", 0.0)), float(given.get("upper", 0.0)))
+    return low, high, float(given.get("velocity", 0.0)) or np.inf
+
+
+def _origin(joint: ElementTree.Element) -> Array:
+    at = joint.find("origin")
+    if at is None:
+        return np.eye(4)
+    return transform(rotation_rpy(_numbers(at.get("rpy", "0 0 0"))), _numbers(at.get("xyz", "0 0 0")))
+
+
+def _name(joint: ElementTree.Element, which: str) -> str:
+    element = joint.find(which)
+    return "" if element is None else element.get("link", "")
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(x) for x in text.split()])

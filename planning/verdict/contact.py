@@ -1,0 +1,289 @@
+"""What touches during a plan's motions, by FCL on convex solids: links, what is held, what stands.
+
+A distance is a statement about its surroundings, too: it shrinks no faster than both solids move. So few of the samples of a motion need to
+be asked about. FCL's distances are not taken on trust: a plane between the two solids has to bear each of them out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.collision.fcl_solids import Solid, depth, hull_solid, shape_solids
+from kinematics.robots.robot import Robot
+from kinematics.scene import Scene
+from kinematics.transforms import Array
+from planning.verdict.arm import Arm, poses
+from planning.verdict.course import Course
+from planning.verdict.faults import Fault, Settings
+from planning.verdict.hand import Hand
+from planning.verdict.ledger import Carry, Ledger
+from planning.verdict.polyhedra import Int
+from planning.verdict.sweep import Boxes, Sweep, open_intervals, sweep
+
+TOUCH_M = 1e-6  # what overlaps by less is rounding
+STILL = 1e-6  # rad or m, by which a joint that stands still may move
+SAMPLES, OFTEN = 40, 0.95  # links that touch in so many of so many configurations are neighbours in all but name
+_SOME = 24  # samples at which a contact's depth is measured
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Which hulls of a robot may not touch each other (N, 2), and those (M, 2) that the robot's own list of exceptions lets touch though
+    nothing else speaks for it: what an SRDF switches off."""
+
+    checked: Int
+    switched_off: Int
+
+
+def contact_faults(
+    robot: Robot,
+    hand: Hand,
+    scene: Scene,
+    courses: Sequence[Course],
+    ledger: Ledger,
+    rests: Mapping[str, frozenset[str]],
+    settings: Settings,
+) -> tuple[list[Fault], list[Fault]]:
+    """What touches and may not, the deepest of each pair and motion; and which pairs touch that an SRDF switches off.
+
+    rests: for each object that is carried, what it stands on before and after.
+    """
+    checker = _Checker(robot, hand, scene, rests, settings)
+    faults, notes = list[Fault](), list[Fault]()
+    for i, (course, standing) in enumerate(zip(courses, ledger.standing)):
+        found, off = checker.course(course, standing, _at_hand(ledger.carries, i))
+        faults, notes = faults + found, notes + off
+    return faults, notes
+
+
+def _at_hand(carries: Sequence[Carry], i: int) -> frozenset[str]:
+    """The objects that fingers may touch while the arm stands still: those taken next, or put down just before, course i."""
+    before = [c.body for c in carries if c.last < i][-1:]
+    after = [c.body for c in carries if c.first > i][:1]
+    return frozenset(before + after)
+
+
+class _Checker:
+    """One robot in one scene; FCL's objects are made once and moved."""
+
+    def __init__(self, robot: Robot, hand: Hand, scene: Scene, rests: Mapping[str, frozenset[str]], settings: Settings) -> None:
+        self.hand, self.settings, self.rests = hand, settings, rests
+        self.arm: Arm = hand.arm
+        self.T_world_base = scene.robot.T_world_base
+        self.links = link_solids(robot)
+        self.at = [self.arm.links[s.name] for s in self.links]
+        self.fixed = [(s, w.T_world_body) for w in (*scene.cabinet.walls(), *scene.obstacles) for s in shape_solids(w.name, w.shape)]
+        self.objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
+        self.pairs = pairs_of(robot)
+
+    def course(self, course: Course, standing: Mapping[str, Array], at_hand: frozenset[str]) -> tuple[list[Fault], list[Fault]]:
+        """Faults and notes of one motion."""
+        held, n = course.held, len(self.links)
+        grip = self.objects[held.body] if held is not None else []
+        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects[name])]
+        solids = [*self.links, *grip, *(s for s, _ in around)]
+        T_held = self.hand.T_carrier_hand @ held.T_hand_body if held is not None else np.eye(4)
+        carrier = np.array([*(c for c, _ in self.at), *[self.hand.carrier] * len(grip)])
+        T = np.array([*(T for _, T in self.at), *[T_held] * len(grip), *(T for _, T in around)])
+        box = np.array([s.box for s in solids])
+        samples = sweep(self.arm, self.T_world_base, course, Boxes(carrier, T, box[:, 0], box[:, 1]), self.settings.step_m)
+        movers = n + len(grip)
+        against, around_all = np.divmod(np.arange(movers * len(around)), max(1, len(around)))
+        holding, held_all = np.divmod(np.arange(len(grip) * n), n)
+        tables = [np.stack([holding + n, held_all], -1), np.stack([against, around_all + movers], -1)]
+        pairs = np.concatenate([self.pairs.checked, self.pairs.switched_off, *tables])
+        still = self._still(course, carrier, pairs)
+        found = self._found(course, samples, solids, pairs, still, at_hand)
+        faults, notes = list[Fault](), list[Fault]()
+        for k, deep in found.items():
+            off = len(self.pairs.checked) <= k < len(self.pairs.checked) + len(self.pairs.switched_off)
+            a, b = (solids[x].name for x in pairs[k])
+            more = ", a pair that the robot's SRDF switches off" if off else ""
+            fault = Fault(course.stage, (a, b), f"{course.where}: {a} is {1000 * deep:.2f} mm inside {b}{more}", deep)
+            (notes if off else faults).append(fault)
+        return _deepest(faults), _deepest(notes)
+
+    def _still(self, course: Course, carrier: Int, pairs: Int) -> NDArray[np.bool_]:
+        """Between which pairs no joint moves."""
+        low, high = course.reach
+        moves = high - low > STILL
+        turning = {c: frozenset(k for k in self.arm.above[c] if k and moves[self.arm.moving[k - 1].source]) for c in set(carrier.tolist())}
+        kinds: dict[frozenset[int], int] = {frozenset(): 0}  # those with the same moving carriers below them go together
+        kind = np.zeros(len(carrier) + 1, np.int64)
+        kind[:-1] = [kinds.setdefault(turning[c], len(kinds)) for c in carrier.tolist()]
+        return np.asarray(kind[np.minimum(pairs[:, 0], len(carrier))] == kind[np.minimum(pairs[:, 1], len(carrier))])
+
+    def _found(
+        self, course: Course, samples: Sweep, solids: Sequence[Solid], pairs: Int, still: NDArray[np.bool_], at_hand: frozenset[str]
+    ) -> dict[int, float]:
+        """How deep pairs are in each other that may not be: by their number, in m."""
+        a, b = pairs.T
+        asked = _Asked(samples, solids, a, b)
+        found: dict[int, float] = {}
+        for k, first, last in open_intervals(samples, a, b, still):
+            one, two = ((solids[x].name, bool(x < len(self.links))) for x in (a[k], b[k]))
+            bound = self._bound(course, one, two, at_hand)
+            some = np.unique(np.linspace(first, last, min(_SOME, last - first + 1)).round().astype(int)).tolist()
+            if bound > TOUCH_M:
+                touching = [n for n in some if asked.distance(k, n) <= 0]
+            else:
+                touching = asked.touching(k, first, last)
+                if touching:
+                    touching += [n for n in some if asked.distance(k, n) <= 0]
+            deep = max((asked.depth(k, n) for n in touching), default=0.0)
+            if deep > bound:
+                found[k] = max(deep, found.get(k, 0.0))
+        return found
+
+    def _bound(self, course: Course, one: tuple[str, bool], two: tuple[str, bool], at_hand: frozenset[str]) -> float:
+        """How deep two may be in each other. Of each its name, and whether it is a link; what is no link is held or stands."""
+        (a, a_is_link), (b, b_is_link) = one, two
+        held = course.held.body if course.held is not None else None
+        if a_is_link and b_is_link:
+            return TOUCH_M
+        if frozenset((a, b)) in course.allowed:
+            body, other = (b, a) if a_is_link else (a, b)
+            if a_is_link or b_is_link:
+                if other in self.hand.fingers and (body == held or (body in at_hand and self._arm_stands(course))):
+                    return self.settings.depth_m
+            elif a == held and b in self.rests.get(a, ()):
+                return self.settings.depth_m
+        if a_is_link and self.arm.links[a][0] == 0:
+            return self.settings.depth_m  # the base stands on something
+        return TOUCH_M
+
+    def _arm_stands(self, course: Course) -> bool:
+        low, high = course.reach
+        own = sorted(self.arm.driven_by(self.hand.carrier))
+        return bool((high - low)[own].max() <= STILL)
+
+
+class _Asked:
+    """FCL's answers about pairs at samples, remembered. A distance of 0 or less means that the two touch."""
+
+    def __init__(self, samples: Sweep, solids: Sequence[Solid], a: Int, b: Int) -> None:
+        self.samples, self.solids, self.a, self.b = samples, solids, a, b
+        self.known: dict[tuple[int, int], float] = {}
+
+    def distance(self, k: int, n: int) -> float:
+        """At least how far pair k is apart at sample n."""
+        if (k, n) not in self.known:
+            self.known[k, n] = certified_distance(*self._moved(k, n))
+        return self.known[k, n]
+
+    def depth(self, k: int, n: int) -> float:
+        return depth(*self._moved(k, n)) or 0.0
+
+    def touching(self, k: int, first: int, last: int) -> list[int]:
+        """Samples at which pair k touches, of those that can't be left out; the search goes on only where nothing touches yet."""
+        a, b, gone = int(self.a[k]), int(self.b[k]), self.samples.gone
+        out, todo = list[int](), [(first, last)]
+        while todo:
+            i, j = todo.pop()
+            x, y = self.distance(k, i), self.distance(k, j)
+            if x <= 0 or y <= 0:
+                out += [n for n, d in ((i, x), (j, y)) if d <= 0]
+            elif j - i > 1 and x + y <= gone[j, a] - gone[i, a] + gone[j, b] - gone[i, b]:
+                middle = (i + j) // 2
+                todo += [(middle, j), (i, middle)]
+        return out
+
+    def _moved(self, k: int, n: int) -> tuple[Solid, Solid]:
+        a, b = int(self.a[k]), int(self.b[k])
+        return self.solids[a].move(self.samples.pose(n, a)), self.solids[b].move(self.samples.pose(n, b))
+
+
+def certified_distance(a: Solid, b: Solid) -> float:
+    """A lower bound of the distance of two solids in m: of the plane that FCL's nearest points suggest; 0 when they touch."""
+    import fcl
+
+    if fcl.collide(a.object, b.object, fcl.CollisionRequest(), fcl.CollisionResult()):
+        return 0.0
+    result = fcl.DistanceResult()
+    fcl.distance(a.object, b.object, fcl.DistanceRequest(enable_nearest_points=True), result)
+    way = np.subtract(result.nearest_points[1], result.nearest_points[0])
+    length = float(np.linalg.norm(way))
+    if not length > 0:
+        return 1e-9
+    u = way / length
+    ahead = (b.vertices @ (b.T[:3, :3].T @ u)).min() + b.T[:3, 3] @ u
+    behind = (a.vertices @ (a.T[:3, :3].T @ u)).max() + a.T[:3, 3] @ u
+    return max(float(ahead - behind), 1e-9)
+
+
+def _deepest(faults: Sequence[Fault]) -> list[Fault]:
+    """One fault for each two bodies, the deepest; the deepest of all first."""
+    best: dict[frozenset[str], Fault] = {}
+    for fault in sorted(faults, key=lambda f: -(f.amount or 0.0)):
+        best.setdefault(frozenset(fault.bodies), fault)
+    return list(best.values())
+
+
+def link_solids(robot: Robot) -> list[Solid]:
+    """The link hulls for FCL, in the robot's order, to be moved by whoever asked for them."""
+    return [mould.twin() for mould in _moulds(robot)]
+
+
+@lru_cache(maxsize=8)
+def _moulds(robot: Robot) -> tuple[Solid, ...]:
+    """The link hulls, which take long to make."""
+    return tuple(hull_solid(h.link, h.vertices, h.faces) for h in robot.hulls)
+
+
+@lru_cache(maxsize=8)
+def pairs_of(robot: Robot) -> Pairs:
+    """Which hulls are to be kept apart: what moves against each other, but for neighbours, what always touches, parts of the hand."""
+    from planning.verdict.hand import hand_of
+
+    hand = hand_of(robot)
+    arm, names = hand.arm, [h.link for h in robot.hulls]
+    solid = frozenset(names)
+    together = {frozenset((a, _above(arm, a, solid))) for a in solid}
+    own = {n: arm.driven_by(arm.links[n][0]) for n in solid}
+    moving = [
+        (i, j)
+        for i, a in enumerate(names)
+        for j, b in enumerate(names[:i])
+        if own[a] != own[b] and frozenset((a, b)) not in together and not {a, b} <= hand.links
+    ]
+    always = _always_touching(robot, arm, moving)
+    checked = [(i, j) for i, j in moving if frozenset((names[i], names[j])) not in always]
+    off = [frozenset((names[i], names[j])) in robot.skip for i, j in checked]
+    table = np.array(checked, np.int64).reshape(-1, 2)
+    return Pairs(table[np.logical_not(off)], table[np.array(off, bool)])
+
+
+def _above(arm: Arm, link: str, solid: frozenset[str]) -> str:
+    """The next link with geometry on the way to the base; "" when there is none."""
+    up = arm.parent_link.get(link, "")
+    while up and up not in solid:
+        up = arm.parent_link.get(up, "")
+    return up
+
+
+def _always_touching(robot: Robot, arm: Arm, pairs: Sequence[tuple[int, int]]) -> frozenset[frozenset[str]]:
+    """The links of those pairs that touch nearly wherever the joints are."""
+    import fcl
+
+    rng = np.random.default_rng(0)
+    low, high = np.where(np.isinf(arm.lower), -np.pi, arm.lower), np.where(np.isinf(arm.upper), np.pi, arm.upper)
+    at = poses(arm, rng.uniform(low, high, (SAMPLES, len(low))), np.eye(4))
+    solids = link_solids(robot)
+    names = [s.name for s in solids]
+    often: dict[frozenset[str], set[int]] = {}
+    left = list(pairs)
+    for n in range(SAMPLES):
+        for s in solids:
+            c, T = arm.links[s.name]
+            s.move(at[c][n] @ T)
+        hit = [(i, j) for i, j in left if fcl.collide(solids[i].object, solids[j].object, fcl.CollisionRequest(), fcl.CollisionResult())]
+        for i, j in hit:
+            often.setdefault(frozenset((names[i], names[j])), set()).add(n)
+        if n >= SAMPLES // 5:  # what was apart this often does not always touch
+            left = [(i, j) for i, j in left if n + 1 - len(often.get(frozenset((names[i], names[j])), ())) <= (1 - OFTEN) * SAMPLES]
+    return frozenset(pair for pair, where in often.items() if len(where) >= OFTEN * SAMPLES)

@@ -1,0 +1,121 @@
+"""A motion as numbers over the robot's own joints: a polyline (plan@1), or a quintic Hermite spline between the rows (plan@2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from kinematics.quintic_spline import QuinticSpline, evaluate, extremes, hermite
+from kinematics.scene import Held
+from kinematics.transforms import Array
+from planning.plan import Motion
+from planning.verdict.arm import Arm
+from planning.verdict.faults import Fault
+
+MOST = 1e4
+"""No joint value, time or rate in a plan is larger than this; what is, was not meant."""
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline.
+    allowed: pairs that may touch, as the motion says."""
+
+    number: int
+    stage: str
+    q: Array
+    t_s: Array
+    spline: QuinticSpline | None
+    held: Held | None
+    allowed: frozenset[frozenset[str]]
+
+    @property
+    def where(self) -> str:
+        return f"motion {self.number}"
+
+    @cached_property
+    def reach(self) -> tuple[Array, Array]:
+        """The least and the greatest position (J,) of every joint on the way."""
+        if self.spline is None or len(self.q) < 2:
+            return self.q.min(0), self.q.max(0)
+        low, high = extremes(self.spline)
+        return low.min(0), high.max(0)
+
+    def dense(self, step: float) -> tuple[Array, Array]:
+        """Where on the way (N,), in rows, and configurations (N, J), such that no joint moves by much more than `step` between two."""
+        ahead = np.abs(np.diff(self.q, axis=0)).max(1, initial=0.0)
+        if self.spline is not None and len(self.q) > 1:
+            # a joint's way is no longer than that along its Bernstein coefficients: it turns back less often than they do
+            ahead = np.maximum(ahead, np.abs(np.diff(self.spline.control, axis=1)).sum(1).max(1))
+        return self.cut(np.maximum(1, np.ceil(ahead / step)).astype(np.int64))
+
+    def cut(self, pieces: Sequence[int] | Array) -> tuple[Array, Array]:
+        """The same with so many even pieces, in time or in way, between row k and row k + 1."""
+        counts = np.asarray(pieces, np.int64)
+        k = np.repeat(np.arange(len(counts)), counts)
+        share = (np.arange(len(k)) - (np.cumsum(counts) - counts)[k] + 1) / counts[k] if len(k) else np.zeros(0)
+        at = np.concatenate([[0.0], k + share])
+        return at, self.at(at)
+
+    def at(self, rows: Array) -> Array:
+        """Configurations (N, J) at places (N,) on the way, counted in rows: 2.5 is half-way from row 2 to row 3."""
+        k = np.clip(np.floor(rows).astype(np.int64), 0, max(0, len(self.q) - 2))
+        share = (rows - k)[:, None]
+        if len(self.q) < 2:
+            return self.q[k]
+        if self.spline is None:
+            return np.asarray(self.q[k] + share * (self.q[k + 1] - self.q[k]))
+        return evaluate(self.spline, self.t_s[k] + share[:, 0] * (self.t_s[k + 1] - self.t_s[k]))
+
+
+def courses(arm: Arm, motions: Sequence[Motion]) -> tuple[list[Course], list[Fault]]:
+    """The motions in numbers, up to the first that has none; and what is wrong with that one's form."""
+    out: list[Course] = []
+    for number, motion in enumerate(motions):
+        wrong = _form(arm, motion, number)
+        if wrong is not None:
+            return out, [wrong]
+        order = [motion.joint_names.index(name) for name in arm.joints]
+        q = np.asarray(motion.q, float)[:, order]
+        spline = None
+        qd, qdd = _rates(motion)
+        if qd is not None and qdd is not None and len(q) > 1:
+            spline = hermite(motion.t_s, q, np.asarray(qd, float)[:, order], np.asarray(qdd, float)[:, order])
+        pairs = frozenset(frozenset(pair) for pair in motion.allowed_contacts)
+        out.append(Course(number, motion.stage, q, np.asarray(motion.t_s, float), spline, motion.held, pairs))
+    return out, []
+
+
+def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
+    """Names and sizes: what would make no sense to look at further."""
+
+    def fault(detail: str, amount: float | None = None) -> Fault:
+        return Fault(motion.stage, (), f"motion {number} {detail}", amount)
+
+    names, known = motion.joint_names, ", ".join(arm.joints)
+    if len(set(names)) < len(names):
+        return fault("names a joint twice")
+    if strange := [n for n in names if n not in arm.joints]:
+        return fault(f"moves {strange[0]!r}, which is no actuated joint of this robot; these are {known}")
+    if missing := [n for n in arm.joints if n not in names]:
+        return fault(f"does not say where {missing[0]!r} is; the robot's actuated joints are {known}")
+    qd, qdd = _rates(motion)
+    tables = [motion.q, *(t for t in (qd, qdd) if t is not None)]
+    if (qd is None) != (qdd is None):
+        return fault("has one of qd and qdd, and a spline takes both")
+    if any(np.shape(t) != (len(motion.t_s), len(names)) for t in tables) or not len(motion.t_s):
+        return fault("has tables q, qd, qdd and t_s that don't fit each other and the joints")
+    largest = max(float(np.abs(np.asarray(t, float)).max()) for t in (*tables, motion.t_s))
+    if not largest <= MOST:
+        return fault(f"has a number as large as {largest:.3g}", largest)
+    if motion.t_s[0] < 0 or (np.diff(motion.t_s) < 0).any() or (qd is not None and (np.diff(motion.t_s) <= 0).any()):
+        return fault("has times that don't rise")
+    return None
+
+
+def _rates(motion: Motion) -> tuple[Array | None, Array | None]:
+    """Velocities and accelerations at the rows of a plan@2."""
+    return getattr(motion, "qd", None), getattr(motion, "qdd", None)

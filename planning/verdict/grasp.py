@@ -1,0 +1,90 @@
+"""Whether a grasp can be meant, before anything is planned or moved: the hand alone at x_g in the empty cabinet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from kinematics.collision.fcl_solids import Solid, depth, shape_solids
+from kinematics.robots.robot import Robot
+from kinematics.scene import WALLS, Body, Grasp, Scene
+from kinematics.transforms import Array, inverse
+from planning.verdict.contact import TOUCH_M, link_solids
+from planning.verdict.faults import Settings
+from planning.verdict.hand import Hand, hand_of, in_hand
+from planning.verdict.pads import hold_faults
+from planning.verdict.polyhedra import polyhedra
+
+MOST_M = 1000.0  # no grasp is further away
+_STEPS, _ROUNDS = 9, 5
+
+
+def judge_grasp(
+    robot: Robot, scene: Scene, grasp: Grasp | None = None, settings: Settings | None = None, *, unseen: bool = False
+) -> str | None:
+    """What makes a grasp of the scene's target impossible whatever is moved away; None when nothing does, or there is none.
+
+    grasp: the scene's own x_g by default. unseen: nothing is known of the objects yet, so only hand and cabinet are looked at.
+    Judged: the gripper opens as wide; the pads hold the target; no other part of the hand is in it, nor any in the cabinet's walls.
+    """
+    x_g = grasp or scene.grasp
+    if x_g is None:
+        return None
+    if not np.abs(x_g.T_world_hand).max() <= MOST_M:
+        return f"x_g is {np.abs(x_g.T_world_hand).max():.3g} m away"
+    with np.errstate(all="ignore"):
+        return _judge(robot, scene, x_g, settings or Settings(), unseen)
+
+
+def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool) -> str | None:
+    try:
+        hand = hand_of(robot)
+    except ValueError as e:
+        return str(e)
+    least, most = float(hand.widths[0]), hand.max_width_m
+    if not x_g.width_m <= most + asked.gap_m:
+        return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper opens {1000 * most:.0f} mm"
+    if not x_g.width_m >= least - asked.gap_m:
+        return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper closes to {1000 * least:.0f} mm"
+    frames = in_hand(hand, closing_value(hand, x_g.width_m))
+    if not unseen and scene.target is not None:
+        target = scene.body(scene.target)
+        T_hand_target = inverse(x_g.T_world_hand) @ target.T_world_body
+        faces = [frames[p.carrier] @ p.T_carrier_face for p in hand.pads]
+        if wrong := hold_faults(hand.pads, faces, polyhedra(target.shape), T_hand_target, target.name, "grasp", asked):
+            return f"x_g does not hold {target.name}: {wrong[0].detail}"
+        for link, _, deep in _touching(robot, hand, frames, [Body(target.name, target.shape, T_hand_target)]):
+            if deep > (asked.depth_m if link in hand.fingers else TOUCH_M):
+                return f"x_g does not hold {target.name}: {link} would touch the target itself, {1000 * deep:.1f} mm deep"
+    T_hand_world = inverse(x_g.T_world_hand)
+    around = (*scene.cabinet.walls(), *scene.obstacles)
+    walls = [Body(w.name, w.shape, T_hand_world @ w.T_world_body) for w in around]
+    for link, wall, deep in _touching(robot, hand, frames, walls):
+        if deep > TOUCH_M:
+            return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in WALLS else ''}{wall}"
+    return None
+
+
+def closing_value(hand: Hand, width_m: float) -> float:
+    """The gripper joint's value at which the pads are so far apart, to a micrometre; the nearest it can do."""
+    values, widths = hand.values, hand.widths
+    for _ in range(_ROUNDS):
+        k = int(np.clip(np.searchsorted(widths, width_m), 1, len(widths) - 1))
+        values = np.linspace(values[k - 1], values[k], _STEPS)
+        widths = hand.width(values)
+        if abs(widths[-1] - widths[0]) < 1e-6:
+            break
+    return float(np.interp(width_m, widths, values))
+
+
+def _touching(robot: Robot, hand: Hand, frames: dict[int, Array], bodies: Sequence[Body]) -> Iterator[tuple[str, str, float]]:
+    """Links of the hand and bodies that touch, and how deep; frames, bodies: in the hand's frame."""
+    others: list[Solid] = [s.move(b.T_world_body) for b in bodies for s in shape_solids(b.name, b.shape)]
+    for solid in link_solids(robot):
+        if solid.name in hand.links:
+            carrier, T = hand.arm.links[solid.name]
+            solid.move(frames[carrier] @ T)
+            for other in others:
+                if (deep := depth(solid, other)) is not None:
+                    yield solid.name, other.name, deep

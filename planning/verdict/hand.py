@@ -1,0 +1,150 @@
+"""The hand as the verdict sees it: which links it has, where the two pads are and which of their faces close on an object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.transforms import Array, inverse, transform
+from planning.verdict import polygons
+from planning.verdict.arm import Arm, poses, read
+from planning.verdict.polyhedra import Int, Window
+
+FACING = np.cos(np.radians(30))  # a face that looks this much along the closing direction can be a pad's
+LEAST_FACE_M2 = 2e-5
+BESIDE_M = 0.015  # the pads are within so much of the hand frame's origin, along its z
+FLAT_M = 3e-4  # corners this near to a plane belong to the face
+_VALUES = 17
+
+
+@dataclass(frozen=True, eq=False)
+class Pad:
+    """The face of a finger that closes on objects, on one side of the hand.
+
+    T_carrier_face (4, 4): z out of the finger, towards the other one. window: the face in x and y. side: 1 or -1, where it is along the
+    hand's y.
+    """
+
+    link: str
+    side: int
+    carrier: int
+    T_carrier_face: Array
+    window: Window
+
+
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """arm: the whole robot; carrier, T_carrier_hand: where the hand frame is. gripper: index of the joint that opens it.
+
+    links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side.
+    values, widths (G,): the gripper's joint and how far the pads are apart there, by rising width.
+    """
+
+    arm: Arm
+    carrier: int
+    T_carrier_hand: Array
+    gripper: int
+    links: frozenset[str]
+    fingers: frozenset[str]
+    pads: tuple[Pad, Pad]
+    values: Array
+    widths: Array
+
+    @property
+    def max_width_m(self) -> float:
+        return float(self.widths[-1])
+
+    def width(self, values: Array) -> Array:
+        """How far (G,) the pads are apart at values (G,) of the gripper's joint."""
+        frames = _at(self.arm, self.carrier, self.T_carrier_hand, self.gripper, values, frozenset(p.carrier for p in self.pads))
+        y = [(frames[p.carrier] @ p.T_carrier_face)[:, 1, 3] for p in self.pads]
+        return np.asarray(y[0] - y[1])
+
+
+def in_hand(hand: Hand, value: float) -> dict[int, Array]:
+    """Poses (4, 4) in the hand's frame of the carriers that go with it, at a value of the gripper's joint."""
+    own = frozenset(hand.arm.links[link][0] for link in hand.links)
+    return {c: T[0] for c, T in _at(hand.arm, hand.carrier, hand.T_carrier_hand, hand.gripper, np.array([value]), own).items()}
+
+
+@lru_cache(maxsize=8)
+def hand_of(robot: Robot) -> Hand:
+    """The hand of a robot. Raises: ValueError when no two faces of its fingers close on each other."""
+    arm = read(robot.urdf)
+    carrier, T_carrier_hand = arm.links["hand"]
+    gripper = arm.joints.index(robot.joint_names[robot.gripper_joint])
+    solid = {h.link for h in robot.hulls}
+    fingers = frozenset(link for link in solid if gripper in arm.driven_by(arm.links[link][0]))
+    own = arm.driven_by(carrier)
+    links = frozenset(link for link in solid if arm.driven_by(arm.links[link][0]) - {gripper} == own) | fingers
+    low, high = float(arm.lower[gripper]), float(arm.upper[gripper])
+    middle = _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2]))
+    pads = tuple(_pad(robot, arm, fingers, middle, side) for side in (1, -1))
+    values = np.linspace(low, high, _VALUES)
+    half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (pads[0], pads[1]), values, values)
+    widths = half.width(values)
+    order = np.argsort(widths, kind="stable")
+    return replace(half, values=values[order], widths=widths[order])
+
+
+def _at(
+    arm: Arm, carrier: int, T_carrier_hand: Array, gripper: int, values: Array, wanted: frozenset[int] | None = None
+) -> dict[int, Array]:
+    """Poses (G, 4, 4) of carriers in the hand frame at gripper values (G,), the arm anywhere; of all, or of those wanted."""
+    q = np.zeros((len(values), len(arm.joints)))
+    q[:, gripper] = values
+    at = poses(arm, q, np.eye(4), None if wanted is None else wanted | {carrier})
+    T_hand = inverse(at[carrier] @ T_carrier_hand)
+    return {c: T_hand @ T for c, T in at.items()}
+
+
+def _pad(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], side: int) -> Pad:
+    """The innermost face of the fingers on one side; at: the carriers' poses (1, 4, 4) in the hand."""
+    best: tuple[float, Pad] | None = None
+    for hull in robot.hulls:
+        if hull.link not in fingers:
+            continue
+        carrier, T_carrier_link = arm.links[hull.link]
+        T = at[carrier][0] @ T_carrier_link
+        points = hull.vertices @ T[:3, :3].T + T[:3, 3]
+        for normal, outline in _faces(points, hull.faces, np.array([0.0, -float(side), 0.0])):
+            middle = outline.mean(0)
+            reaches = outline[:, 2].min() <= BESIDE_M and outline[:, 2].max() >= -BESIDE_M
+            if not reaches or middle[1] * side < 0 or (best is not None and abs(middle[1]) >= best[0]):
+                continue
+            T_hand_face = transform(_frame(normal), middle)
+            flat = (outline - middle) @ T_hand_face[:3, :2]
+            best = abs(float(middle[1])), Pad(hull.link, side, carrier, inverse(at[carrier][0]) @ T_hand_face, Window(polygons.hull(flat)))
+    if best is None:
+        raise ValueError(f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y")
+    return best[1]
+
+
+def _faces(points: Array, triangles: Int, inward: Array) -> list[tuple[Array, Array]]:
+    """The plane faces of a convex solid that look along `inward` (3,): outward normal (3,) and corners (N, 3) of each."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1) / 2
+    normal = normal / np.maximum(2 * area, 1e-30)[:, None]
+    normal *= np.sign(np.einsum("ij,ij->i", normal, a - points.mean(0)))[:, None]
+    out = []
+    left = (normal @ inward >= FACING) & (area > 0)
+    while left.any():
+        seed = int(np.argmax(np.where(left, area, -1.0)))
+        out_of = points @ normal[seed] - a[seed] @ normal[seed]
+        same = left & (np.abs(out_of[triangles]) <= FLAT_M).all(1)
+        if area[same].sum() >= LEAST_FACE_M2:
+            out.append((normal[seed], points[np.unique(triangles[same])]))
+        same[seed] = True
+        left &= ~same
+    return out
+
+
+def _frame(z: Array) -> Array:
+    """A rotation (3, 3) whose last column is z (3,), its first as near to the hand's z as can be."""
+    x = np.array([0.0, 0.0, 1.0]) - z[2] * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], -1)

@@ -1,0 +1,181 @@
+"""The verdict on what a plan says, from scene and plan alone: nothing of the planner's own code is asked.
+
+Where the robot is comes from its URDF in plain numpy; what touches is FCL's word on convex solids; holding and standing are worked out in
+closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import Grasp, Scene
+from kinematics.transforms import inverse
+from planning.plan import Plan
+from planning.verdict.arm import poses
+from planning.verdict.contact import contact_faults
+from planning.verdict.course import Course, courses
+from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings
+from planning.verdict.figures import figure_faults, goal_faults, grasp_faults, move_faults, tilt_faults
+from planning.verdict.hand import Hand, hand_of
+from planning.verdict.ledger import Ledger, keep
+from planning.verdict.limits import ACCELERATION_S, GAP, limit_faults
+from planning.verdict.pads import hold_faults
+from planning.verdict.polyhedra import polyhedra
+from planning.verdict.standing import Placed, Stand, placed, stand
+
+MOST_M = 1000.0
+"""Nothing that a cabinet and a robot have to do with is larger, or further away."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """faults: what is wrong, in the plan's order; notes: what is worth knowing and no fault. verified: whether the plan holds; None when
+    there is nothing to verify."""
+
+    faults: tuple[Fault, ...]
+    notes: tuple[Fault, ...]
+    verified: bool | None
+
+
+def judge(scene: Scene, plan: Plan, robot: Robot, settings: Settings | None = None) -> tuple[Fault, ...]:
+    """Everything that is wrong with a plan for a scene and a robot; nothing when it holds."""
+    return examine(scene, plan, robot, settings).faults
+
+
+def examine(scene: Scene, plan: Plan, robot: Robot, settings: Settings | None = None) -> Verdict:
+    """The same with what is no fault: pairs of links that touch and that the robot's SRDF lets touch."""
+    asked = settings or Settings()
+    if plan.scene != scene.id:
+        return Verdict((Fault(PLAN, (), f"it is for scene {plan.scene!r}, and this is {scene.id!r}"),), (), False)
+    if not plan.motions:
+        missing = _without_motions(scene, plan)
+        return Verdict(missing, (), False if missing else None)
+    if strange := [m.object for m in plan.moves if m.object not in scene.poses()]:
+        return Verdict((Fault("moves", (strange[0],), f"a move is of {strange[0]!r}, which is not in the scene"),), (), False)
+    if (huge := _huge(scene, plan)) is not None:
+        return Verdict((huge,), (), False)
+    try:
+        hand = hand_of(robot)
+    except ValueError as e:
+        return Verdict((Fault(SCENE, (), str(e)),), (), False)
+    with np.errstate(all="ignore"):
+        faults, notes = _examine(scene, plan, robot, hand, asked)
+    return Verdict(tuple(faults), tuple(notes), not faults)
+
+
+def _huge(scene: Scene, plan: Plan) -> Fault | None:
+    """A length in the scene or in the plan's poses that nobody can have meant."""
+    lengths = [
+        (SCENE, b.name, float(np.abs(np.append(b.T_world_body[:3, 3], b.shape.half)).max())) for b in (*scene.objects, *scene.obstacles)
+    ]
+    around = (("cabinet", scene.cabinet.size_m), ("robot", scene.robot.T_world_base[:3, 3]))
+    lengths += [(SCENE, name, float(np.abs(x).max())) for name, x in around]
+    lengths += [(MOVES, m.object, float(max(np.abs(m.T_world_from).max(), np.abs(m.T_world_to).max()))) for m in plan.moves]
+    lengths += [(m.stage, m.held.body, float(np.abs(m.held.T_hand_body).max())) for m in plan.motions if m.held is not None]
+    for stage, name, most in lengths:
+        if not most <= MOST_M:
+            return Fault(stage, (name,), f"{name} is {most:.3g} m large or away", most)
+    return None
+
+
+def _without_motions(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
+    if plan.success:
+        return (Fault(PLAN, (), "it is called a success, and has no motions"),)
+    done = [m.object for m in plan.moves if m.done]
+    return (Fault("moves", (done[0],), f"{done[0]} is called moved, and there are no motions"),) if done else ()
+
+
+def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Settings) -> tuple[list[Fault], list[Fault]]:
+    run, faults = courses(hand.arm, plan.motions)
+    if faults:
+        return faults, []
+    acceleration = np.asarray(getattr(robot, "acceleration", robot.velocity / ACCELERATION_S), float)
+    order = [robot.joint_names.index(name) for name in hand.arm.joints]
+    faults += limit_faults(hand.arm, run, acceleration[order])
+    faults += _start(scene, run, hand)
+    ledger = keep(hand, scene, run, settings)
+    faults += ledger.faults
+    if len(ledger.standing) < len(run):
+        return faults, []
+    at_start, rests = _standing(scene, ledger, settings)
+    faults += at_start
+    faults += _holding(scene, ledger, run, hand, settings)
+    faults += grasp_faults(scene, ledger, hand, _allowed(scene, plan), settings)
+    tilts = {b.name: settings.max_tilt_deg if b.max_tilt_deg is None else b.max_tilt_deg for b in scene.objects}
+    limits = {name: most for name, most in tilts.items() if most is not None}
+    faults += tilt_faults(run, ledger, hand, scene.robot.T_world_base, limits)
+    notes: list[Fault] = []
+    if settings.contact:
+        found, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings)
+        faults += found
+    faults += move_faults(scene, plan, ledger, settings)
+    faults += goal_faults(scene, plan, ledger)
+    faults += figure_faults(scene, plan, run, hand)
+    return faults, notes
+
+
+def _start(scene: Scene, run: Sequence[Course], hand: Hand) -> list[Fault]:
+    """The arm begins where the scene says that it is."""
+    said = scene.robot.q_start or {}
+    off = {name: abs(float(run[0].q[0, hand.arm.joints.index(name)]) - value) for name, value in said.items() if name in hand.arm.joints}
+    worst = max(off, key=lambda name: off[name], default=None)
+    if worst is None or off[worst] <= GAP:
+        return []
+    return [Fault(run[0].stage, (), f"motion 0 begins with {worst} {off[worst]:.3g} from where the scene says it is", off[worst])]
+
+
+def _allowed(scene: Scene, plan: Plan) -> Sequence[Grasp]:
+    """The grasps that the target may be taken with: the one that the plan says it takes, else the scene's."""
+    own = getattr(plan, "grasp", None)
+    return [own] if own is not None else [g for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
+
+
+def _holding(scene: Scene, ledger: Ledger, run: Sequence[Course], hand: Hand, settings: Settings) -> list[Fault]:
+    """Whether the pads hold each object that is taken."""
+    if not ledger.carries:
+        return []
+    at = poses(hand.arm, np.stack([c.q for c in ledger.carries]), scene.robot.T_world_base, frozenset(p.carrier for p in hand.pads))
+    out = []
+    for i, carry in enumerate(ledger.carries):
+        T_hand_world = inverse(carry.T_world_hand)
+        faces = [T_hand_world @ at[p.carrier][i] @ p.T_carrier_face for p in hand.pads]
+        body = polyhedra(scene.body(carry.body).shape)
+        out += hold_faults(hand.pads, faces, body, carry.T_hand_body, carry.body, "grasp", settings)
+    return out
+
+
+def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fault], dict[str, frozenset[str]]]:
+    """What floats at the start, and what is put down and does not stand; and what each object that is carried rests on, before or after."""
+    cabinet, out = scene.cabinet, list[Fault]()
+    walls = [placed(w.name, w.shape, w.T_world_body, cabinet) for w in (*cabinet.walls()[1:], *scene.obstacles)]
+    here = {b.name: placed(b.name, b.shape, b.T_world_body, cabinet) for b in scene.objects}
+    rests = {name: _on(body, here, walls, scene, settings) for name, body in here.items()}
+    for name, at in rests.items():
+        out += _fallen(SCENE, name, at, "at the start", settings)
+    names = {c.body: set(rests[c.body].on) for c in ledger.carries}
+    for carry in ledger.carries:
+        here[carry.body] = placed(carry.body, scene.body(carry.body).shape, carry.T_world_to, cabinet)
+        if carry.put:
+            at = _on(here[carry.body], here, walls, scene, settings)
+            out += _fallen("release", carry.body, at, f"where motion {carry.last} puts it", settings)
+            names[carry.body] |= set(at.on)
+        else:
+            here.pop(carry.body)
+    return out, {name: frozenset(on) for name, on in names.items()}
+
+
+def _on(body: Placed, here: Mapping[str, Placed], walls: Sequence[Placed], scene: Scene, settings: Settings) -> Stand:
+    return stand(body, [*walls, *(o for name, o in here.items() if name != body.name)], scene.cabinet, settings.stands_m)
+
+
+def _fallen(stage: str, name: str, at: Stand, when: str, settings: Settings) -> list[Fault]:
+    if at.carried:
+        return []
+    if at.on:
+        return [Fault(stage, (name, *at.on), f"{name} falls over {when}: what it stands on is not under its centre of mass", None)]
+    how = f"is {1000 * at.gap_m:.1f} mm above the floor" if at.gap_m > 0 else f"is sunk {-1000 * at.gap_m:.1f} mm into the floor"
+    return [Fault(stage, (name,), f"{name} {how} {when}", abs(at.gap_m))]

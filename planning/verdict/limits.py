@@ -1,0 +1,85 @@
+"""What a robot's joints can do: positions, velocities, accelerations, motions that follow one another without a gap, rest between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kinematics.quintic_spline import extremes
+from kinematics.transforms import Array
+from planning.verdict.arm import Arm
+from planning.verdict.course import Course
+from planning.verdict.faults import Fault
+
+POSITION = 1e-6  # rad or m, by which files may round
+GAP = 1e-6
+RATE = 1e-4  # of a limit, by which a rate may be above it; and the rate, in rad/s or rad/s², that still is rest
+ACCELERATION_S = 0.35
+"""Where nothing says how fast a joint may speed up: it reaches its full speed in so many seconds."""
+
+
+def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> list[Fault]:
+    """What the joints can't do, the worst joint of each motion; acceleration (J,): its limits in rad/s² or m/s²."""
+    out: list[Fault] = []
+    for course, before in zip(courses, [None, *courses]):
+        out += _positions(arm, course)
+        if before is not None:
+            jump = np.abs(course.q[0] - before.q[-1])
+            if jump.max() > GAP:
+                worst = int(np.argmax(jump))
+                out.append(_fault(course, f"starts {jump[worst]:.3g} from where {arm.joints[worst]} ended before", jump[worst]))
+        out += _rates(arm, course, acceleration)
+    return out
+
+
+def _positions(arm: Arm, course: Course) -> list[Fault]:
+    low, high = course.reach
+    beyond = np.maximum(high - arm.upper, arm.lower - low)
+    worst = int(np.argmax(beyond))
+    if not beyond[worst] > POSITION:
+        return []
+    return [_fault(course, f"{arm.joints[worst]} goes {beyond[worst]:.3g} beyond its limits", beyond[worst])]
+
+
+def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
+    """Velocity in a polyline is way by time; in a spline, what its derivatives reach between the rows."""
+    if len(course.q) < 2:
+        return []
+    if course.spline is None:
+        way, time = np.abs(np.diff(course.q, axis=0)), np.diff(course.t_s)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = np.where(way > POSITION, way / time, 0.0).max(0)
+        return _above(arm, course, speed, arm.velocity, "velocity", "/s")
+    out = []
+    for order, limit, what, unit in ((1, arm.velocity, "velocity", "/s"), (2, acceleration, "acceleration", "/s²")):
+        low, high = extremes(course.spline, order, 1e-6)
+        out += _above(arm, course, np.maximum(high, -low).max(0), limit, what, unit)
+        ends = np.abs(_ends(course, order)).max(0)
+        if ends.max() > RATE * max(1.0, float(limit[np.isfinite(limit)].max(initial=1.0))):
+            worst = int(np.argmax(ends))
+            detail = f"{arm.joints[worst]} does not rest where it begins or ends: its {what} is {ends[worst]:.3g}{unit} there"
+            out.append(_fault(course, detail, ends[worst]))
+    return out
+
+
+def _ends(course: Course, order: int) -> Array:
+    """Velocity or acceleration (2, J) at a spline's first and last row."""
+    assert course.spline is not None
+    b, (first, last) = course.spline.control, np.diff(course.t_s)[[0, -1]]
+    if order == 1:
+        return np.stack([5 * (b[0, 1] - b[0, 0]) / first, 5 * (b[-1, 5] - b[-1, 4]) / last])
+    return np.stack([20 * (b[0, 2] - 2 * b[0, 1] + b[0, 0]) / first**2, 20 * (b[-1, 5] - 2 * b[-1, 4] + b[-1, 3]) / last**2])
+
+
+def _above(arm: Arm, course: Course, reached: Array, limit: Array, what: str, unit: str) -> list[Fault]:
+    over = reached / limit
+    worst = int(np.argmax(over))
+    if not over[worst] > 1 + RATE:
+        return []
+    detail = f"{arm.joints[worst]} has a {what} of {reached[worst]:.3g}{unit}, and its limit is {limit[worst]:.3g}{unit}"
+    return [_fault(course, detail, reached[worst])]
+
+
+def _fault(course: Course, detail: str, amount: float) -> Fault:
+    return Fault(course.stage, (), f"{course.where}: {detail}", float(amount))

@@ -1,0 +1,118 @@
+"""Whether two pads hold a body: both touch it, face it within the friction cone, and overlap it enough. All in closed form.
+
+A pad's face is a window that looks at the body. How near the body comes within the window is the gap; what of it comes almost as near is
+the patch of contact. A hold needs a line between both patches that lies in both friction cones (two-finger force closure: Nguyen,
+Constructing force-closure grasps, 1988), and patches too wide to be an edge that the body would turn about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.transforms import Array, inverse
+from planning.verdict import polygons
+from planning.verdict.faults import Fault, Settings
+from planning.verdict.hand import Pad
+from planning.verdict.polyhedra import Polyhedron, nearest_in_window, section_below
+
+PATCH_M = 0.001  # what comes within so much of the nearest point belongs to the patch: rubber gives way
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """One pad at a body: gap_m along the face's normal, negative where the body is that deep in the pad; the normal (3,) of the contact,
+    from the pad into the body; the patch's corners (N, 3) on the pad's face, both in the frame that was asked for; and how wide it is."""
+
+    gap_m: float
+    normal: Array
+    patch: Array
+    width_m: float
+
+
+def touch(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_body: Array) -> Touch | None:
+    """How a pad is at a body of convex parts; None when no part lies before the pad's face.
+
+    T_frame_face, T_frame_body (4, 4): both in one frame, in which the answer is given.
+    """
+    T_face_body = inverse(T_frame_face) @ T_frame_body
+    seen = []
+    for part in (p.moved(T_face_body) for p in body):
+        near = nearest_in_window(part, pad.window)
+        if near is not None and part.vertices[:, 2].max() > 0:
+            seen.append((near[0], near[1], part))
+    if not seen:
+        return None
+    gap, normal, _ = min(seen, key=lambda s: s[0])
+    reached = [section_below(part, gap + PATCH_M) for z, _, part in seen if z <= gap + PATCH_M]
+    patch = polygons.clip(polygons.hull(np.concatenate(reached)), pad.window.corners)
+    R, p = T_frame_face[:3, :3], T_frame_face[:3, 3]
+    return Touch(gap, R @ -normal, patch @ R[:, :2].T + p, polygons.least_width(polygons.hull(patch)))
+
+
+def hold_faults(
+    pads: Sequence[Pad],
+    T_hand_faces: Sequence[Array],
+    body: Sequence[Polyhedron],
+    T_hand_body: Array,
+    name: str,
+    stage: str,
+    settings: Settings,
+) -> list[Fault]:
+    """What keeps two pads from holding a body; nothing when they do. T_hand_faces, T_hand_body (4, 4): in the hand's frame."""
+    touches = [touch(pad, T, body, T_hand_body) for pad, T in zip(pads, T_hand_faces)]
+    links = tuple(dict.fromkeys(pad.link for pad in pads))
+    far = [beside(pad, T, body, T_hand_body) if t is None else t.gap_m for pad, T, t in zip(pads, T_hand_faces, touches)]
+    found = [t for t in touches if t is not None]
+    if len(found) < len(touches):
+        amount = max(f for f, t in zip(far, touches) if t is None)
+        return [Fault(stage, (*links, name), f"the pads close {1000 * amount:.1f} mm beside {name}", amount)]
+    faults = []
+    for pad, t in zip(pads, found):
+        if t.gap_m > settings.gap_m:
+            faults.append(Fault(stage, (pad.link, name), f"{pad.link} stops {1000 * t.gap_m:.1f} mm before {name}", t.gap_m))
+        elif t.gap_m < -settings.depth_m:
+            faults.append(Fault(stage, (pad.link, name), f"{pad.link} is {-1000 * t.gap_m:.1f} mm inside {name}", -t.gap_m))
+        elif t.width_m < settings.overlap_m:
+            faults.append(Fault(stage, (pad.link, name), f"{pad.link} meets {name} in a strip {1000 * t.width_m:.1f} mm wide", t.width_m))
+    if not faults and (angle := slip_angle(*found)) > (cone := float(np.arctan(settings.mu))):
+        detail = f"{name} slips: the pads press {np.degrees(angle):.0f}° off, and friction {settings.mu:g} holds {np.degrees(cone):.0f}°"
+        faults.append(Fault(stage, (*links, name), detail, angle))
+    return faults
+
+
+def slip_angle(a: Touch, b: Touch) -> float:
+    """How far, in rad, the line between two contacts is from their normals, the larger of both; along the best line between the patches."""
+    across = a.normal - b.normal
+    across = across / max(float(np.linalg.norm(across)), 1e-12)
+    u, v = _across(across)
+    flat_a, flat_b = (polygons.hull(np.stack([t.patch @ u, t.patch @ v], -1)) for t in (a, b))
+    p, q = polygons.nearest(flat_a, flat_b)
+    apart = float((b.patch.mean(0) - a.patch.mean(0)) @ across)
+    line = (q[0] - p[0]) * u + (q[1] - p[1]) * v + apart * across
+    line /= max(float(np.linalg.norm(line)), 1e-12)
+    return float(max(np.arccos(np.clip(a.normal @ line, -1, 1)), np.arccos(np.clip(-b.normal @ line, -1, 1))))
+
+
+def beside(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_body: Array) -> float:
+    """About how far a body is from a pad's face, in m: between the face's corners and middle, and the body's corners and planes."""
+    outline = pad.window.corners
+    corners = np.c_[np.concatenate([outline, [outline.mean(0)]]), np.zeros(len(outline) + 1)]
+    points = corners @ T_frame_face[:3, :3].T + T_frame_face[:3, 3]
+    out = np.inf
+    for part in (p.moved(T_frame_body) for p in body):
+        beyond = float((points @ part.planes[:, :3].T - part.planes[:, 3]).max(1).min())
+        box_low, box_high = part.vertices.min(0), part.vertices.max(0)
+        apart = np.maximum(np.maximum(box_low - points, points - box_high), 0)
+        out = min(out, max(beyond, float(np.linalg.norm(apart, axis=1).min()), 0.0))
+    return out
+
+
+def _across(z: Array) -> tuple[Array, Array]:
+    """Two unit vectors (3,) that make a frame with z (3,)."""
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return x, np.cross(z, x)

@@ -1,0 +1,91 @@
+"""Plain numpy kinematics from the URDF agree with the compiled ones, and with pytorch-kinematics; limits and hands are read right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import random_q
+
+from kinematics.robots.robot import Robot, load
+from kinematics.transforms import rotation_about, transform
+from planning.verdict.arm import poses, read
+from planning.verdict.hand import hand_of, in_hand
+
+T_BASE = transform(rotation_about((0.3, -0.2, 1.0), 0.7), [0.1, -0.4, 0.2])
+
+
+def link_poses(robot: Robot, q: np.ndarray) -> dict[str, np.ndarray]:
+    """Every link in the world, by the verdict's kinematics, q over the robot's joints."""
+    arm = read(robot.urdf)
+    at = poses(arm, q[:, [robot.joint_names.index(n) for n in arm.joints]], T_BASE)
+    return {link: at[c] @ T for link, (c, T) in arm.links.items()}
+
+
+def test_links_are_where_the_compiled_tree_has_them(robot: Robot) -> None:
+    q = random_q(robot, 40, 3)
+    ours, theirs = link_poses(robot, q), T_BASE @ robot.tree.poses(q)
+    assert set(ours) == set(robot.tree.names)
+    assert all(np.abs(ours[n] - theirs[:, i]).max() < 1e-12 for i, n in enumerate(robot.tree.names))
+
+
+def test_links_are_where_pytorch_kinematics_has_them(ur5e: Robot) -> None:
+    torch, pk = pytest.importorskip("torch"), pytest.importorskip("pytorch_kinematics")
+    chain = pk.build_chain_from_urdf(ur5e.urdf.encode()).to(dtype=torch.float64)
+    q = random_q(ur5e, 5, 1)
+    arm = read(ur5e.urdf)
+    values = {n: q[:, ur5e.joint_names.index(n)] for n in arm.joints}
+    frames = chain.forward_kinematics({n: torch.as_tensor(values.get(n, np.zeros(5))) for n in chain.get_joint_parameter_names()})
+    hand = np.linalg.inv(T_BASE) @ link_poses(ur5e, q)["hand"]
+    assert np.abs(hand - frames["hand"].get_matrix().numpy()).max() < 1e-6
+
+
+def test_only_what_is_wanted_is_worked_out(ur5e: Robot) -> None:
+    arm = read(ur5e.urdf)
+    carrier, _ = arm.links["forearm_link"]
+    some = poses(arm, random_q(ur5e, 3), T_BASE, frozenset({carrier}))
+    assert set(some) == {0, *arm.above[carrier]}
+    assert len(arm.above[carrier]) == 4  # the base, and three joints
+
+
+def test_limits_are_the_robots(robot: Robot) -> None:
+    arm = read(robot.urdf)
+    order = [robot.joint_names.index(n) for n in arm.joints]
+    assert np.array_equal(arm.lower, robot.lower[order])
+    assert np.array_equal(arm.upper, robot.upper[order])
+    assert np.array_equal(arm.velocity, robot.velocity[order])
+
+
+def test_pads_close_as_the_gripper_table_says(robot: Robot) -> None:
+    """Found in another way, and measured in another way."""
+    hand = hand_of(robot)
+    assert {p.link for p in hand.pads} <= robot.pads
+    assert sorted(p.side for p in hand.pads) == [-1, 1]
+    assert hand.max_width_m == pytest.approx(robot.opening.max_m, abs=1e-4)
+    assert np.abs(hand.width(robot.opening.value) - robot.opening.width_m).max() < 1e-4
+    assert hand.fingers == robot.fingers
+
+
+def test_pads_of_a_sliding_gripper(toy_urdf: Callable[..., Path]) -> None:
+    toy = load(str(toy_urdf()), "tcp", "grip")
+    hand = hand_of(toy)
+    assert hand.width(np.array([0.0, 0.04])) == pytest.approx([0.0, 0.08])
+    frames = in_hand(hand, 0.02)
+    for pad in hand.pads:
+        T = frames[pad.carrier] @ pad.T_carrier_face
+        assert T[:3, 2] == pytest.approx([0.0, -pad.side, 0.0])
+        assert np.ptp(pad.window.corners, axis=0) == pytest.approx([0.07, 0.02])  # along the finger, across it
+
+
+def test_a_mimic_that_leads_nowhere_is_refused(toy_urdf: Callable[..., Path]) -> None:
+    text = toy_urdf().read_text()
+    with pytest.raises(ValueError, match="leads nowhere"):
+        read(text.replace('mimic joint="grip"', 'mimic joint="gone"'))
+    with pytest.raises(ValueError, match="leads nowhere"):
+        read(text.replace('mimic joint="grip"', 'mimic joint="grip_mirror"'))
+    with pytest.raises(ValueError, match="root links"):
+        read(text.replace('child link="post"', 'child link="gone"'))
+    with pytest.raises(ValueError, match="floating"):
+        read(text.replace('name="out" type="prismatic"', 'name="out" type="floating"'))

@@ -66,7 +66,7 @@ class Episode:
             policy=plan.policy,
             rule=plan.rule,
             success=plan.success,
-            verified=plan.verified,
+            verified=plan.verified is True,
             moved=sum(move.done for move in plan.moves),
             planning_time_s=plan.planning_time_s,
             motion_time_s=plan.motion_time_s,

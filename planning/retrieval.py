@@ -6,7 +6,7 @@ A policy is a pair of functions. The loop is one and the same for every planner,
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from time import perf_counter
 
@@ -18,7 +18,8 @@ from kinematics.transforms import Array
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
 from planning.motion.verify import hand_poses, verify
-from planning.plan import Blocked, Motion, Move, Plan
+from planning.plan import SCENE, Blocked, Motion, Move, Plan
+from planning.verdict import Settings, judge
 
 MAX_MOVES = 5
 
@@ -138,17 +139,27 @@ def conclude(
     thinking: Stopwatch,
     moving: Stopwatch,
 ) -> Plan:
-    """The plan that a loop ends with, after the final check. reason: why the target could not be taken, None when it was."""
-    success, verified = reason is None, True
-    if way:
-        with moving:
-            found = verify(robot, scene, way)
-        if found is not None:
-            success, reason, verified = False, found, False
-    return Plan(
+    """The plan that a loop ends with, after the final check and the verdict. reason: why the target was not taken, None when it was."""
+    success = reason is None
+    plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        hand_travel(robot, scene, way), objective(scene, moves, success), verified,
+        hand_travel(robot, scene, way), objective(scene, moves, success), None,
     )  # fmt: skip
+    if not way:
+        return plan
+    with moving:
+        touch = verify(robot, scene, way)
+        faults = judge(scene, plan, robot, Settings(contact=False)) if touch is None else ()  # contacts were judged just now
+    plan = replace(plan, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=faults)
+    if plan.verified:
+        return plan
+    why = touch or Blocked("verify", detail=str(faults[0]))
+    return replace(plan, success=False, reason=why, value=objective(scene, moves, False))
+
+
+def failed(scene: Scene, detail: str, *, name: str, rule: Rule) -> Plan:
+    """The plan of a scene that can't be meant: nothing was tried."""
+    return Plan(scene.id, name, str(rule), False, Blocked(SCENE, detail=detail), (), (), 0.0, 0.0, 0.0, 0.0, None)
 
 
 def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:

@@ -24,6 +24,7 @@ from kinematics.transforms import Array, rotation_about, transform
 from planning.grasps import LOWEST_M, UP, set_back
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
+from planning.verdict import judge_grasp
 
 STAGE = 1  # this stage's word in the seeds of random generators
 SPECS = ("paper", "paper-any", "shelf")
@@ -99,7 +100,7 @@ def generate(
         scene = _sample(spec, ref, robot, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:
             continue
-        verdict = _judge(scene, robot, rng)
+        verdict = _judge(scene, robot, rng) or judge_grasp(robot, scene)
         if verdict is None:
             return scene
         on_step(verdict)

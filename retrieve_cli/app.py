@@ -357,6 +357,37 @@ def plan(
 
 
 @app.command()
+def verify(
+    scenes: Annotated[Path, typer.Argument(help="The scenes that the plans were made for, JSON Lines; - is stdin.", metavar="SCENES")],
+    plans: Annotated[Path | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every fault, one line of JSON a plan.")] = False,
+    mu: Annotated[float, typer.Option("--mu", help="Friction of the pads on objects.", min=0.01, max=5.0)] = 0.5,
+    max_tilt_deg: Annotated[
+        float | None, typer.Option("--max-tilt", help="How far, in degrees, an object may lean while it is carried.", min=0.0, max=180.0)
+    ] = None,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
+    workers: Workers = None,
+) -> Job:
+    """Judge plans from anywhere by their scenes alone: holds, contacts, limits, and whether each plan does what it says."""
+    from retrieve_cli import verify as command
+
+    return partial(
+        command.run,
+        scenes=scenes,
+        plans=plans,
+        as_json=as_json,
+        mu=mu,
+        max_tilt_deg=max_tilt_deg,
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
+        workers=workers,
+    )
+
+
+@app.command()
 def report(
     plans: Annotated[list[Path] | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
     scenes: Annotated[

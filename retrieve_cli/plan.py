@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -101,7 +102,7 @@ def run(
         nonlocal first
         for index, (where, scene) in enumerate(read_scenes(scenes)):
             if robot or hand_frame or gripper_joint:
-                scene = replace(scene, robot=_override(scene.robot, robot, hand_frame, gripper_joint, where))
+                scene = replace(scene, robot=other_robot(scene.robot, robot, hand_frame, gripper_joint, where))
             item = Item(index, where, scene)
             first = first or item
             yield item
@@ -113,7 +114,7 @@ def run(
     plans = map_ordered(one, items(), workers=workers, engine=engine, address=address)
     with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
         shown: Plan | None = None
-        for plan in plans:
+        for plan in refuse_alone(plans, lambda: first):
             write(plan)
             unsolved += not plan.success
             advance()
@@ -125,6 +126,26 @@ def run(
     return UNSOLVED if strict and unsolved else DONE
 
 
+def refuse_alone(plans: Iterable[Plan], first: Callable[[], Item | None]) -> Iterator[Plan]:
+    """The plans, one after the other. Raises: InputError when there is one alone, and its scene can't be meant.
+
+    first: the item of the first plan. In a batch such a plan is one of those that failed.
+    """
+    from planning.plan import SCENE
+
+    rest = iter(plans)
+    plan = next(rest, None)
+    if plan is None:
+        return
+    if plan.reason is not None and plan.reason.stage == SCENE:
+        after, item = next(rest, None), first()
+        if after is None and item is not None:
+            raise InputError(f"{item.where}: grasp: {plan.reason.detail}")
+        rest = chain(() if after is None else (after,), rest)
+    yield plan
+    yield from rest
+
+
 def plan_scene(job: Job, item: Item) -> Plan:
     """The plan of one scene. Raises: InputError when the robot can't be loaded, or can't stand there."""
     import numpy as np
@@ -133,12 +154,15 @@ def plan_scene(job: Job, item: Item) -> Plan:
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS, Motions
     from planning.policies import make_policy
-    from planning.retrieval import Rule, retrieve
+    from planning.retrieval import Rule, failed, retrieve
+    from planning.verdict import judge_grasp
 
     if job.sense:
         return sense_and_plan(job, item)
     with blame(item.where):
         arm = from_ref(item.scene.robot, on_step=say)
+        if (wrong := judge_grasp(arm, item.scene)) is not None:
+            return failed(item.scene, wrong, name=job.policy or _default_policy(arm.name, job.model), rule=Rule(job.rule))
         motions = Motions(arm, item.scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
@@ -156,11 +180,14 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
-    from planning.retrieval import Rule
+    from planning.retrieval import Rule, failed
     from planning.sensing.retrieve import Simulated, retrieve_unseen
+    from planning.verdict import judge_grasp
 
     with blame(item.where):
         arm = from_ref(item.scene.robot, on_step=say)
+        if (wrong := judge_grasp(arm, item.scene, unseen=True)) is not None:
+            return failed(item.scene, wrong, name=job.policy or _default_policy(arm.name, job.model), rule=Rule(job.rule))
         name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
         return retrieve_unseen(
@@ -191,7 +218,7 @@ def _default_policy(robot: str, model: str | None) -> str:
 _say_once = lru_cache(say)
 
 
-def _override(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:
+def other_robot(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:
     """The robot to plan with: another one, or the scene's own URDF with another hand frame or gripper joint. Raises InputError."""
     from kinematics.robots.robot import named_robots
     from kinematics.scene import RobotRef

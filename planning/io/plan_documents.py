@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 from kinematics.scene import Held
 from planning.io.checked import Node
 from planning.io.documents import expect, numbers, pose_to_json, without_none
-from planning.plan import STAGES, Blocked, Motion, Move, Plan
+from planning.plan import STAGES, Blocked, Fault, Motion, Move, Plan
 
 PLAN = "retrieve/plan@1"
 RULES = ("deep", "region", "strict")
@@ -15,7 +16,7 @@ RULES = ("deep", "region", "strict")
 
 def plan_to_json(plan: Plan) -> dict[str, Any]:
     """A plan as schema/plan.schema.json has it."""
-    return {
+    document = {
         "schema": PLAN,
         "scene": plan.scene,
         "policy": plan.policy,
@@ -48,8 +49,11 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
         "motion_time_s": float(plan.motion_time_s),
         "hand_travel_m": float(plan.hand_travel_m),
         "return": float(plan.value),
-        "verified": bool(plan.verified),
+        "verified": None if plan.verified is None else bool(plan.verified),
     }
+    if plan.faults:
+        document["faults"] = [fault_to_json(fault) for fault in plan.faults]
+    return document
 
 
 def plan_from_json(document: Any, where: str = "plan") -> Plan:
@@ -59,8 +63,9 @@ def plan_from_json(document: Any, where: str = "plan") -> Plan:
 
 def plan_from_node(node: Node) -> Plan:
     expect(node, "plan")
-    words = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
-    f = node.record((*words, "planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified"), extra=True)
+    words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
+    words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
+    f = node.record(words, ("faults",), extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -73,8 +78,21 @@ def plan_from_node(node: Node) -> Plan:
         motion_time_s=f["motion_time_s"].number(least=0),
         hand_travel_m=f["hand_travel_m"].number(least=0),
         value=f["return"].number(),
-        verified=f["verified"].flag(),
+        verified=None if f["verified"].value is None else f["verified"].flag(),
+        faults=tuple(_fault(item) for item in f["faults"].items()) if "faults" in f else (),
     )
+
+
+def _fault(node: Node) -> Fault:
+    f = node.record(("stage", "bodies", "detail", "amount"), extra=True)
+    amount = None if f["amount"].value is None else f["amount"].number()
+    return Fault(f["stage"].text(), tuple(name.text() for name in f["bodies"].items()), f["detail"].text(), amount)
+
+
+def fault_to_json(fault: Fault) -> dict[str, Any]:
+    """A fault as a plan's field `faults` has it."""
+    amount = None if fault.amount is None or not isfinite(fault.amount) else float(fault.amount)
+    return {"stage": fault.stage, "bodies": list(fault.bodies), "detail": fault.detail, "amount": amount}
 
 
 def _move(node: Node) -> Move:

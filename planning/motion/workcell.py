@@ -18,7 +18,7 @@ from kinematics.collision.robot_model import shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
 from kinematics.robots.robot import Robot, check_names
 from kinematics.scene import Body, Held, Scene
-from kinematics.shapes import convex_parts
+from kinematics.shapes import bounds, convex_parts
 from kinematics.transforms import Array
 from planning.motion.arm import FINGERS_AT, arm_at
 from planning.motion.connecting import connect
@@ -331,15 +331,16 @@ class Workcell:
         return Blocked(stage, "hand", name, detail="the straight way is not free, or leaves the arm's reach")
 
     def outside(self, carrying: PlanningQuery, held: Held, most: int = 8) -> Array:
-        """Free arm configurations (G, A) that hold an object with its centre well before the cabinet's front; home first, G may be 0."""
-        goals, task, memory = list[Array](), carrying.task, self.memory
+        """Free arm configurations (G, A) that hold an object wholly before the cabinet's front; home first, G may be 0."""
+        goals, task, memory, shape = list[Array](), carrying.task, self.memory, self.scene.body(held.body).shape
         T_cabinet = np.linalg.inv(self.scene.cabinet.T_world_cabinet)
         for i, q in enumerate(chain([self.home_arm], waiting(self.arm, self.scene.cabinet, self._looks(task.upright, held)))):
             if goals and i > ENOUGH_WAITING:
                 break
-            centre = (T_cabinet @ self.arm.hand_pose(q) @ held.T_hand_body)[:3, 3]
+            T = T_cabinet @ self.arm.hand_pose(q) @ held.T_hand_body
+            inmost = bounds(shape, T)[1][0]
             upright = is_upright(task.exact.chain, task.upright, q, memory.exact)
-            if centre[0] < -0.03 and upright and self.touch(carrying, q) is None:
+            if T[0, 3] < -0.03 and inmost < 0.0 and upright and self.touch(carrying, q) is None:
                 goals.append(q)
                 if len(goals) == most:
                     break

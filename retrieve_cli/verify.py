@@ -1,0 +1,109 @@
+"""`retrieve verify`: plans from anywhere, judged from their scenes alone; one line a plan."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kinematics.errors import InputError, blame
+from planning.io.files import read_plans, read_scenes
+from retrieve_cli.engine import map_ordered
+from retrieve_cli.errors import DONE, UNSOLVED
+from retrieve_cli.plan import other_robot
+from retrieve_cli.terminal import announce_first_run, progress, say
+
+if TYPE_CHECKING:
+    from kinematics.scene import Scene
+    from planning.plan import Fault, Plan
+    from planning.verdict import Settings, Verdict
+
+Item = tuple[str, "Scene", "Plan"]
+
+
+def run(
+    *,
+    scenes: Path,
+    plans: Path | None,
+    as_json: bool,
+    mu: float,
+    max_tilt_deg: float | None,
+    robot: str | None,
+    hand_frame: str | None,
+    gripper_joint: str | None,
+    workers: int | None = None,
+) -> int:
+    """Judge every plan; 1 when one of them is false."""
+    from planning.verdict import Settings
+
+    if str(scenes) == "-" and (plans is None or str(plans) == "-"):
+        raise InputError("verify: scenes and plans can't both come from stdin; give one of them as a file")
+    announce_first_run()
+    known = by_id(scenes)
+
+    def items() -> Any:
+        for where, plan in read_plans(plans, "verify"):
+            if plan.scene not in known:
+                raise InputError(f"{where}: none of the {len(known)} scenes in {scenes} is {plan.scene}")
+            scene = known[plan.scene]
+            if robot or hand_frame or gripper_joint:
+                scene = replace(scene, robot=other_robot(scene.robot, robot, hand_frame, gripper_joint, where))
+            yield where, scene, plan
+
+    wrong = 0
+    settings = Settings(mu=mu, max_tilt_deg=max_tilt_deg)
+    with progress("plans") as advance:
+        for line, false in map_ordered(partial(judged, settings, as_json), items(), workers=workers):
+            print(line, flush=True)
+            wrong += false
+            advance()
+    return UNSOLVED if wrong else DONE
+
+
+def by_id(file: Path) -> Mapping[str, Scene]:
+    """The scenes of a file by their ids. Raises: InputError for two of one id that differ."""
+    from planning.io.scene_documents import scene_to_json
+
+    found: dict[str, Scene] = {}
+    for where, scene in read_scenes(file, "verify"):
+        if scene.id in found and scene_to_json(found[scene.id]) != scene_to_json(scene):
+            raise InputError(f"{where}: another scene is called {scene.id}, too, and plans say no more; verify them one after the other")
+        found[scene.id] = scene
+    return found
+
+
+def judged(settings: Settings, as_json: bool, item: Item) -> tuple[str, bool]:
+    """What is printed of a plan, and whether it is false. Raises: InputError when the scene's robot can't be loaded."""
+    from kinematics.robots.robot import from_ref
+    from planning.verdict import examine
+
+    where, scene, plan = item
+    with blame(where):
+        arm = from_ref(scene.robot, on_step=say)
+    verdict = examine(scene, plan, arm, settings)
+    return (to_json(plan, verdict) if as_json else f"{where}: {in_words(plan, verdict)}"), verdict.verified is False
+
+
+def in_words(plan: Plan, verdict: Verdict) -> str:
+    """The verdict in one line."""
+    notes = "".join(f"; note: {note.detail}" for note in verdict.notes)
+    if verdict.verified is None:
+        return f"{plan.scene}: null: it has no motions to verify{notes}"
+    if verdict.verified:
+        return f"{plan.scene}: true{notes}"
+    more = f" (and {len(verdict.faults) - 1} more)" if len(verdict.faults) > 1 else ""
+    return f"{plan.scene}: false: {verdict.faults[0]}{more}{notes}"
+
+
+def to_json(plan: Plan, verdict: Verdict) -> str:
+    """The verdict as a line of JSON."""
+    from planning.io.plan_documents import fault_to_json
+
+    def told(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:
+        return [fault_to_json(fault) for fault in faults]
+
+    document = {"scene": plan.scene, "policy": plan.policy, "rule": plan.rule, "verified": verdict.verified}
+    return json.dumps({**document, "faults": told(verdict.faults), "notes": told(verdict.notes)}, ensure_ascii=False, allow_nan=False)

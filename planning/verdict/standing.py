@@ -73,7 +73,8 @@ def stand(body: Placed, others: Sequence[Placed], cabinet: Cabinet, within_m: fl
     if _over(support, centre):
         return Stand(on, gap, True)
     leans = _leaning(body, near, within_m)
-    return Stand(tuple(dict.fromkeys([*on, *(name for name, _ in leans)])), gap, _over([*support, *(p for _, p in leans if len(p))], centre))
+    support += [patch for _, patch in leans if len(patch)]
+    return Stand(tuple(dict.fromkeys([*on, *(name for name, _ in leans)])), gap, _over(support, centre))
 
 
 def _floor(cabinet: Cabinet) -> Array:
@@ -132,4 +133,4 @@ def _common(a: Polyhedron, b: Polyhedron, u: Array, within_m: float) -> Array:
     caps = [a.vertices[ahead >= ahead.max() - within_m], b.vertices[behind <= behind.min() + within_m]]
     flat = sorted((polygons.hull(np.stack([c @ x, c @ y], -1)) for c in caps), key=len)
     patch = polygons.clip(*flat) if len(flat[1]) > 2 else np.stack(polygons.nearest(*flat))
-    return (patch[:, :1] * x + patch[:, 1:] * y + ahead.max() * u)[:, :2]
+    return np.asarray((patch[:, :1] * x + patch[:, 1:] * y + ahead.max() * u)[:, :2])

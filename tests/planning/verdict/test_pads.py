@@ -95,8 +95,8 @@ def test_friction_decides_on_slanted_sides(ur5e: Robot) -> None:
 def test_the_slip_angle_of_contacts_that_are_offset() -> None:
     """Two flat contacts 40 mm apart, 30 mm beside each other: the line between them is off by the angle that has this tangent."""
     square = np.array([[-0.001, 0.0, -0.001], [0.001, 0.0, -0.001], [0.001, 0.0, 0.001], [-0.001, 0.0, 0.001]])
-    a = Touch(0.0, np.array([0.0, -1.0, 0.0]), square + [0.0, 0.02, 0.0], 0.002)
-    b = Touch(0.0, np.array([0.0, 1.0, 0.0]), square + [0.03, -0.02, 0.0], 0.002)
+    a = Touch(0.0, np.array([0.0, -1.0, 0.0]), square + np.array([0.0, 0.02, 0.0]), 0.002)
+    b = Touch(0.0, np.array([0.0, 1.0, 0.0]), square + np.array([0.03, -0.02, 0.0]), 0.002)
     assert slip_angle(a, b) == pytest.approx(np.arctan(0.028 / 0.04))
     assert slip_angle(a, Touch(0.0, b.normal, b.patch - [0.03, 0.0, 0.0], 0.002)) == pytest.approx(0.0, abs=1e-6)
 

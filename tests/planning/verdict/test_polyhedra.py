@@ -28,7 +28,7 @@ def some_shape(rng: np.random.Generator) -> Shape:
 
 def some_solid(seed: int) -> Polyhedron:
     rng = np.random.default_rng(seed)
-    T = transform(rotation_about(rng.normal(size=3), rng.uniform(0, 3)), rng.uniform(-0.03, 0.03, 3) + [0, 0, 0.08])
+    T = transform(rotation_about(rng.normal(size=3), rng.uniform(0, 3)), rng.uniform(-0.03, 0.03, 3) + np.array([0, 0, 0.08]))
     return polyhedra(some_shape(rng))[0].moved(T)
 
 
@@ -50,7 +50,7 @@ def test_the_nearest_point_is_that_of_a_linear_program(seed: int) -> None:
 
 @given(SEEDS)
 def test_the_normal_separates_solid_and_window(seed: int) -> None:
-    """Moved together until they touch, all of the solid lies on one side of the contact's plane, all of the window's column on the other."""
+    """Moved together until they touch, the solid lies on one side of the contact's plane, the window's column on the other."""
     solid = some_solid(seed)
     if (found := nearest_in_window(solid, WINDOW)) is None:
         return
@@ -83,7 +83,7 @@ def test_solids_hold_their_corners_and_their_middle(seed: int) -> None:
 
 
 def test_volumes_and_middles() -> None:
-    box = from_points(polyhedra(Box(np.array([0.02, 0.04, 0.06])))[0].vertices + [0.1, 0.0, 0.0])
+    box = from_points(polyhedra(Box(np.array([0.02, 0.04, 0.06])))[0].vertices + np.array([0.1, 0.0, 0.0]))
     assert box.volume_m3 == pytest.approx(0.02 * 0.04 * 0.06)
     assert box.centroid == pytest.approx([0.1, 0.0, 0.0])
     (can,) = polyhedra(Cylinder(0.03, 0.1))

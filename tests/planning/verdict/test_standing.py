@@ -75,7 +75,7 @@ def test_a_board_that_leans_on_the_back_wall_stands() -> None:
 
 def test_a_mesh_stands_on_its_feet() -> None:
     """Two legs and a top: its middle is over the hull of both feet; over one of them it is not."""
-    legs = [box_corners(np.array([0.01, 0.02, 0.05])) + [x, 0.0, 0.05] for x in (-0.05, 0.05)]
-    top = box_corners(np.array([0.06, 0.02, 0.01])) + [0.0, 0.0, 0.11]
+    legs = [box_corners(np.array([0.01, 0.02, 0.05])) + np.array([x, 0.0, 0.05]) for x in (-0.05, 0.05)]
+    top = box_corners(np.array([0.06, 0.02, 0.01])) + np.array([0.0, 0.0, 0.11])
     assert on(ConvexMesh((*legs, top)), transform(p=[0.3, 0.0, 0.0])).carried
     assert not on(ConvexMesh((legs[0], top)), transform(p=[0.3, 0.0, 0.0])).carried

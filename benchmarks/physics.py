@@ -1,14 +1,15 @@
 """Executes plans in MuJoCo: do they succeed where physics decides, and how much may the world differ from the plan?
 
     pip install mujoco
-    python benchmarks/physics.py scenes.jsonl plans.jsonl [--objects-mm 3] [--base-mm 2] [--friction 0.8] [--step-ms 1] [--limit 100] [--verbose]
+    python benchmarks/physics.py scenes.jsonl plans.jsonl [--objects-mm 3] [--base-mm 2] [--friction 0.8] [--step-ms 1] [--limit 100]
 
-A development tool: the product itself has no physics engine. The arm follows the plan's trajectory under computed torque, the fingers close
-with a given force, objects are free bodies with friction. A plan succeeds when the target ends in the hand, outside the cabinet; it is clean
-when, besides, no link and no held object touched what it was not allowed to touch.
+A development tool: the product itself has no physics engine. The arm follows the plan's trajectory under computed torque, the fingers
+close with a given force, objects are free bodies with friction. A plan succeeds when the target ends in the hand, outside the cabinet; it
+is clean when, besides, no link and no held object touched what it was not allowed to touch.
 
-Objects are displaced on the floor in a random direction, by the given length; the base likewise. One JSON line of totals goes to stdout, and
-with --verbose one a plan to stderr. MuJoCo lets a held object creep with the time step: repeat what touched in a transfer with --step-ms 0.5.
+Objects are displaced on the floor in a random direction, by the given length; the base likewise. One JSON line of totals goes to stdout,
+and with --verbose one a plan to stderr. MuJoCo lets a held object creep with the time step: repeat what touched in a transfer with
+--step-ms 0.5.
 """
 
 from __future__ import annotations

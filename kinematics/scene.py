@@ -151,6 +151,10 @@ class Scene:
             raise InputError(f"scene {self.id} has no grasp for its target: retrieve grasp proposes one, or takes one from a file")
         return self.grasp
 
+    def fixtures(self) -> tuple[Body, ...]:
+        """All that stands still whatever the arm does: the cabinet's walls, then the obstacles."""
+        return (*self.cabinet.walls(), *self.obstacles)
+
     def body(self, name: str) -> Body:
         """The object called `name`. Raises KeyError."""
         for b in self.objects:

@@ -92,6 +92,8 @@ def retrieve(
     way: list[Motion] = []
     failed: set[tuple[str, int]] = set()
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
+    if blocked := motions.start_blocked():
+        return conclude(motions.robot, scene, blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
         on_step(f"trying the target {scene.target_name}")
         with moving:

@@ -93,7 +93,10 @@ def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.G
     model = DepthNoise() if noise else None
     camera = synthetic_camera(arm, scene, scene.poses(), noise=model, rng=rng)
     empty_scene = replace(scene, objects=(), observation=None)
-    q = Motions(arm, empty_scene).start().q
+    motions = Motions(arm, empty_scene)
+    q, blocked = motions.start().q, motions.start_blocked()
+    if blocked is not None:
+        raise ValueError(f"the arm can't begin where the scene's q_start has it: {blocked}")
     nothing = unknown_voxels(scene.cabinet)
     looked = look_around(empty_scene, arm, camera, q, nothing, rng, limits=limits, noise_1m_m=model.axial_1m_m if model else 0.0)
     return looked.frames, looked.voxels, looked.reason

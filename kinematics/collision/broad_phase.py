@@ -42,10 +42,11 @@ class BroadPhase:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
         self.robot_collision_model = robot_collision_model(robot, scene.robot.T_world_base)
-        walls = scene.cabinet.walls()
-        self._stock, owners = make_solids([*walls, *scene.objects])
-        self._owners, self._walls = tuple(owners), [(i, w.T_world_body) for i, w in enumerate(walls)]
-        self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name and i >= len(walls)] for b in scene.objects}
+        self._stock, owners = make_solids([*scene.fixtures(), *scene.objects])
+        self._owners = tuple(owners)
+        still = {b.name: b.T_world_body for b in scene.fixtures()}
+        self._fixtures = [(i, still[owner]) for i, owner in enumerate(owners) if owner in still]
+        self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name] for b in scene.objects}
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
@@ -99,8 +100,8 @@ class BroadPhase:
         return self._last[1]
 
     def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
-        """The walls and the objects at poses, packed; and the name behind each solid."""
-        at = self._walls + [(i, T) for name, T in poses.items() for i in self._of[name]]
+        """What stands still and the objects at poses, packed; and the name behind each solid."""
+        at = self._fixtures + [(i, T) for name, T in poses.items() for i in self._of[name]]
         solids = place_solids(self._stock, np.array([i for i, _ in at], np.int64), np.array([T for _, T in at]))
         return solids, tuple(self._owners[i] for i, _ in at)
 

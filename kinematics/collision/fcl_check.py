@@ -33,7 +33,8 @@ class Verdict:
         self.robot, self.scene = robot, scene
         self.T_world_base = scene.robot.T_world_base
         self._links = [solid.twin() for solid in _link_solids(robot)]
-        self._walls = [(s, w.T_world_body) for w in scene.cabinet.walls() for s in shape_solids(w.name, w.shape)]
+        self._fixtures = [(s, b.T_world_body) for b in scene.fixtures() for s in shape_solids(b.name, b.shape)]
+        self._obstacles = {b.name for b in scene.obstacles}
         self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._pairs = _self_pairs(robot)
         self._carriers, self._on_way = _ways(robot)
@@ -63,7 +64,7 @@ class Verdict:
         Raises: ValueError when `judged` is about other solids, or about a pair that is not to be tested here.
         """
         grip = self._objects[held.body] if held is not None else []
-        standing = [*self._walls, *((s, pose) for name, pose in poses.items() for s in self._objects[name])]
+        standing = [*self._fixtures, *((s, pose) for name, pose in poses.items() for s in self._objects[name])]
         solids, movers = [*self._links, *grip, *(s for s, _ in standing)], len(self._links) + len(grip)
         names = tuple(s.name for s in solids)
         tested = self._tested(names, movers, allowed_contacts)
@@ -91,14 +92,22 @@ class Verdict:
         return None
 
     def _tested(self, names: Sequence[str], movers: int, allowed_contacts: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
-        """Which pairs are tested (movers, solids): links as the robot lists them, what is held against links, movers against the rest."""
+        """Which pairs are tested (movers, solids): links as the robot lists them, what is held against links, movers against the rest,
+        but for links that are fixed to the world against obstacles."""
         tested, links = np.zeros((movers, len(names)), np.bool_), len(self._links)
         tested[self._pairs[:, 0], self._pairs[:, 1]] = True
         tested[links:, :links] = tested[:, movers:] = True
+        still = np.array([name in self._obstacles for name in names])
+        tested[np.ix_(self._fixed_links(), np.flatnonzero(still))] = False
         for pair in allowed_contacts:
             first, second = (np.array([n == name for n in names]) for name in pair)
             tested[first[:movers, None] & second | second[:movers, None] & first] = False
         return tested
+
+    def _fixed_links(self) -> Int:
+        """The links that are fixed to the world: they stand on a table or beside a post as they were mounted."""
+        turned = self._on_way[: len(self._links)] & (self.robot.tree.q_index >= 0)
+        return np.flatnonzero(~turned.any(1))
 
     def _still(self, q: Array, grip: int, standing: int) -> NDArray[np.bool_]:
         """Between which pairs (movers, solids) no joint moves along q (N, J): those that go with the same moving link, or with none."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from importlib import metadata, resources
 from io import BytesIO
@@ -27,6 +27,7 @@ from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import Parts, make_parts
 from kinematics.robots import urdf
 from kinematics.robots.gripper import Opening, measure
+from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.selfcheck import check_kinematics
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 from kinematics.scene import WALLS, Body, RobotRef, Scene
@@ -172,10 +173,10 @@ class Robot:
 def check_names(robot: Robot, scene: Scene, obstacles: Sequence[Body] = ()) -> None:
     """Make sure that links and bodies can be told apart by their names, as the allowed contacts of a plan do.
 
-    obstacles: more that stands still, besides the cabinet's walls; several may have one name, unless it is a link's or an object's.
+    obstacles: more that stands still, besides what the scene has; several may have one name, unless it is a link's or an object's.
     Raises: ValueError that says which name to change.
     """
-    links = set(robot.tree.names)
+    links, obstacles = set(robot.tree.names), (*scene.obstacles, *obstacles)
     objects = [body.name for body in scene.objects]
     for i, name in enumerate(objects):
         if name in links:
@@ -200,30 +201,92 @@ def installed(name: str) -> bool:
 
 
 def from_ref(ref: RobotRef, on_step: Callable[[str], None] | None = None) -> Robot:
-    """The robot that a scene means. Raises ValueError, see `load`."""
-    return load(ref.name or ref.urdf or "", ref.hand_frame, ref.gripper_joint, on_step=on_step)
+    """The robot that a scene means, with its home and its hand frame. Raises ValueError, see `load`."""
+    return load(
+        ref.name or ref.urdf or "", ref.hand_frame, ref.gripper_joint,
+        home=ref.home, T_link_hand=ref.T_link_hand, gripper_joints=ref.gripper_joints, on_step=on_step,
+    )  # fmt: skip
+
+
+def load(
+    which: str,
+    hand_frame: str | None = None,
+    gripper_joint: str | None = None,
+    *,
+    home: Mapping[str, float] | None = None,
+    T_link_hand: Array | None = None,
+    gripper_joints: Sequence[str] = (),
+    on_step: Callable[[str], None] | None = None,
+) -> Robot:
+    """Load a named robot, or a URDF file; what was loaded before comes back as the same object.
+
+    hand_frame: the link at the grasp point (z along the approach, y the way the fingers close); gripper_joint: the joint that opens the
+    fingers. Both are needed for a URDF file unless there is just one choice. T_link_hand (4, 4): the hand in that link, where the link is
+    not at the grasp point or is turned; of a named robot: in the hand frame that it has. home: where joints wait, by name, instead of
+    where the robot's description has them. gripper_joints: as gripper_joint, where several joints move fingers. on_step: told what takes
+    long.
+
+    Raises: ValueError for an unknown name or joint, a missing package, and a URDF that can't serve, each saying how to mend it.
+    """
+    T = np.eye(4) if T_link_hand is None else np.ascontiguousarray(T_link_hand, float)
+    waits = None if home is None else tuple((name, float(q)) for name, q in home.items())
+    return _load(which, hand_frame, gripper_joint, T.tobytes(), tuple(gripper_joints), waits, on_step)
 
 
 @lru_cache(maxsize=16)
-def load(
-    which: str, hand_frame: str | None = None, gripper_joint: str | None = None, *, on_step: Callable[[str], None] | None = None
+def _load(
+    which: str,
+    hand_frame: str | None,
+    gripper_joint: str | None,
+    T_link_hand: bytes,
+    gripper_joints: tuple[str, ...],
+    home: tuple[tuple[str, float], ...] | None,
+    on_step: Callable[[str], None] | None,
 ) -> Robot:
-    """Load a named robot, or a URDF file.
-
-    hand_frame: the link at the grasp point (z along the approach, y the way the fingers close); gripper_joint: the joint that opens the
-    fingers. Both are needed for a URDF file unless there is just one choice. on_step: told what takes long.
-
-    Raises: ValueError for an unknown name, a missing package, and a URDF that can't serve, each saying how to mend it.
-    """
-    table = named_robots()
+    """`load`, with arguments that can be remembered."""
+    if home is not None:
+        robot = _load(which, hand_frame, gripper_joint, T_link_hand, gripper_joints, None, on_step)
+        return _waiting_at(robot, dict(home))
+    T, table = np.frombuffer(T_link_hand).reshape(4, 4), named_robots()
+    gripper_joint = _one_gripper_joint(which, gripper_joint, gripper_joints)
     if which in table:
-        return _load_named(which, table[which], on_step)
+        entry = table[which]
+        if gripper_joint not in (None, entry["gripper_joint"]):
+            raise ValueError(f"robot {which}: its gripper is opened by {entry['gripper_joint']!r}, not by {gripper_joint!r}")
+        return _load_named(which, entry, T, on_step)
     if which.endswith((".urdf", ".xml")) or "/" in which:
-        return _load_urdf(Path(which), hand_frame, gripper_joint, on_step)
+        return _load_urdf(Path(which), hand_frame, gripper_joint, T, on_step)
     raise ValueError(f"unknown robot {which!r}: the named ones are {', '.join(table)}; or give a URDF file")
 
 
-def _load_named(name: str, entry: dict[str, Any], on_step: Callable[[str], None] | None) -> Robot:
+def forget() -> None:
+    """Load robots anew from now on, for files that were changed meanwhile."""
+    _load.cache_clear()
+
+
+def _waiting_at(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The robot with another home. Raises: ValueError for joints that it does not have, or beyond their limits."""
+    home = with_joints(robot.joint_names, robot.home, values, f"robot {robot.name}: home")
+    if beyond := beyond_limits(robot.joint_names, home, robot.lower, robot.upper):
+        raise ValueError(f"robot {robot.name}: at home, {beyond}")
+    return replace(robot, home=home)
+
+
+def _one_gripper_joint(which: str, gripper_joint: str | None, gripper_joints: Sequence[str]) -> str | None:
+    """The joint that opens the fingers, said in either way. Raises: ValueError when the two contradict each other, or for several."""
+    if not gripper_joints:
+        return gripper_joint
+    if gripper_joint is not None and gripper_joint not in gripper_joints:
+        raise ValueError(f"robot {which}: gripper_joint {gripper_joint!r} is not among its gripper_joints; leave one of the two out")
+    if len(gripper_joints) > 1:
+        raise ValueError(
+            f"robot {which}: fingers that {len(gripper_joints)} joints move ({', '.join(gripper_joints)}) can't be used yet; "
+            "where one of them can be coupled to the other, say so with <mimic> in the URDF"
+        )
+    return gripper_joints[0]
+
+
+def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: Callable[[str], None] | None) -> Robot:
     file = _locate(entry, "file")
     if file is None:
         extra = entry.get("extra")
@@ -237,11 +300,14 @@ def _load_named(name: str, entry: dict[str, Any], on_step: Callable[[str], None]
     srdf = _locate(entry, "srdf")
     for frame in ("camera", "hand"):
         boxes = tuple((np.array(size), np.array(centre)) for size, centre in entry[frame].get("boxes", []))
-        urdf.add_link(root, frame, entry[frame]["link"], transform(rotation_rpy(entry[frame]["rpy"]), entry[frame]["xyz"]), boxes)
+        T = transform(rotation_rpy(entry[frame]["rpy"]), entry[frame]["xyz"])
+        urdf.add_link(root, frame, entry[frame]["link"], T @ T_link_hand if frame == "hand" else T, boxes)
     return _assemble(name, entry["title"], root, entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step)
 
 
-def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on_step: Callable[[str], None] | None) -> Robot:
+def _load_urdf(
+    file: Path, hand_frame: str | None, gripper_joint: str | None, T_link_hand: Array, on_step: Callable[[str], None] | None
+) -> Robot:
     root = urdf.read(file)
     links = [e.get("name", "") for e in root.iter("link")]
     parents = {e.get("link") for e in root.iter("parent")}
@@ -251,9 +317,9 @@ def _load_urdf(file: Path, hand_frame: str | None, gripper_joint: str | None, on
     if hand_frame not in links:
         raise ValueError(f"{file} has no link {hand_frame!r} for the hand frame; it has {', '.join(links)}")
     if "camera" not in links:
-        urdf.add_link(root, "camera", hand_frame, transform(rotation_about((0, 0, 1), np.pi / 2)))
-    if hand_frame != "hand":
-        urdf.add_link(root, "hand", hand_frame, np.eye(4))
+        urdf.add_link(root, "camera", hand_frame, T_link_hand @ transform(rotation_about((0, 0, 1), np.pi / 2)))
+    if hand_frame != "hand" or (T_link_hand != np.eye(4)).any():
+        urdf.add_link(root, "hand", hand_frame, T_link_hand)
     srdf = file.with_suffix(".srdf")
     return _assemble(str(file), file.stem, root, gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step)
 

@@ -36,19 +36,19 @@ def synthetic_camera(
     noise: DepthNoise | None = None,
     rng: np.random.Generator | None = None,
 ) -> Camera:
-    """A camera that sees a scene's objects at poses, the cabinet and the robot's own links. noise: needs `rng`; none by default."""
-    walls = scene.cabinet.walls()
+    """A camera that sees a scene's objects at poses, the cabinet, the obstacles and the robot's own links. noise: needs `rng`."""
+    fixtures = scene.fixtures()
     bodies = [b for b in scene.objects if b.name in poses]
     names = tuple(b.name for b in bodies)
-    T = np.array([*(w.T_world_body for w in walls), *(poses[n] for n in names)])
-    still = surfaces([*(w.shape for w in walls), *(b.shape for b in bodies)], T)
+    T = np.array([*(w.T_world_body for w in fixtures), *(poses[n] for n in names)])
+    still = surfaces([*(w.shape for w in fixtures), *(b.shape for b in bodies)], T)
     if noise is not None and rng is None:
         raise ValueError("noise needs a random generator")
 
     def look(T_world_camera: Array, q: Array) -> Frame:
         own = robot_surfaces(robot, scene.robot.T_world_base, q, T_world_camera, intrinsics)
         view = raycast(join(still, *own), T_world_camera, intrinsics)
-        instance = view.instance - len(walls)
+        instance = view.instance - len(fixtures)
         arm = instance >= len(names)
         depth = view.depth
         if noise is not None and rng is not None:

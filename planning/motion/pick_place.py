@@ -79,8 +79,12 @@ class Motions:
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
 
     def start(self) -> State:
-        """The scene's first state, the arm at home before the cabinet. Raises ValueError when the robot can't stand or wait there."""
-        return State(self.cell.home(), self.scene.poses())
+        """The scene's first state, the arm at its q_start or at home before the cabinet. Raises ValueError when it can't wait there."""
+        return State(self.cell.start(), self.scene.poses())
+
+    def start_blocked(self) -> Blocked | None:
+        """Why no motion can begin where the scene says that the arm is; None when one can."""
+        return self.cell.start_blocked()
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""

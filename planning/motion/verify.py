@@ -12,7 +12,9 @@ import numpy as np
 
 from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.fcl_check import Verdict
+from kinematics.robots.joints import WITHIN
 from kinematics.robots.robot import Robot, check_names
+from kinematics.robots.start import start_q
 from kinematics.scene import Scene
 from kinematics.transforms import Array, angle_between, inverse
 from planning.motion.sampling import samples
@@ -24,12 +26,15 @@ SAME_M, SAME_RAD = 1e-3, 1e-3  # how far an object may jump when the hand takes 
 def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | None:
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
-    Checked: joint limits, no gap between motions, held objects taken from where they stand, and no contact outside the allowed ones.
+    Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand, and no contact outside
+    the allowed ones.
     Raises: ValueError when two things have one name, for then nobody can tell what may touch what.
     """
     check_names(robot, scene)
     verdict, sieve = Verdict(robot, scene), BroadPhase(robot, scene)
-    poses = scene.poses()
+    poses, start = scene.poses(), start_q(robot, scene.robot)
+    if start is not None and len(motions) and np.abs(motions[0].q[0] - start).max() > WITHIN:
+        return Blocked("verify", detail=f"motion 0, {motions[0].stage}: it does not begin where the scene says that the arm is")
     before: Motion | None = None
     for number, motion in enumerate(motions):
         where = f"motion {number}, {motion.stage}"

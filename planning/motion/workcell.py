@@ -16,7 +16,9 @@ from kinematics.collision.geometry import Query, Solids, make_solids, place_soli
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
+from kinematics.robots.joints import beyond_limits
 from kinematics.robots.robot import Robot, check_names
+from kinematics.robots.start import start_q
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import bounds, convex_parts
 from kinematics.transforms import Array
@@ -103,7 +105,7 @@ class Workcell:
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.settings, self._unseen = settings, frozenset(b.name for b in obstacles)
         self.arm = arm_at(robot, scene.robot.T_world_base)
-        self.walls = [*scene.cabinet.walls(), *obstacles]
+        self.walls = [*scene.fixtures(), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
@@ -131,6 +133,26 @@ class Workcell:
             if self.touch(empty, q) is None:
                 return self.robot.with_arm(q, gripper)
         raise ValueError(f"robot {self.robot.name} finds no place to wait before this cabinet: at home, {touch.link} touches {touch.body}")
+
+    def start(self) -> Array:
+        """The full configuration (J,) in which the scene's first motion begins: its robot's q_start if it has one, else `home`.
+
+        Raises: ValueError for a q_start with joints that the robot does not have, and like `home`.
+        """
+        q = start_q(self.robot, self.scene.robot)
+        return self.home() if q is None else np.clip(q, self.robot.lower, self.robot.upper)
+
+    def start_blocked(self) -> Blocked | None:
+        """Why no motion can begin at the scene's q_start; None when one can, or when the scene leaves the start open."""
+        q = start_q(self.robot, self.scene.robot)
+        if q is None:
+            return None
+        if beyond := beyond_limits(self.robot.joint_names, q, self.robot.lower, self.robot.upper):
+            return Blocked("transit", detail=f"at the start, {beyond}")
+        start = self.start()
+        gripper = float(start[self.robot.gripper_joint])
+        touch = self.touch(self.problem(self.scene.poses(), gripper), self.robot.arm_q(start))
+        return None if touch is None else Blocked("transit", touch.link, touch.body, detail="at the start")
 
     @property
     def home_arm(self) -> Array:

@@ -7,14 +7,15 @@ only ever moves through what earlier views have shown to be free. The next view 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Scene
+from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics
 from perception.frames import Frame
@@ -276,34 +277,48 @@ def _in_blocks(which: NDArray[np.bool_], k: int) -> NDArray[np.bool_]:
 
 
 def reachable_views(robot: Robot, empty_scene: Scene, intrinsics: Intrinsics = DEFAULT, seed: int = 0) -> ReachableViews:
-    """Views of the cabinet that the arm can take when nothing is in it, the same for every scene before the same cabinet; kept.
+    """Views of the cabinet that the arm can take when nothing is in it, the same for every scene before the same cabinet among the same
+    obstacles; kept.
 
     Raises: ValueError when the robot has no camera that moves with the hand, or can't take any view.
     """
-    cabinet = empty_scene.cabinet
-    place = (cabinet.size_m.tobytes(), cabinet.T_world_cabinet.tobytes(), cabinet.wall_m)
-    return _reachable_views(robot, empty_scene.robot.T_world_base.tobytes(), place, intrinsics, seed)
+    return _reachable_views(robot, _Cell(_cell_key(empty_scene), replace(empty_scene, objects=())), intrinsics, seed)
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """What stands still about a robot; two of them are equal when their keys are, whatever the scenes are called."""
+
+    key: bytes
+    empty_scene: Scene = field(compare=False)
+
+
+def _cell_key(scene: Scene) -> bytes:
+    """Bytes that tell one robot's cell from another: where its base is, and all that stands still."""
+    still = [scene.robot.T_world_base]
+    for body in scene.fixtures():
+        still += [body.T_world_body, *convex_parts(body.shape)]
+    return b"".join(np.ascontiguousarray(array, float).tobytes() for array in still)
 
 
 @lru_cache(maxsize=4)
-def _reachable_views(robot: Robot, base: bytes, place: tuple[bytes, bytes, float], intrinsics: Intrinsics, seed: int) -> ReachableViews:
-    T_base, size, T_cabinet = (np.frombuffer(b).reshape(shape) for b, shape in ((base, (4, 4)), (place[0], (3,)), (place[1], (4, 4))))
-    empty_scene = Scene("", RobotRef(T_base), Cabinet(size, T_cabinet, place[2]), (), "", Grasp(np.eye(4), 0.0))
+def _reachable_views(robot: Robot, cell: _Cell, intrinsics: Intrinsics, seed: int) -> ReachableViews:
+    empty_scene, T_base = cell.empty_scene, cell.empty_scene.robot.T_world_base
     carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_base)
     if "camera" not in carried or carried["camera"][0] != carried["hand"][0]:
         raise ValueError(f"robot {robot.name} has no camera in its hand: give its URDF a link called camera, fixed to the hand")
     T_camera_hand = inverse(carried["camera"][1]) @ carried["hand"][1]
-    cell = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None)
+    workcell = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None)
     gripper = float(robot.home[robot.gripper_joint])
-    alone = cell.problem({}, gripper)
+    alone = workcell.problem({}, gripper)
     rng = np.random.default_rng(seed)
     poses = np.concatenate([sweep_poses(empty_scene.cabinet), sample_poses(empty_scene.cabinet, CANDIDATES, rng)])
-    found = [(q, T) for T in poses for q in cell.ik(T @ T_camera_hand, tries=8)[:BRANCHES] if cell.touch(alone, q) is None]
+    found = [(q, T) for T in poses for q in workcell.ik(T @ T_camera_hand, tries=8)[:BRANCHES] if workcell.touch(alone, q) is None]
     if not found:
         raise ValueError(f"robot {robot.name} can't look into this cabinet from anywhere: is the camera mounted the right way round?")
     small = reduced(intrinsics)
     own = np.array([robot_depth(robot, T_base, robot.with_arm(q, gripper), T, small) > 0 for q, T in found])
-    at = np.array([T for _, T in found])
+    views = np.array([T for _, T in found])
     return ReachableViews(
-        np.array([q for q, _ in found]), at, make_view_candidates(unknown_voxels(empty_scene.cabinet), at, intrinsics, own)
+        np.array([q for q, _ in found]), views, make_view_candidates(unknown_voxels(empty_scene.cabinet), views, intrinsics, own)
     )

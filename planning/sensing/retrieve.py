@@ -100,7 +100,8 @@ class _BeliefState:
         self.noise = world.noise.axial_1m_m if world.noise else 0.0
         self.voxels, self.frames = unknown_voxels(self.empty_scene.cabinet), list[Frame]()
         self.tracked: dict[str, Body] = {}
-        self.q = Motions(self.robot, self.empty_scene).start().q
+        before_looking = Motions(self.robot, self.empty_scene)
+        self.q, self.start_blocked = before_looking.start().q, before_looking.start_blocked()
         self.belief = Belief((), {}, self.voxels)
 
     def look(self, world: Simulated, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
@@ -161,6 +162,8 @@ def retrieve_unseen(
     truth = world.scene
     mind, limits, focus, patience = _BeliefState(world, rng, target_box), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
+    if mind.start_blocked is not None:
+        return conclude(world.robot, truth, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
         with moving:
             looked = mind.look(world, limits, focus, on_step)

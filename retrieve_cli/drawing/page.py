@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from kinematics.robots.tree import FIXED, SLIDES
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
 from kinematics.transforms import Array, transform, wxyz_from_rotation
-from perception.rendering.shading import WALL_COLOUR
+from perception.rendering.shading import TARGET_COLOUR, WALL_COLOUR
+from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
 from retrieve_cli.drawing.page_html import PAGE
 from retrieve_cli.drawing.picture import (
     EMPTY_COLOUR,
@@ -96,7 +97,7 @@ def _viewer() -> str:
 
 
 def _setting(film: Film) -> list[Command]:
-    """Background, cabinet and grid."""
+    """Background, cabinet, grid and obstacles."""
     scene = film.scene
     commands = [
         *(_property(path, "visible", False) for path in ("/Background", "/Grid", "/Axes")),  # the page has its own background
@@ -107,15 +108,21 @@ def _setting(film: Film) -> list[Command]:
         commands.append(_place(f"/cabinet/{wall.name}", wall.T_world_body))
         commands.append(_lines(f"/cabinet/edges/{wall.name}", outline(wall.shape), (0.50, 0.57, 0.66), 0.55))
         commands.append(_place(f"/cabinet/edges/{wall.name}", wall.T_world_body))
+    for body in scene.obstacles:
+        path = f"/obstacles/{body.name}"
+        commands += [*_solid(path, body.shape, OBSTACLE_COLOUR, OBSTACLE_ALPHA), _place(path, body.T_world_body)]
+        commands += [_lines(f"{path}/edges", outline(body.shape), OBSTACLE_COLOUR, 0.8)]
     commands.append(_lines("/cabinet/front", [front_edges(scene.cabinet)], (0.35, 0.40, 0.47)))
     commands.append(_lines("/regions", grid(scene.cabinet, scene.regions_n), GRID_COLOUR, 0.8))
     return commands
 
 
 def _objects(film: Film) -> list[Command]:
-    """The standing objects, and the target's marks."""
+    """The standing objects, the target's marks and its grasps."""
     scene = film.scene
-    commands = []
+    commands = [_lines(f"/grasps/{k}", [line], colour, 0.9, through=True) for k, (colour, line) in enumerate(grasp_lines(film))]
+    if edges := target_box_lines(scene):
+        commands.append(_lines("/target box", edges, TARGET_COLOUR, 0.9, through=True))
     for body in scene.objects:
         path = f"/objects/{body.name}"
         commands += [*_solid(path, body.shape, film.colours[body.name]), _place(path, body.T_world_body)]

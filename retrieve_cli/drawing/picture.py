@@ -14,8 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from kinematics.robots.robot import Robot
+from kinematics.robots.start import start_q
 from kinematics.scene import Body, Cabinet, Held, Scene, State
-from kinematics.shapes import Box, Cylinder, Shape, convex_parts
+from kinematics.shapes import Box, Cylinder, Shape, bounds, convex_parts
 from kinematics.transforms import Array, apply, inverse
 from perception.rendering.shading import PALETTE, TARGET_COLOUR
 from planning.plan import Motion, Move, Plan
@@ -121,7 +122,8 @@ class Film:
     def state_at(self, time_s: float) -> State:
         """The moment time_s after the start."""
         if not self.stretches:
-            return State(self.robot.home, self.scene.poses())
+            start = start_q(self.robot, self.scene.robot)
+            return State(self.robot.home if start is None else start, self.scene.poses())
         now = next((s for s in self.stretches if time_s < s.end_s), self.stretches[-1])
         q, t = self.full(now.motion), time_s - now.start_s
         at = np.array([np.interp(t, now.motion.t_s, q[:, j]) for j in range(q.shape[1])])
@@ -336,9 +338,10 @@ def held_by(film: Film) -> list[Held]:
 
 
 def ground(film: Film) -> float:
-    """The height of the room's floor: where the arm stands, and below the cabinet."""
+    """The height of the room's floor: where the arm stands, and below the cabinet and the obstacles."""
     links = film.link_poses(film.robot.home)
     index = film.robot.tree.index
     arm = min(float(apply(links[index[h.link]], h.vertices)[:, 2].min()) for h in film.robot.hulls)
     cabinet = min(float((w.T_world_body[:3, 3] - np.abs(w.T_world_body[:3, :3]) @ w.shape.half)[2]) for w in film.scene.cabinet.walls())
-    return min(max(arm, float(film.scene.robot.T_world_base[2, 3])), cabinet) - 0.001
+    furniture = min((float(bounds(b.shape, b.T_world_body)[0][2]) for b in film.scene.obstacles), default=cabinet)
+    return min(max(arm, float(film.scene.robot.T_world_base[2, 3])), cabinet, furniture) - 0.001

@@ -9,8 +9,9 @@ import numpy as np
 
 from kinematics.scene import State
 from kinematics.transforms import Array, apply
-from perception.rendering.shading import WALL_COLOUR, Image, Item, Polyline, Studio, shade
+from perception.rendering.shading import TARGET_COLOUR, WALL_COLOUR, Image, Item, Polyline, Studio, shade
 from planning.io.files import replacing
+from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
 from retrieve_cli.drawing.picture import (
     ASPECT,
     EMPTY_COLOUR,
@@ -136,13 +137,14 @@ def hand_view(film: Film, time_s: float = 0.0) -> Image:
 
 
 def items(film: Film, state: State, without: str = "") -> list[Item]:
-    """The solids: cabinet, objects and arm, but for one link."""
+    """The solids: cabinet, obstacles, objects and arm, but for one link."""
     from perception.rendering.raycast import Mesh
 
     scene = film.scene
     walls = scene.cabinet.walls()
     out = [Item(w.shape, w.T_world_body, WALL_COLOUR, alpha=0.13, gloss=0.0) for w in walls if w.name != "floor"]
     out += [Item(w.shape, w.T_world_body, FLOOR_COLOUR, gloss=0.0) for w in walls if w.name == "floor"]
+    out += [Item(b.shape, b.T_world_body, OBSTACLE_COLOUR, alpha=OBSTACLE_ALPHA, gloss=0.0) for b in scene.obstacles]
     out += [Item(b.shape, b.T_world_body, film.colours[b.name], gloss=0.15) for b in film.bodies(state)]
     if (unknown := unknown_space(scene)) is not None:
         out.append(Item(unknown, np.eye(4), UNSEEN_COLOUR, alpha=UNKNOWN_ALPHA, gloss=0.0))
@@ -155,10 +157,12 @@ def items(film: Film, state: State, without: str = "") -> list[Item]:
 
 
 def marks(film: Film, state: State, T_world_camera: Array) -> list[Polyline]:
-    """The regions' grid, the front's rim, and the ring and outline that mark the target, also through what hides it."""
+    """The regions' grid, the front's rim, the target's grasps, and the ring and outline that mark it, also through what hides it."""
     scene = film.scene
     lines = [Polyline(g, GRID_COLOUR, 1.0, hidden=0.0, halo_px=0.0) for g in grid(scene.cabinet, scene.regions_n, -0.0025)]
     lines.append(Polyline(front_edges(scene.cabinet), (0.42, 0.47, 0.54), 2.0, hidden=0.0, halo_px=0.0))
+    lines += [Polyline(p, TARGET_COLOUR, 2.5, hidden=0.6, halo_px=0.0) for p in target_box_lines(scene)]
+    lines += [Polyline(p, colour, 3.0, hidden=0.6, halo_px=1.0) for colour, p in grasp_lines(film)]
     if film.target is None:
         return lines
     target = film.colours[film.target.name]

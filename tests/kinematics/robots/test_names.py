@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import Handmade
 
-from kinematics.robots.robot import Robot, check_names, load
+from kinematics.robots.robot import Robot, check_names, forget, load
 from kinematics.scene import WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import transform
@@ -63,7 +63,7 @@ def test_links_called_like_walls_get_other_names(toy_urdf: Callable[..., Path]) 
     plain = load(str(toy_urdf()), "tcp")
     file = toy_urdf(("left_finger", "left"), ('"post"', '"floor"'), ('"sled"', '"floor_link"'))
     file.with_suffix(".srdf").write_text('<robot name="toy"><disable_collisions link1="base" link2="left"/></robot>')
-    load.cache_clear()
+    forget()
     robot = load(str(file), "tcp")
     assert not {*robot.tree.names, *(h.link for h in robot.hulls), *robot.fingers, *robot.pads} & set(WALLS)
     assert {"left_link", "floor_link", "floor_link_link"} < set(robot.tree.names)

@@ -18,7 +18,7 @@ from second_engine import Arm, nearest
 from kinematics.chain import forward
 from kinematics.collision.fcl_check import Verdict
 from kinematics.robots.batched_fk import Forward
-from kinematics.robots.robot import Robot, load, named_robots
+from kinematics.robots.robot import Robot, forget, load, named_robots
 from kinematics.scene import Cabinet, RobotRef, Scene, State
 from kinematics.transforms import inverse, rotation_about, transform
 
@@ -280,8 +280,9 @@ def test_joined_names_get_a_prefix(ur5e: Robot) -> None:
 def test_the_cache_changes_nothing(toy_urdf: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     file, said = str(toy_urdf()), []
-    first = load.__wrapped__(file, "tcp", on_step=said.append)
-    second = load.__wrapped__(file, "tcp", on_step=said.append)
+    first = load(file, "tcp", on_step=said.append)
+    forget()
+    second = load(file, "tcp", on_step=said.append)
     assert said == ["reading the meshes of toy", "comparing the kinematics of toy with pytorch-kinematics"]
     assert first.skip == second.skip
     assert first.urdf == second.urdf

@@ -7,8 +7,8 @@ upright pose when the hand holds it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,22 @@ BELOW_TOP_M = 0.015
 BEHIND_M = 0.002  # room between an object and what lies behind the pads: knuckles, palm
 LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
 UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces; off_square: by how much (rad) they
+    may be off a box's faces, within the friction cone. heights: of the pads, in shares of the object's. pitches: by approach, in rad."""
+
+    yaws: int = 12
+    off_square: tuple[float, ...] = (0.0,)
+    heights: tuple[float, ...] = (0.6, 0.85)
+    pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
+
+
+USUAL = Sampling()
+DENSE = Sampling(36, (0.0, 0.12, -0.12), (0.3, 0.45, 0.6, 0.72, 0.85, 0.95), {**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)})
+"""All of the usual ones and many more: where a grasp that was not sampled would matter, as for proofs that there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +107,20 @@ def _through_cylinder(shape: Cylinder, o: Array, d: Array) -> Contact | None:
     return Contact(first[0], last[0], first[1], last[1]) if first[0] < last[0] else None
 
 
-def closing_directions(shape: Shape, T: Array) -> list[float]:
+def closing_directions(shape: Shape, T: Array, sampling: Sampling = USUAL) -> list[float]:
     """Yaw angles in [0, π) of horizontal directions along which the fingers may close: a box's faces, elsewhere all round."""
     match shape:
         case Box():
             axes = T[:3, :3].T
-            yaws = [float(np.arctan2(a[1], a[0])) for a in axes if abs(a[2]) < 0.2]
+            yaws = [float(np.arctan2(a[1], a[0])) + off for a in axes if abs(a[2]) < 0.2 for off in sampling.off_square]
         case _:
-            yaws = list(np.arange(12) * np.pi / 12)
+            yaws = list(np.arange(sampling.yaws) * np.pi / sampling.yaws)
     return sorted({round(y % np.pi, 6) % round(np.pi, 6) for y in yaws})
 
 
-def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor_z: float, toward: float) -> Iterator[Grasp]:
+def sample_grasps(
+    body: Body, opening: Opening, approaches: Sequence[str], floor_z: float, toward: float, sampling: Sampling = USUAL
+) -> Iterator[Grasp]:
     """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
@@ -111,11 +129,11 @@ def sample_grasps(body: Body, opening: Opening, approaches: Sequence[str], floor
     low, high = bounds(body.shape, body.T_world_body)
     middle = (low + high) / 2
     candidates: list[tuple[float, Array, Array, Array, float]] = []
-    for yaw in closing_directions(body.shape, body.T_world_body):
+    for yaw in closing_directions(body.shape, body.T_world_body, sampling):
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         for kind in approaches:
-            levels = sorted({z for share in (0.6, 0.85) if (z := _level(kind, low[2], high[2], floor_z, share)) is not None})
-            for pitch in PITCHES[kind]:
+            levels = sorted({z for share in sampling.heights if (z := _level(kind, low[2], high[2], floor_z, share)) is not None})
+            for pitch in sampling.pitches[kind]:
                 for side in (1.0, -1.0):
                     ahead = side * np.array([-u[1], u[0], 0.0])
                     R = _level_hand(ahead, pitch)

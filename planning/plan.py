@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kinematics.scene import Held
+from kinematics.scene import Grasp, Held
 from kinematics.transforms import Array
 
 PLACE_OUT_OF_REACH = "the place is out of reach"
@@ -22,7 +22,7 @@ class Blocked:
 
     stage: a motion's stage, or "ik" (the hand pose is out of reach), "grasp" (no grasp fits the object), "region" (the place itself is
     taken or outside), "select" and "place" (the policy proposed nothing more), "moves" (the limit was reached), "verify" (the final check),
-    "scene" (the scene can't be meant).
+    "scene" (the scene can't be meant), "unsolvable" (it is proved that no move helps).
     """
 
     stage: str
@@ -82,6 +82,24 @@ class Move:
     reason: Blocked | None = None
 
 
+@dataclass(frozen=True)
+class Unsolvable:
+    """The proof that no sequence of picks helps: objects of which none can be picked while they and the target stand, and which together
+    block every way to x_g. would_help: what would change that, in words. All of it holds for the grasps that were sampled, and no others.
+    """
+
+    stuck: tuple[str, ...]
+    would_help: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What a policy that looks ahead knows of a scene: the fewest moves that can solve it, or why none do; None where it doesn't know."""
+
+    least_moves: int | None = None
+    unsolvable: Unsolvable | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Moves and motions that retrieve the target of `scene`, or the reason why they don't.
@@ -90,6 +108,8 @@ class Plan:
     hand_travel_m: length of the hand's path. value: the paper's objective (eq. 1), written as `return` in files.
     verified: the motions passed the exact check (planning.motion.verify), and the plan the verdict (planning.verdict); None when there are
     no motions. faults: why it is not verified, as far as the verdict found it.
+    grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
+    unsolvable: the proof that there is none, if it was found.
     """
 
     scene: str
@@ -105,3 +125,6 @@ class Plan:
     value: float
     verified: bool | None
     faults: tuple[Fault, ...] = ()
+    grasp: Grasp | None = None
+    least_moves: int | None = None
+    unsolvable: Unsolvable | None = None

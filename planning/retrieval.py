@@ -5,10 +5,11 @@ A policy is a pair of functions. The loop is one and the same for every planner,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,10 +19,11 @@ from kinematics.transforms import Array
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
 from planning.motion.verify import hand_poses, verify
-from planning.plan import SCENE, Blocked, Motion, Move, Plan
+from planning.plan import SCENE, Blocked, Motion, Move, Outlook, Plan
 from planning.verdict import Settings, judge
 
 MAX_MOVES = 5
+Thing = TypeVar("Thing")
 
 
 class Rule(StrEnum):
@@ -37,11 +39,13 @@ class Policy:
     """Who moves, and where to.
 
     select: ranks the names of the non-target objects, the one to move first in front.
-    place: ranks the indices of the regions for one object, the best in front.
+    place: ranks the indices of the regions for one object, the best in front. Both may find them one by one, as they are asked for.
+    outlook: what a policy that looks ahead knows of the scene once it was asked; the others know nothing.
     """
 
-    select: Callable[[Observation, np.random.Generator], Sequence[str]]
-    place: Callable[[Observation, str, np.random.Generator], Sequence[int]]
+    select: Callable[[Observation, np.random.Generator], Iterable[str]]
+    place: Callable[[Observation, str, np.random.Generator], Iterable[int]]
+    outlook: Callable[[], Outlook] = Outlook
 
 
 class Stopwatch:
@@ -62,13 +66,32 @@ def proposals(
 ) -> Iterator[tuple[str, int]]:
     """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state."""
     with thinking:
-        ranked = policy.select(seen, rng)
-    for name in ranked:
+        names = policy.select(seen, rng)
+    for name in _timed(names, thinking):
         with thinking:
-            regions = [i for i in policy.place(seen, name, rng) if (name, i) not in failed]
-        yield from ((name, i) for i in (regions[:1] if rule is Rule.STRICT else regions))
-        if rule is not Rule.DEEP and regions:
+            regions = policy.place(seen, name, rng)
+        proposed = False
+        for region in _timed(regions, thinking):
+            if (name, region) in failed:
+                continue
+            yield name, region
+            proposed = True
+            if rule is Rule.STRICT:
+                return
+        if proposed and rule is not Rule.DEEP:
             return
+
+
+def _timed(things: Iterable[Thing], watch: Stopwatch) -> Iterator[Thing]:
+    """The things one by one, the watch running while each is found."""
+    rest = iter(things)
+    while True:
+        with watch:
+            try:
+                thing = next(rest)
+            except StopIteration:
+                return
+        yield thing
 
 
 def retrieve(
@@ -125,8 +148,23 @@ def retrieve(
             break
         if stuck and rule is Rule.DEEP:
             break  # everything that the policy has was tried in this state: another round would be the same
-    why = taken if isinstance(taken, Blocked) else None
-    return conclude(motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+    outlook = policy.outlook()
+    if steps == 0:
+        outlook = Outlook(0)
+    why = _why(taken, outlook, max_moves) if isinstance(taken, Blocked) else None
+    plan = conclude(motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+    grasp = None if isinstance(taken, Blocked) else taken.grasp
+    return replace(plan, grasp=grasp, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable)
+
+
+def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
+    """Why the target was not taken: the proof that it can't be, or that so many moves are too few; else what blocked it at last."""
+    if outlook.unsolvable is not None:
+        stuck = ", ".join(outlook.unsolvable.stuck)
+        return Blocked("unsolvable", taken.link, taken.body, detail=f"none of {stuck} can be picked while the others of them stand")
+    if outlook.least_moves is not None and outlook.least_moves > max_moves:
+        return Blocked("moves", taken.link, taken.body, detail=f"at least {outlook.least_moves} moves are needed, {max_moves} are allowed")
+    return taken
 
 
 def conclude(

@@ -166,7 +166,7 @@ def plan_scene(job: Job, item: Item) -> Plan:
         motions = Motions(arm, item.scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
-        policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None)
+        policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None, max_moves=job.max_moves)
     rng = np.random.default_rng([job.seed, STAGE, item.scene.random_word])
     return retrieve(item.scene, policy, motions, name=name, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
 
@@ -192,7 +192,7 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
         model = once_loaded(job.model) if job.model else None
         return retrieve_unseen(
             Simulated(arm, item.scene, item.scene.poses(), DepthNoise() if job.noise else None, job.by),
-            lambda motions: make_policy(name, motions, model=model),
+            lambda motions: make_policy(name, motions, model=model, max_moves=job.max_moves),
             name=name,
             rule=Rule(job.rule),
             max_moves=job.max_moves,
@@ -204,15 +204,15 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
 
 
 def _default_policy(robot: str, model: str | None) -> str:
-    """The policy when none is asked for: the networks, or for a robot without them the local baseline, which is said."""
+    """The policy when none is asked for: the networks, or for a robot without them the look ahead alone, which is said."""
     from planning.learning.model import ships
 
     if model is not None or ships(robot):
         return "neural"
     _say_once(
-        f"no networks ship for the robot {robot}: planning with --policy local (networks of your own: retrieve label, retrieve train)"
+        f"no networks ship for the robot {robot}: planning with --policy lookahead (networks of your own: retrieve label, retrieve train)"
     )
-    return "local"
+    return "lookahead"
 
 
 _say_once = lru_cache(say)

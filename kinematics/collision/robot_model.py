@@ -36,6 +36,12 @@ def shape_covers(shape: Shape) -> tuple[Levels, ...]:
 
 
 @lru_cache(maxsize=256)
+def bare_geometry(shape: Shape) -> GeometryModel:
+    """A shape's convex parts without their covers, which take longest to make: for the exact test alone, or for the vertices."""
+    return make_geometry_model(convex_parts(shape))
+
+
+@lru_cache(maxsize=256)
 def shape_geometry(shape: Shape) -> GeometryModel:
     """A shape's convex parts and their covers, ready to be taken in the hand."""
     return make_geometry_model(convex_parts(shape), shape_covers(shape))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from kinematics.scene import Held
+from kinematics.scene import Grasp, Held
 from planning.io.checked import Node
 from planning.io.documents import expect, numbers, pose_to_json, without_none
-from planning.plan import STAGES, Blocked, Fault, Motion, Move, Plan
+from planning.plan import STAGES, Blocked, Fault, Motion, Move, Plan, Unsolvable
 
 PLAN = "retrieve/plan@1"
 RULES = ("deep", "region", "strict")
@@ -50,10 +51,22 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
         "hand_travel_m": float(plan.hand_travel_m),
         "return": float(plan.value),
         "verified": None if plan.verified is None else bool(plan.verified),
+        **_foresight_to_json(plan),
     }
     if plan.faults:
         document["faults"] = [fault_to_json(fault) for fault in plan.faults]
     return document
+
+
+def _foresight_to_json(plan: Plan) -> dict[str, Any]:
+    """The grasp that was taken and what was known ahead, where there is something to say."""
+    grasp, proof = plan.grasp, plan.unsolvable
+    known = {
+        "grasp": None if grasp is None else {"T_world_hand": pose_to_json(grasp.T_world_hand), "width_m": float(grasp.width_m)},
+        "least_moves": None if plan.least_moves is None else int(plan.least_moves),
+        "unsolvable": None if proof is None else {"stuck": list(proof.stuck), "would_help": list(proof.would_help)},
+    }
+    return {key: value for key, value in known.items() if value is not None}
 
 
 def plan_from_json(document: Any, where: str = "plan") -> Plan:
@@ -65,7 +78,7 @@ def plan_from_node(node: Node) -> Plan:
     expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
-    f = node.record(words, ("faults",), extra=True)
+    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable"), extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -80,7 +93,26 @@ def plan_from_node(node: Node) -> Plan:
         value=f["return"].number(),
         verified=None if f["verified"].value is None else f["verified"].flag(),
         faults=tuple(_fault(item) for item in f["faults"].items()) if "faults" in f else (),
+        grasp=_grasp(f["grasp"]) if _said(f, "grasp") else None,
+        least_moves=f["least_moves"].integer(least=0) if _said(f, "least_moves") else None,
+        unsolvable=_unsolvable(f["unsolvable"]) if _said(f, "unsolvable") else None,
     )
+
+
+def _said(f: Mapping[str, Node], key: str) -> bool:
+    """Whether an optional field is there, and not null."""
+    return key in f and f[key].value is not None
+
+
+def _grasp(node: Node) -> Grasp:
+    f = node.record(("T_world_hand", "width_m"), extra=True)
+    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0))
+
+
+def _unsolvable(node: Node) -> Unsolvable:
+    f = node.record(("stuck", "would_help"), extra=True)
+    stuck, words = (tuple(name.text() for name in f[key].items()) for key in ("stuck", "would_help"))
+    return Unsolvable(stuck, words)
 
 
 def _fault(node: Node) -> Fault:

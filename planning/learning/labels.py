@@ -88,7 +88,7 @@ def label(
     T = inverse(scene.cabinet.T_world_cabinet)
     cells = scene.cabinet.regions(scene.regions_n) @ T[:3, :3].T + T[:3, 3]
     fits = np.array([_fits(scene, state, name, cells) for name in names], np.bool_).reshape(len(names), len(cells))
-    blocks, hits = _met(motions, state, names, cells, ways)
+    blocks, hits = paths_met(motions, state, names, cells, ways)
     can, asked = _can(motions, state, names, blocks, objects, rng)
     feasible = np.where(can[:, None] == 1, NOT_ASKED, np.uint8(0)) * np.ones((1, len(cells)), np.uint8)
     for i in asked:
@@ -159,7 +159,7 @@ def _tallest(motions: Motions, state: State) -> float:
     return max((float((high - low)[2]) for low, high in extents), default=0.0)
 
 
-def _met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: PathsToTarget) -> tuple[Counts, Counts]:
+def paths_met(motions: Motions, state: State, names: Sequence[str], cells: Array, ways: PathsToTarget) -> tuple[Counts, Counts]:
     """How many of the ways meet each object: where it stands (m,), and over each cell (m, B)."""
     scene, T = motions.scene, inverse(motions.scene.cabinet.T_world_cabinet)
     blocks, hits = np.zeros(len(names), np.int64), np.zeros((len(names), len(cells)), np.int64)

@@ -7,19 +7,23 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
-from kinematics.collision.robot_model import shape_geometry
+from kinematics.collision.robot_model import bare_geometry
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Held, Scene, State
 from kinematics.transforms import Array
-from planning.motion.picking import Pick, Picking
+from planning.motion.obstruction import WAY_IN, WHOLE_WAY, Obstruction, View
+from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.reaching import place_on_floor
 from planning.motion.settings import DEFAULTS, MotionSettings
@@ -32,6 +36,10 @@ MAX_TRIES = 3  # of an object's picks, how many are given to RRT-Connect before 
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
 BRIEFLY, BRIEF_PICKS = 300, 4  # iterations of RRT-Connect, and grasps tried, where only labels hang on the answer
+
+
+Choice = tuple[str, int]
+"""An object and the region that it is moved to."""
 
 
 class _Memory:
@@ -49,10 +57,11 @@ class _Memory:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """Motions that were found, and the state after them."""
+    """Motions that were found, and the state after them. grasp: with which they take hold of the object."""
 
     motions: tuple[Motion, ...]
     after: State
+    grasp: Grasp | None = None
 
 
 class Motions:
@@ -61,6 +70,7 @@ class Motions:
     time_budget_s: the paper's protocol instead, wall-clock seconds for one RRT-Connect.
     obstacles: more that stands still, besides what the scene has: space that was not seen yet.
     settings: how far motions keep from everything, how upright things are carried, how paths are sought.
+    target_grasps: with which of them the target may be taken out; by default with the scene's x_g alone.
     """
 
     def __init__(
@@ -72,11 +82,14 @@ class Motions:
         time_budget_s: float | None = None,
         obstacles: Sequence[Body] = (),
         settings: MotionSettings = DEFAULTS,
+        target_grasps: Sequence[Grasp] | None = None,
     ) -> None:
         self.robot, self.scene = robot, scene
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
+        self.target_grasps = (scene.x_g,) if target_grasps is None else tuple(target_grasps)
         self._picking = Picking(self.cell)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
+        self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
 
     def start(self) -> State:
         """The scene's first state, the arm at its q_start or at home before the cabinet. Raises ValueError when it can't wait there."""
@@ -89,13 +102,16 @@ class Motions:
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
         T = np.empty((4, 4))
-        place_on_floor(shape_geometry(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
+        place_on_floor(bare_geometry(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
         return T
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
-        """Take the target out with the scene's grasp x_g: the paper's indicator I, and the way out of the cabinet."""
+        """Take the target out with one of its grasps, x_g alone as a rule: the paper's indicator I, and the way out of the cabinet."""
+        return self._found_once(state, None, lambda: self._retrieve_target(state, rng))
+
+    def _retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         name = self.scene.target_name
-        picks, why = self.picks(state, name, [self.scene.x_g])
+        picks, why = self.picks(state, name, self.target_grasps)
         for pick in picks[:MAX_TRIES]:
             way_in = self._transit(state, pick, rng)
             if isinstance(way_in, Blocked):
@@ -106,11 +122,14 @@ class Motions:
                 why = way_out
                 continue
             motions = [*self._taking(state, name, pick, way_in), self._motion("transfer", way_out, pick.gripper_closed, pick.held)]
-            return Done(tuple(motions), State(motions[-1].q[-1], self._without(state, name), pick.held))
+            return Done(tuple(motions), State(motions[-1].q[-1], self._without(state, name), pick.held), pick.grasp)
         return why
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
-        """Move an object to a region."""
+        """Move an object to a region. What was found once is found again: a plan that was looked ahead for can be carried out."""
+        return self._found_once(state, (name, region), lambda: self._relocate(state, name, region, rng))
+
+    def _relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
         picks, why = self.picks(state, name)
         if not picks:
             return why
@@ -191,6 +210,46 @@ class Motions:
             else:
                 found[name] = self._picking.picks_with(grasps, poses, rest, name, q)
         return found[name]
+
+    def out_of_reach(self, state: State, name: str) -> bool:
+        """Whether it was found that an object can't be picked as things are: nothing holds up to the static checks, or the arm does not get
+        to any of what does."""
+        transits = self._recall(state).transits
+        return all(isinstance(transits.get(pick), Blocked) for pick in self.picks(state, name)[0])
+
+    def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> View:
+        """What is in the way of what, if objects stand at poses: for plans that look ahead. roughly: without closing fingers and lift."""
+        return self._obstruction.at(poses, WAY_IN if roughly else WHOLE_WAY)
+
+    @cached_property
+    def _obstruction(self) -> Obstruction:
+        target, picking = self.scene.target_name, self._picking
+        return Obstruction(
+            self.cell,
+            lambda name, T: self.target_grasps if name == target else picking.grasps({name: T}, name),
+            ik_tries=picking.settings.ik_tries,
+        )
+
+    @cached_property
+    def thorough(self) -> Motions:
+        """The same motions with more grasps to choose from and more of the arm's solutions for them: slower, for where the quick look finds
+        no way. What it finds, these find again."""
+        other = copy(self)
+        other._picking, other._memories = Picking(self.cell, THOROUGH), deque(maxlen=KEPT)
+        other.__dict__["thorough"] = other
+        other.__dict__.pop("_obstruction", None)
+        return other
+
+    def _found_once(self, state: State, question: Choice | None, find: Callable[[], Done | Blocked]) -> Done | Blocked:
+        """What was found for a state before, or what is found now; a failure may be by chance, and is not kept."""
+        known = self._done.setdefault(state, {})
+        if question in known:
+            self._recall(state)
+            return known[question]
+        found = find()
+        if isinstance(found, Done):
+            known[question] = found
+        return found
 
     def _placing(self, state: State, pick: Pick) -> Placing:
         known, release_query = self._recall(state).placing, self._recall(state).release_query
@@ -276,7 +335,7 @@ class Motions:
             self._motion("release", np.stack([at, at]), pick.gripper_closed, to_gripper=pick.gripper_open, touching=name),
             self._motion("retreat", place.retreat, pick.gripper_open),
         ]
-        return Done(tuple(motions), State(motions[-1].q[-1], {**rest, name: place.T_world_object}))
+        return Done(tuple(motions), State(motions[-1].q[-1], {**rest, name: place.T_world_object}), pick.grasp)
 
     def _motion(
         self,

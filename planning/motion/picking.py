@@ -10,20 +10,34 @@ import numpy as np
 
 from kinematics.scene import APPROACHES, Grasp, Held
 from kinematics.transforms import Array, inverse
-from planning.grasps import open_width, sample_grasps
+from planning.grasps import DENSE, USUAL, Sampling, open_width, sample_grasps
 from planning.motion import reaching
 from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 
-MAX_PICKS = 8  # grasps with a free approach that are kept for one object
-ENOUGH_GRASPS = 24  # after so many, the first in the most natural order, any that was found will do
 STAGES = {
     reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
     reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
 }  # fmt: skip
 """What the compiled core's codes are called in a plan."""
+
+
+@dataclass(frozen=True)
+class PickSettings:
+    """How hard picks are sought. sampling: of grasps; ik_tries: starts of inverse kinematics for each. enough_picks: so many ways that hold
+    up are kept for one object; enough_grasps: after so many, the first in the most natural order, any that was found will do."""
+
+    sampling: Sampling = USUAL
+    ik_tries: int = 24
+    enough_picks: int = 8
+    enough_grasps: int = 24
+
+
+QUICK = PickSettings()
+THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
+"""Where the quick look finds no way: four times as many grasps, and all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +60,8 @@ class Pick:
 class Picking:
     """The picks of a scene's objects. The grasps on an object are remembered, for most objects stay where they are."""
 
-    def __init__(self, cell: Workcell) -> None:
-        self.cell = cell
+    def __init__(self, cell: Workcell, settings: PickSettings = QUICK) -> None:
+        self.cell, self.settings = cell, settings
         self._known: dict[tuple[str, bytes], _Grasps] = {}
 
     def picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array) -> tuple[list[Pick], Blocked]:
@@ -56,11 +70,11 @@ class Picking:
 
         poses: of all objects; rest: of all besides this one.
         """
-        return self._picks(self._grasps(poses, name), poses, rest, name, q)
+        return self._picks(self.grasps(poses, name), poses, rest, name, q)
 
     def some_picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str) -> Iterator[Pick]:
         """The same ways, but in the order in which they are found, and each when it is asked for."""
-        return self._one_by_one(self._grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
+        return self._one_by_one(self.grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
 
     def picks_with(
         self, grasps: Sequence[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
@@ -68,13 +82,15 @@ class Picking:
         """As `picks`, with these grasps and no others."""
         key = (name, b"".join(grasp.T_world_hand.tobytes() + np.float64(grasp.width_m).tobytes() for grasp in grasps))
         if key not in self._known:
-            self._known[key] = _Grasps(self.cell, grasps)
+            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
         return self._picks(self._known[key], poses, rest, name, q)
 
-    def _grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
+    def grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
+        """The grasps that are sampled on an object where it stands, the most natural first."""
         key = (name, poses[name].tobytes())
         if key not in self._known:
-            self._known[key] = _Grasps(self.cell, _sampled(self.cell, name, poses[name]))
+            grasps = sampled_grasps(self.cell, name, poses[name], sampling=self.settings.sampling)
+            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
         return self._known[key]
 
     def _picks(
@@ -110,7 +126,7 @@ class Picking:
                     yield Pick(grasp, way, up, hand.opened, hand.closed, held, carrying, lifting)
                 else:
                     failures.note(code, lifting, pair)
-            if found >= MAX_PICKS or (found and i + 1 >= ENOUGH_GRASPS):
+            if found >= self.settings.enough_picks or (found and i + 1 >= self.settings.enough_grasps):
                 break
         cell.forget()
 
@@ -175,23 +191,25 @@ class _OpenHand:
 class _Grasps(LazyList[Grasp]):
     """The grasps on an object where it stands, and the arm's solutions for each; both are found when asked for, and once."""
 
-    def __init__(self, cell: Workcell, grasps: Iterable[Grasp]) -> None:
+    def __init__(self, cell: Workcell, grasps: Iterable[Grasp], ik_tries: int) -> None:
         super().__init__(grasps)
-        self._cell = cell
+        self._cell, self._tries = cell, ik_tries
         self._solutions: dict[int, Array] = {}
 
     def solutions(self, grasp: Grasp, i: int) -> Array:
         """Arm configurations (S, A) for a grasp, which is number i, the nearest to home first."""
         if i not in self._solutions:
-            self._solutions[i] = self._cell.ik(grasp.T_world_hand)
+            self._solutions[i] = self._cell.ik(grasp.T_world_hand, tries=self._tries)
         return self._solutions[i]
 
 
-def _sampled(cell: Workcell, name: str, T: Array) -> Iterator[Grasp]:
-    """Grasps on an object at T (4, 4) with the scene's approaches, the most natural first."""
+def sampled_grasps(
+    cell: Workcell, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
+) -> Iterator[Grasp]:
+    """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default."""
     scene = cell.scene
     to_body = T[:2, 3] - scene.robot.T_world_base[:2, 3]
     toward = float(np.arctan2(to_body[1], to_body[0]))
-    approaches = [a for a in APPROACHES if a in scene.approaches]
+    kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body = replace(scene.body(name), T_world_body=T)
-    return sample_grasps(body, cell.robot.opening, approaches, float(scene.cabinet.T_world_cabinet[2, 3]), toward)
+    return sample_grasps(body, cell.robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling)

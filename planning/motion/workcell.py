@@ -108,6 +108,7 @@ class Workcell:
         self.walls = [*scene.fixtures(), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
+        self._solutions: dict[tuple[bytes, int], Array] = {}
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
         fingers = len(FINGERS_AT) * len(self.arm.fingers)
         pairs = (n_links + most + fingers) * len(self._rows) + len(FINGERS_AT) * len(self.arm.self_pairs) + most * n_links
@@ -153,6 +154,11 @@ class Workcell:
         gripper = float(start[self.robot.gripper_joint])
         touch = self.touch(self.problem(self.scene.poses(), gripper), self.robot.arm_q(start))
         return None if touch is None else Blocked("transit", touch.link, touch.body, detail="at the start")
+
+    @property
+    def stock(self) -> tuple[Solids, Sequence[str]]:
+        """The walls and the scene's objects, packed where they stand at the beginning, and the name behind each solid."""
+        return self._stock, self._rows
 
     @property
     def home_arm(self) -> Array:
@@ -287,7 +293,12 @@ class Workcell:
     def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
         """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home."""
         arm = self.arm
-        return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm if near is None else near, tries=tries)
+        if near is not None:
+            return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near, tries=tries)
+        key = T_world_hand.tobytes(), tries
+        if key not in self._solutions:  # those of a grasp are asked for by whoever picks and by whoever looks ahead
+            self._solutions[key] = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
+        return self._solutions[key]
 
     def connect(
         self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None

@@ -3,63 +3,91 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from planning.learning.model import FORMS, Model, shipped
 from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
-from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_region
+from planning.policies.lookahead import NEAREST, Lookahead
+from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_preferences, make_neural_region
 from planning.policies.random import random_object, random_region
-from planning.policies.search import Plans, make_search_object, make_search_region
-from planning.retrieval import Policy
+from planning.policies.rrt import CountedPaths, make_rrt_object, make_rrt_region
+from planning.policies.search import Effort, Preferences
+from planning.policies.unsolvable import Prover
+from planning.retrieval import MAX_MOVES, Policy
 
-NetworkOf = Callable[..., Model]  # of a form, `objects` if none is named; a policy that asks no network never calls it
+QUICK, PATIENT = Effort(attempts=300), Effort(attempts=3000)
+"""How many moves a policy that looks ahead may try, and how many the ceiling."""
 
 
-def _local(motions: Motions, network: NetworkOf) -> Policy:
-    lines = Lines(motions)
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What a policy is made of: the scene's motions, the moves that are allowed, and networks of a form, `objects` if none is named. A
+    policy that asks no network never calls for one."""
+
+    motions: Motions
+    max_moves: int
+    network: Callable[..., Model]
+
+
+def _local(setup: Setup) -> Policy:
+    lines = Lines(setup.motions)
     return Policy(make_local_object(lines), make_local_region(lines))
 
 
-def _search(motions: Motions, network: NetworkOf) -> Policy:
-    plans = Plans(motions)
-    return Policy(make_search_object(plans), make_search_region(plans))
+def _rrt(setup: Setup) -> Policy:
+    paths = CountedPaths(setup.motions)
+    return Policy(make_rrt_object(paths), make_rrt_region(paths))
 
 
-def _neural(motions: Motions, network: NetworkOf) -> Policy:
-    encoding = CachedEncoding(network())
+def _look_ahead(setup: Setup, preferences: Preferences = NEAREST, effort: Effort = QUICK, *, glance: bool = False) -> Policy:
+    ahead = Lookahead(setup.motions, preferences, effort, Prover(setup.motions), most=setup.max_moves, glance=glance)
+    return Policy(ahead.select, ahead.place, lambda: ahead.outlook)
+
+
+def _neural(setup: Setup) -> Policy:
+    return _look_ahead(setup, make_neural_preferences(CachedEncoding(setup.network())), glance=True)
+
+
+def _neural_greedy(setup: Setup, form: str | None = None) -> Policy:
+    encoding = CachedEncoding(setup.network(form))
     return Policy(make_neural_object(encoding), make_neural_region(encoding))
 
 
-def _neural_paper(motions: Motions, network: NetworkOf) -> Policy:
-    return _neural(motions, partial(network, "paper"))
+def _osnet_only(setup: Setup, form: str | None = None) -> Policy:
+    return Policy(make_neural_object(CachedEncoding(setup.network(form))), make_local_region(Lines(setup.motions)))
 
 
-def _osnet_only(motions: Motions, network: NetworkOf) -> Policy:
-    return Policy(make_neural_object(CachedEncoding(network())), make_local_region(Lines(motions)))
+def _rpnet_only(setup: Setup, form: str | None = None) -> Policy:
+    return Policy(make_local_object(Lines(setup.motions)), make_neural_region(CachedEncoding(setup.network(form))))
 
 
-def _rpnet_only(motions: Motions, network: NetworkOf) -> Policy:
-    return Policy(make_local_object(Lines(motions)), make_neural_region(CachedEncoding(network())))
-
-
-POLICIES: dict[str, Callable[[Motions, NetworkOf], Policy]] = {
-    "random": lambda motions, network: Policy(random_object, random_region),
+POLICIES: dict[str, Callable[[Setup], Policy]] = {
+    "random": lambda setup: Policy(random_object, random_region),
     "local": _local,
+    "rrt": _rrt,
+    "lookahead": _look_ahead,
     "neural": _neural,
-    "neural-paper": _neural_paper,
+    "neural-greedy": _neural_greedy,
+    "neural-paper": partial(_neural_greedy, form="paper"),
     "osnet-only": _osnet_only,
+    "osnet-only-paper": partial(_osnet_only, form="paper"),
     "rpnet-only": _rpnet_only,
-    "search": _search,
+    "rpnet-only-paper": partial(_rpnet_only, form="paper"),
+    "search": partial(_look_ahead, effort=PATIENT),
 }
 
 
-NETWORKS = ("neural", "neural-paper", "osnet-only", "rpnet-only")
+NETWORKS = tuple(name for name in POLICIES if name.startswith(("neural", "osnet", "rpnet")))
 """The policies that ask a model."""
 
+LOOK_AHEAD = ("lookahead", "neural", "search")
+"""The policies that may try motions while they choose: what they propose can be carried out, so all rules come to the same."""
 
-def make_policy(name: str, motions: Motions, *, model: Model | None = None) -> Policy:
-    """The policy called `name` for the scene behind `motions`.
+
+def make_policy(name: str, motions: Motions, *, model: Model | None = None, max_moves: int = MAX_MOVES) -> Policy:
+    """The policy called `name` for the scene behind `motions`, with so many moves to make at most.
 
     model: the networks of a policy that has some; by default those that ship for the robot.
     Raises: ValueError for an unknown name, listing the valid ones; for a robot without networks, or with those of another robot or form.
@@ -76,4 +104,4 @@ def make_policy(name: str, motions: Motions, *, model: Model | None = None) -> P
             raise ValueError(f"the model was trained for the robot {model.robot}, and this scene's is {motions.robot.name}")
         return model
 
-    return POLICIES[name](motions, network)
+    return POLICIES[name](Setup(motions, max_moves, network))

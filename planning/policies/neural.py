@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from perception.observation import Observation
-from planning.learning.model import Model, Seen
+from planning.learning.model import Chosen, Model, Seen
 from planning.policies.regions import free_regions
+from planning.policies.search import Preferences
 
 
 class CachedEncoding:
@@ -41,3 +42,19 @@ def make_neural_region(encoding: CachedEncoding) -> Callable[[Observation, str, 
         return encoding.of(seen).place(name, regions).ranking
 
     return neural_region
+
+
+def make_neural_preferences(encoding: CachedEncoding) -> Preferences:
+    """The networks' say as a look ahead's preferences: objects by their scores, regions in RPNet's order."""
+
+    def cost(seen: Observation) -> Callable[[str], float]:
+        chosen: Chosen | None = None
+
+        def of(name: str) -> float:
+            nonlocal chosen
+            chosen = chosen or encoding.of(seen).select()
+            return -float(chosen.score[chosen.names.index(name)])
+
+        return of
+
+    return Preferences(cost, make_neural_region(encoding))

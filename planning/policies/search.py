@@ -1,152 +1,223 @@
-"""The ceiling: best-first search over objects and regions, every move tried with true motions, up to five moves.
+"""Look ahead: find moves after which the target can be taken out, with motions that were tried, the shortest first.
 
-A state's rank is the number of moves so far and the least number still to come: for each way to x_g, the objects that block its last
-piece must go, and the best way needs the fewest. A state is not expanded at once: its moves come one by one, the most promising first, and
-after each of them the state steps back behind those that look better.
+The search is A* over moves (object, region). A state's rank is the number of moves that led to it and the length of its shortest relaxed
+plan (planning.policies.relaxed_plan), which never overestimates. A state has hundreds of moves, and each costs a motion plan, so a state is
+expanded one move at a time: first the objects that can go first in a shortest relaxed plan, to regions where the rest of the plan still
+holds; these keep the rank. Then all others, which raise it. With each move that was tried a state also steps back a little, so that a state
+whose moves keep failing doesn't use up the search.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import count
+from typing import Protocol
 
 import numpy as np
 
-from kinematics.scene import State
+from kinematics.scene import Scene, State
+from kinematics.transforms import Array
 from perception.observation import Observation, observe
-from planning.motion.pick_place import Done, Motions
-from planning.motion.picking import Pick
+from planning.motion.pick_place import Choice, Done
 from planning.plan import Blocked
-from planning.policies.regions import free_regions
+from planning.policies.relaxed_plan import NOTHING, Names, Obstructions, RelaxedPlan, relaxed_plan, relaxed_plans, shortest_plans
 
-MOST_MOVES = 5
-ATTEMPTS = 600
-"""Moves tried at most in one search, feasible or not; about ten seconds."""
-STEP_BACK = 0.02
-"""By how much a state's rank grows with each of its moves that was tried: after 50 of them one more move elsewhere looks as good."""
 
-Choice = tuple[str, int]
+class World(Protocol):
+    """What a look ahead asks of `planning.motion.pick_place.Motions`."""
+
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def state(self) -> State: ...
+    @property
+    def thorough(self) -> World: ...
+    def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked: ...
+    def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked: ...
+    def place_pose(self, name: str, T_from: Array, region: int) -> Array: ...
+    def out_of_reach(self, state: State, name: str) -> bool: ...
+    def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> Obstructions: ...
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard a search tries. attempts: moves that are tried at most, feasible or not. step_back: by how much a state's rank grows with
+    each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good."""
+
+    attempts: int = 600
+    step_back: float = 0.02
+
+
+@dataclass(frozen=True)
+class Preferences:
+    """In which order moves are tried, among those that are as short.
+
+    objects: what it costs to move each object (by name), the cheapest first. regions: the free regions for an object, the best first.
+    """
+
+    objects: Callable[[Observation], Callable[[str], float]]
+    regions: Callable[[Observation, str, np.random.Generator], Sequence[int]]
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
-    """A state, the moves that led to it, and the moves from it that were not tried yet. needed: how many must follow, at least."""
+class Step:
+    """A move that was found, and the state after it."""
+
+    choice: Choice
+    after: State
+
+
+@dataclass(eq=False)
+class _Node:
+    """A state in the search.
+
+    moves: what led to it. cost: of moving each object. plans: all shortest relaxed plans. cannot: objects to which the arm was found
+    not to get. tried: the moves from here that were tried. last_resort: whether those that keep the rank are used up.
+    """
 
     state: State
-    moves: tuple[Choice, ...]
-    needed: int
-    choices: Iterator[Choice]
+    moves: tuple[Step, ...]
+    seen: Observation
+    cost: Callable[[str], float]
+    plans: Sequence[RelaxedPlan] = ()
+    cannot: Names = NOTHING
+    tried: set[Choice] = field(default_factory=set)
+    last_resort: bool = False
+    choices: Iterator[Choice] = field(default_factory=lambda: iter(()))
+
+    @property
+    def fewest(self) -> int:
+        """How many moves there are at least on a way through this state, with the moves that are to be tried next.
+
+        Where nothing is statically in the way, and yet the arm does not get to the target, at least one object must go.
+        """
+        needed = self.plans[0].length
+        return len(self.moves) + max(1, needed + (needed > 0 and self.last_resort))
+
+    @property
+    def standing(self) -> Names:
+        return frozenset(self.seen.movable)
 
 
-def search(motions: Motions, start: State, rng: np.random.Generator, *, attempts: int = ATTEMPTS, most: int = MOST_MOVES) -> list[Choice]:
-    """Moves (object, region) after which the target can be taken out; empty when none were found in so many attempts."""
-    target, ticket = motions.scene.target_name, count()
-    ways, _ = motions.picks(State(start.q, {target: start.poses[target]}), target, [motions.scene.x_g])
-    root = _node(motions, ways, start, (), rng)
-    queue = [(float(root.needed), next(ticket), root)]
-    while queue and attempts > 0:
-        rank, _, node = heappop(queue)
-        choice = next(node.choices, None)
-        if choice is None:
-            continue
-        heappush(queue, (rank + STEP_BACK, next(ticket), node))
-        attempts -= 1
-        done = motions.relocate(node.state, *choice, rng)
-        if isinstance(done, Blocked):
-            continue
-        child = _node(motions, ways, done.after, (*node.moves, choice), rng)
-        if child.needed == 0 and isinstance(motions.retrieve_target(done.after, rng), Done):
-            return list(child.moves)
-        if len(child.moves) < most:
-            heappush(queue, (float(len(child.moves) + max(1, child.needed)), next(ticket), child))
-    return []
+class Search:
+    """One search. most: how many moves there may be."""
+
+    def __init__(self, world: World, preferences: Preferences, effort: Effort, most: int, rng: np.random.Generator) -> None:
+        self.world, self.preferences, self.effort, self.most, self.rng = world, preferences, effort, most, rng
+        self.target = world.scene.target_name
+        self._queue: list[tuple[float, int, int, _Node]] = []
+        self._ticket = count()
+
+    def run(self, start: State) -> list[Step]:
+        """Moves from a state after which the target can be taken out; empty when none were found."""
+        self._put(self._node(start, ()))
+        for _ in range(self.effort.attempts):
+            node, choice = self._next()
+            if node is None or choice is None:
+                break
+            child = self._tried(node, choice)
+            self._put(node)
+            if child is None:
+                continue
+            if child.plans[0].length == 0 and isinstance(self.world.retrieve_target(child.state, self.rng), Done):
+                return list(child.moves)
+            self._put(child)
+        return []
+
+    def _next(self) -> tuple[_Node | None, Choice | None]:
+        """The most promising state that has a move left, and the move."""
+        while self._queue:
+            *_, node = heappop(self._queue)
+            choice = next((choice for choice in node.choices if choice not in node.tried), None)
+            if choice is not None:
+                return node, choice
+            if not node.last_resort:
+                node.last_resort, node.choices = True, self._other_choices(node)
+                self._put(node)
+        return None, None
+
+    def _tried(self, node: _Node, choice: Choice) -> _Node | None:
+        """Try a move: the state that it leads to, if it can be carried out and leads anywhere."""
+        node.tried.add(choice)
+        done = self.world.relocate(node.state, *choice, self.rng)
+        if isinstance(done, Done):
+            return self._node(done.after, (*node.moves, Step(choice, done.after)))
+        if choice[0] not in node.cannot and self.world.out_of_reach(node.state, choice[0]):
+            node.cannot |= {choice[0]}  # something else must go first
+            self._think(node)
+        return None
+
+    def _put(self, node: _Node | None) -> None:
+        if node is not None and node.plans and node.fewest <= self.most:
+            rank = node.fewest + self.effort.step_back * len(node.tried)
+            heappush(self._queue, (rank, -len(node.moves), next(self._ticket), node))
+
+    def _node(self, state: State, moves: tuple[Step, ...]) -> _Node | None:
+        """The node of a state; None when more moves are needed than are left, or none helps."""
+        seen = observe(self.world.scene, state)
+        node = _Node(state, moves, seen, self.preferences.objects(seen))
+        self._think(node)
+        return node if node.plans else None
+
+    def _think(self, node: _Node) -> None:
+        """Find a node's shortest relaxed plans and, from them, its most promising moves."""
+        plans = relaxed_plans(
+            self.world.obstructions(node.state.poses), self.target, node.standing,
+            most=self.most - len(node.moves), not_first=node.cannot, cost=node.cost,
+        )  # fmt: skip
+        found = shortest_plans(plans)
+        if found:
+            node.plans = found
+            node.choices = self._choices(node)
+        else:  # without what the arm does not get to, there is no plan, but perhaps a detour
+            node.last_resort, node.choices = True, self._other_choices(node) if node.plans else iter(())
+
+    def _choices(self, node: _Node) -> Iterator[Choice]:
+        """The moves of a shortest relaxed plan's first object to where the rest of that plan, or of another as short, still holds."""
+        names = sorted({name for plan in node.plans for name in plan.firsts}, key=lambda name: (node.cost(name), name))
+        return _in_turn([self._leading_on(node, name) for name in names])
+
+    def _leading_on(self, node: _Node, name: str) -> Iterator[Choice]:
+        for region in self.preferences.regions(node.seen, name, self.rng):
+            there = {**node.state.poses, name: self.world.place_pose(name, node.state.poses[name], region)}
+            if self._shorter(self.world.obstructions(there), node, name):
+                yield name, region
+
+    def _shorter(self, obstructions: Obstructions, node: _Node, name: str) -> bool:
+        """Whether an object's move makes the relaxed plan shorter, the object standing where `obstructions` has it."""
+        for plan in node.plans:
+            if name in plan.firsts and still_holds(obstructions, self.target, node.standing, [n for n in plan.order if n != name]):
+                return True
+        return relaxed_plan(obstructions, self.target, node.standing, most=node.plans[0].length - 1) is not None
+
+    def _other_choices(self, node: _Node) -> Iterator[Choice]:
+        """All moves of all objects that can be picked: what makes room, or a detour."""
+        obstructions = self.world.obstructions(node.state.poses)
+        names = [n for n in node.seen.movable if n not in node.cannot and obstructions.free(n, node.standing - {n})]
+        firsts = {name for plan in node.plans for name in plan.firsts}
+        names.sort(key=lambda name: (name not in firsts, node.cost(name), name))
+        return _in_turn([((name, region) for region in self.preferences.regions(node.seen, name, self.rng)) for name in names])
 
 
-def _node(motions: Motions, ways: Sequence[Pick], state: State, moves: tuple[Choice, ...], rng: np.random.Generator) -> Node:
-    blockers = blocking(motions, ways, state)
-    return Node(state, moves, min((len(b) for b in blockers), default=len(state.poses)), _choices(motions, state, blockers, rng))
+def still_holds(obstructions: Obstructions, target: str, standing: Names, order: Sequence[str]) -> bool:
+    """Whether objects can go in an order, and the target after them."""
+    for name in order:
+        standing -= {name}
+        if not obstructions.free(name, standing):
+            return False
+    return obstructions.free(target, standing)
 
 
-def blocking(motions: Motions, ways: Sequence[Pick], state: State) -> list[frozenset[str]]:
-    """For each way to close the hand as x_g says, found in the cabinet with nothing but the target: the objects that block it."""
-    found: list[set[str]] = [set() for _ in ways]
-    for name, pose in state.poses.items():
-        if name == motions.scene.target_name or not ways:
-            continue
-        reaching = motions.cell.problem({name: pose}, ways[0].gripper_open)
-        for blockers, way in zip(found, ways):
-            if any(motions.cell.edge(reaching, a, b) for a, b in zip(way.approach[:-1], way.approach[1:])):
-                blockers.add(name)
-    return [frozenset(b) for b in found]
-
-
-def _choices(motions: Motions, state: State, blockers: list[frozenset[str]], rng: np.random.Generator) -> Iterator[Choice]:
-    """The moves of a state, the most promising first: objects in turn, those first that block the ways with the fewest blockers."""
-    seen = observe(motions.scene, state)
-    fewest = min((len(b) for b in blockers), default=0)
-    weight = {name: sum(2.0 ** (fewest - len(b)) for b in blockers if name in b) for name in seen.movable}
-    names = sorted(seen.movable, key=lambda name: -weight[name])
-    queues = [(name, iter(_regions(seen, name, rng))) for name in names if motions.picks(state, name)[0]]
-    first = [q for q in queues if weight[q[0]] > 0]
-    for group in (first, [q for q in queues if weight[q[0]] == 0]):
-        while group:
-            left = []
-            for name, regions in group:
-                region = next(regions, None)
-                if region is not None:
-                    left.append((name, regions))
-                    yield name, region
-            group = left
-
-
-def _regions(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-    """The free regions for an object, in random order."""
-    return [int(i) for i in rng.permutation(free_regions(seen, name))]
-
-
-class Plans:
-    """The moves that a search found, kept while they can be carried out, searched for anew when one can't."""
-
-    def __init__(self, motions: Motions) -> None:
-        self.motions = motions
-        self._next: list[Choice] = []
-        self._seen: Observation | None = None
-        self._in_vain: State | None = None
-
-    def of(self, seen: Observation, rng: np.random.Generator) -> list[Choice]:
-        if seen is not self._seen:
-            moved = self._seen is not None and bool(self._next) and _stands_at(seen, *self._next[0])
-            self._next = self._next[1:] if moved else []
-            self._seen = seen
-            if not self._next and not self._hopeless(self.motions.state):
-                self._next = search(self.motions, self.motions.state, rng)
-                self._in_vain = None if self._next else self.motions.state
-        return self._next
-
-    def _hopeless(self, state: State) -> bool:
-        """Whether a search from this very state found nothing: the loop asks again at every step that it has."""
-        return state is self._in_vain
-
-
-def _stands_at(seen: Observation, name: str, region: int) -> bool:
-    return bool(np.abs(seen.boxes[name][:2] - seen.regions[region, :2]).max() < 1e-6)
-
-
-def make_search_object(plans: Plans) -> Callable[[Observation, np.random.Generator], Sequence[str]]:
-    """select: the object that the search moves first; none when it found nothing."""
-
-    def search_object(seen: Observation, rng: np.random.Generator) -> Sequence[str]:
-        return [name for name, _ in plans.of(seen, rng)[:1]]
-
-    return search_object
-
-
-def make_search_region(plans: Plans) -> Callable[[Observation, str, np.random.Generator], Sequence[int]]:
-    """place: the region that the search chose for its first move."""
-
-    def search_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-        return [region for chosen, region in plans.of(seen, rng)[:1] if chosen == name]
-
-    return search_region
+def _in_turn(queues: Sequence[Iterator[Choice]]) -> Iterator[Choice]:
+    """One of each in turn, until all are used up."""
+    waiting = list(queues)
+    while waiting:
+        left = []
+        for queue in waiting:
+            choice = next(queue, None)
+            if choice is not None:
+                left.append(queue)
+                yield choice
+        waiting = left

@@ -125,7 +125,8 @@ def test_what_train_refuses(labels: Path, tmp_path: Path, retrieve: Callable[...
 
 def test_plan_refuses_a_model_that_it_can_not_use(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
     code, _, err = retrieve("plan", "x.jsonl", "--policy", "local", "--model", tmp_path)
-    assert (code, err) == (2, "plan: --model: the policy local asks no network; neural, neural-paper, osnet-only, rpnet-only do\n")
+    networks = "neural, neural-greedy, neural-paper, osnet-only, osnet-only-paper, rpnet-only, rpnet-only-paper"
+    assert (code, err) == (2, f"plan: --model: the policy local asks no network; {networks} do\n")
     code, _, err = retrieve("plan", "x.jsonl", "--policy", "neural", "--model", tmp_path)
     assert (code, err.split(";")[0]) == (2, f"plan: --model: {tmp_path}: has no config.json")
 

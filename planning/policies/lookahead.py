@@ -1,0 +1,125 @@
+"""Policies that look ahead: a relaxed plan says what is worth a try, a search makes it true, a proof says when nothing helps.
+
+When an object is asked for, the moves to the goal are searched for as a whole (planning.policies.search), with motions that were tried, and
+handed out one by one. So the rules deep, region and strict come to the same, and choosing takes as long as the motions that it tries. A
+policy that also has an eye for what to do, networks as a rule, glances first: if some way to the target is blocked by one object alone,
+that object is proposed, to the best regions off that way, before any motion was tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+
+from kinematics.scene import State
+from perception.observation import Observation
+from planning.plan import Outlook, Unsolvable
+from planning.policies.regions import free_regions
+from planning.policies.relaxed_plan import relaxed_plan
+from planning.policies.search import Effort, Preferences, Search, Step, World
+
+GLANCED = 12
+"""Regions that are proposed at a glance."""
+Prove = Callable[[State], Unsolvable | None]
+
+
+def nearest_regions(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
+    """The free regions, the nearest to where the object stands in front."""
+    free = free_regions(seen, name)
+    away = np.linalg.norm(seen.regions[free, :2] - seen.boxes[name][:2], axis=1)
+    return [int(i) for i in free[np.argsort(away, kind="stable")]]
+
+
+NEAREST = Preferences(lambda seen: lambda name: 0.0, nearest_regions)
+"""Any object, to the nearest regions."""
+
+
+class Lookahead:
+    """What is known about one scene: the moves to come, the fewest that are needed, and the proof, if there is one, that none help.
+
+    most: how many moves there may be. prove: asked where no relaxed plan is found. glance: whether to propose before motions were tried.
+    """
+
+    def __init__(self, world: World, preferences: Preferences, effort: Effort, prove: Prove, *, most: int, glance: bool = False) -> None:
+        self.world, self.preferences, self.effort, self.prove, self.most, self.glance = world, preferences, effort, prove, most, glance
+        self.outlook = Outlook()
+        self._target = world.scene.target_name
+        self._state: State | None = None
+        self._made = -1  # moves; states that were seen, less the first
+        self._coming: list[Step] = []
+        self._regions: Iterator[int] = iter(())
+
+    def select(self, seen: Observation, rng: np.random.Generator) -> Iterator[str]:
+        """The object of the next move that was foreseen; else those seen at a glance, and at last that of the moves that a search finds."""
+        fresh = self._follow(self.world.state)
+        if fresh and self.glance and not self._coming:
+            yield from self._glanced(seen, rng)
+        if not self._coming:
+            self._coming = self._searched(seen, rng)
+        for step in self._coming[:1]:
+            name, region = step.choice
+            self._regions = iter((region,))
+            yield name
+
+    def place(self, seen: Observation, name: str, rng: np.random.Generator) -> Iterator[int]:
+        """The regions for the object that was selected last."""
+        return self._regions
+
+    def _follow(self, state: State) -> bool:
+        """Note where things stand; whether that is news. What was foreseen is dropped when it did not come about."""
+        if state is self._state:
+            self._coming = []
+            return False
+        came_about = bool(self._coming) and self._coming[0].after is state
+        self._coming = self._coming[1:] if came_about else []
+        self._state = state
+        self._made += 1
+        return True
+
+    def _glanced(self, seen: Observation, rng: np.random.Generator) -> Iterator[str]:
+        """The objects that alone block a way to the target."""
+        assert self._state is not None
+        blockers = self.world.obstructions(self._state.poses, roughly=True).blockers(self._target, frozenset(seen.movable))
+        names = [name for blocking in blockers if len(blocking) == 1 for name in blocking]
+        if frozenset() in blockers or not names:
+            return
+        self._needed(1)
+        if len(names) > 1:
+            cost = self.preferences.objects(seen)
+            names.sort(key=lambda name: (cost(name), name))
+        for name in names:
+            self._regions = islice(self._off_the_way(seen, name, rng), GLANCED)
+            yield name
+
+    def _off_the_way(self, seen: Observation, name: str, rng: np.random.Generator) -> Iterator[int]:
+        """The regions for an object where the target could be picked."""
+        assert self._state is not None
+        poses = self._state.poses
+        for region in self.preferences.regions(seen, name, rng):
+            there = {**poses, name: self.world.place_pose(name, poses[name], region)}
+            if self.world.obstructions(there, roughly=True).free(self._target, frozenset(seen.movable)):
+                yield region
+
+    def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
+        """The moves that a search finds: with the grasps that are quick to sample, and where these don't do, with many more."""
+        assert self._state is not None
+        left = self.most - self._made
+        for world in (self.world, self.world.thorough):
+            plan = relaxed_plan(world.obstructions(self._state.poses), self._target, frozenset(seen.movable))
+            if plan is None:
+                continue
+            self._needed(plan.length)
+            found = Search(world, self.preferences, self.effort, left, rng).run(self._state) if plan.length <= left else []
+            if found:
+                return found
+        if plan is None:
+            self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
+        return []
+
+    def _needed(self, moves: int) -> None:
+        """So many moves are needed from the first state, if this is the first, at least."""
+        if self._made == 0:
+            self.outlook = replace(self.outlook, least_moves=moves)

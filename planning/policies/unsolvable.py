@@ -1,0 +1,74 @@
+"""The proof that no moves help, and what would.
+
+Take the largest set of objects of which none can be picked while only they and the target stand. None of them ever moves: the first one to
+be picked would be picked while all of them, the target and perhaps others stand where they stood at the beginning, and more objects never
+make a pick possible. So if every way to x_g is blocked by that set alone, no sequence of picks frees the target.
+
+The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them; so both are sampled
+more densely here than where moves are planned. It says nothing about pushing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from kinematics.scene import APPROACHES, Grasp, State
+from kinematics.transforms import Array
+from planning.motion.obstruction import Obstruction, View
+from planning.motion.pick_place import Motions
+from planning.motion.picking import THOROUGH, sampled_grasps
+from planning.plan import Unsolvable
+from planning.policies.relaxed_plan import Names, stuck_set
+
+
+class Prover:
+    """Proofs for the states of one scene."""
+
+    def __init__(self, motions: Motions) -> None:
+        self.motions, self.target = motions, motions.scene.target_name
+        self._known: dict[tuple[tuple[str, ...], bool], Obstruction] = {}
+
+    def __call__(self, state: State) -> Unsolvable | None:
+        """The proof that no moves take the target out of a state; None when there is no such proof."""
+        approaches = self.motions.scene.approaches
+        stuck = self._stuck(state, approaches)
+        if self._view(state, approaches).free(self.target, stuck):
+            return None
+        return Unsolvable(tuple(sorted(stuck)), tuple(self._would_help(state, stuck)))
+
+    def _would_help(self, state: State, stuck: Names) -> Iterator[str]:
+        """What would change it, one thing at a time: another grasp of the target, other approaches, both, an object taken away by hand."""
+        usual, others = self.motions.scene.approaches, [a for a in APPROACHES if a not in self.motions.scene.approaches]
+        found = False
+        if self._view(state, usual, any_grasp=True).free(self.target, stuck):
+            found = True
+            yield f"another grasp of {self.target}"
+        if others:
+            freer, how = self._stuck(state, APPROACHES), f"other approaches ({', '.join(others)})"
+            if self._view(state, APPROACHES).free(self.target, freer):
+                found = True
+                yield how
+            if not found and self._view(state, APPROACHES, any_grasp=True).free(self.target, freer):
+                yield f"another grasp of {self.target} and {how}"
+        view = self._view(state, usual)
+        for name in sorted(stuck):
+            if view.free(self.target, stuck_set(view, frozenset(state.poses) - {self.target, name})):
+                yield f"{name} taken away by hand"
+
+    def _stuck(self, state: State, approaches: Sequence[str]) -> Names:
+        return stuck_set(self._view(state, approaches), frozenset(state.poses) - {self.target})
+
+    def _view(self, state: State, approaches: Sequence[str], *, any_grasp: bool = False) -> View:
+        """Obstructions with densely sampled grasps on the objects, and on the target its own or, if asked for, any."""
+        motions, key = self.motions, (tuple(approaches), any_grasp)
+        if key == (motions.scene.approaches, False):
+            return motions.thorough.obstructions(state.poses)
+        if key not in self._known:
+
+            def grasps_on(name: str, T: Array) -> Iterable[Grasp]:
+                given = name == self.target and not any_grasp
+                sampling = THOROUGH.sampling
+                return motions.target_grasps if given else sampled_grasps(motions.cell, name, T, approaches=approaches, sampling=sampling)
+
+            self._known[key] = Obstruction(motions.cell, grasps_on, ik_tries=THOROUGH.ik_tries)
+        return self._known[key].at(state.poses)

@@ -1,0 +1,212 @@
+"""The search for moves and the policies that look ahead, in worlds in which every answer is written down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from written_world import WrittenWorld, at_first
+
+from kinematics.scene import State
+from perception.observation import Observation, observe
+from planning.motion.pick_place import Choice, Done
+from planning.plan import Unsolvable
+from planning.policies.lookahead import NEAREST, Lookahead, nearest_regions
+from planning.policies.search import Effort, Preferences, Search
+
+SOME = Effort(attempts=200)
+IN_ORDER = Preferences(lambda seen: lambda name: 0.0, lambda seen, name, rng: range(len(seen.regions)))
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def solve(world: WrittenWorld, *, most: int = 5, effort: Effort = SOME, preferences: Preferences = IN_ORDER) -> list[Choice]:
+    """The moves that a search finds, having been carried out: the target can be taken after them."""
+    state = world.start()
+    steps = Search(world, preferences, effort, most, rng()).run(state)
+    for step in steps:
+        done = world.relocate(state, *step.choice, rng())
+        assert isinstance(done, Done)
+        state = done.after
+    assert not steps or isinstance(world.retrieve_target(state, rng()), Done)
+    return [step.choice for step in steps]
+
+
+def test_a_chain_of_blockers_is_undone_from_its_end() -> None:
+    moves = solve(WrittenWorld("abc", at_first({"t": ["a"], "a": ["b"], "b": [""], "c": [""]})))
+    assert [name for name, _ in moves] == ["b", "a"]
+
+
+def test_no_more_moves_are_made_than_the_relaxed_plan_has() -> None:
+    world = WrittenWorld("abcxy", at_first({"t": ["a", "xy"], "a": ["b"], "b": ["c"], "c": [""], "x": [""], "y": [""]}))
+    assert sorted(name for name, _ in solve(world)) == ["x", "y"]
+
+
+def test_an_object_is_not_put_where_it_is_in_the_way_again() -> None:
+    def blocking(name: str, regions: Mapping[str, int]) -> Sequence[str]:
+        return ["a" if regions["a"] < 10 else ""] if name == "t" else [""]
+
+    world = WrittenWorld("a", blocking)
+    assert solve(world) == [("a", 10)]
+    assert world.tried[0] == ("a", 10)  # all others are not even tried
+
+
+def test_what_must_be_moved_twice_is() -> None:
+    """a can't go far at once; where it goes first it is in the way still."""
+
+    def blocking(name: str, regions: Mapping[str, int]) -> Sequence[str]:
+        return ["a" if regions["a"] != 15 else ""] if name == "t" else [""]
+
+    class Stepwise(WrittenWorld):
+        def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> object:  # type: ignore[override]
+            if region == 15 and self.regions_of(state.poses)["a"] != 3:
+                self.can = lambda choice: False
+            done = super().relocate(state, name, region, rng)
+            self.can = lambda choice: True
+            return done
+
+    assert solve(Stepwise("a", blocking)) == [("a", 3), ("a", 15)]
+
+
+def test_where_the_arm_does_not_get_to_an_object_another_goes_first() -> None:
+    ways = {"t": ["a"], "a": [""], "b": [""]}
+    world = WrittenWorld("ab", at_first(ways), reached=lambda name, regions: name != "a" or regions["b"] != -1)
+    moves = solve(world)
+    assert [name for name, _ in moves] == ["b", "a"]
+    assert sum(name == "a" for name, _ in world.tried) <= 3  # another region would not have helped
+
+
+def test_where_the_arm_does_not_get_to_the_target_something_is_moved_out_of_its_way() -> None:
+    world = WrittenWorld("ab", at_first({"t": [""], "a": [""], "b": [""]}), reached=lambda name, regions: name != "t" or regions["b"] != -1)
+    assert [name for name, _ in solve(world)] == ["b"]
+
+
+@pytest.mark.parametrize(("most", "found"), [(2, True), (1, False)])
+def test_no_search_goes_beyond_the_moves_that_are_left(most: int, found: bool) -> None:
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": [""]}))
+    assert bool(solve(world, most=most)) == found
+    assert found or not world.tried
+
+
+def test_a_search_ends_with_its_attempts() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
+    assert solve(world, effort=Effort(attempts=7)) == []
+    assert len(world.tried) == 7
+
+
+def test_cheap_objects_and_good_regions_are_tried_first() -> None:
+    ways = {"t": ["a", "b"], "a": [""], "b": [""]}
+    backwards = Preferences(lambda seen: {"a": 1.0, "b": 0.5}.__getitem__, lambda seen, name, rng: [12, 3])
+    assert solve(WrittenWorld("ab", at_first(ways)), preferences=backwards) == [("b", 12)]
+
+
+def test_nearest_regions_are_free_and_sorted() -> None:
+    world = WrittenWorld("ab", at_first({}))
+    seen = observe(world.scene, world.state)
+    regions = list(nearest_regions(seen, "a", rng()))
+    away = [float(np.linalg.norm(seen.regions[i, :2] - seen.boxes["a"][:2])) for i in regions]
+    assert away == sorted(away)
+    assert 0 < len(regions) < 16
+
+
+def proved(state: State) -> Unsolvable:
+    return Unsolvable(("a", "b"), ("another grasp of t",))
+
+
+def no_proof(state: State) -> None:
+    return None
+
+
+def look(world: WrittenWorld, **more: object) -> Lookahead:
+    return Lookahead(world, IN_ORDER, SOME, **{"prove": no_proof, "most": 5, **more})  # type: ignore[arg-type]
+
+
+def asked(policy: Lookahead, world: WrittenWorld) -> list[Choice]:
+    """All that a policy proposes in the world's state."""
+    seen: Observation = observe(world.scene, world.state)
+    return [(name, region) for name in policy.select(seen, rng()) for region in policy.place(seen, name, rng())]
+
+
+def test_moves_that_were_found_are_handed_out_one_by_one() -> None:
+    world = WrittenWorld("abc", at_first({"t": ["a"], "a": ["b"], "b": [""], "c": [""]}))
+    policy = look(world)
+    first = asked(policy, world)
+    assert [name for name, _ in first] == ["b"]
+    assert policy.outlook.least_moves == 2
+    searched = len(world.tried)
+    foreseen = policy._coming[0].after
+    world.state = foreseen
+    assert [name for name, _ in asked(policy, world)] == ["a"]
+    assert len(world.tried) == searched  # nothing was sought again
+
+
+def test_a_state_that_was_not_foreseen_is_thought_about_anew() -> None:
+    world = WrittenWorld("abc", at_first({"t": ["a"], "a": ["b"], "b": [""], "c": [""]}))
+    policy = look(world)
+    asked(policy, world)
+    world.state = world.start()
+    assert [name for name, _ in asked(policy, world)] == ["b"]
+    assert policy.outlook.least_moves == 2  # of the first state
+
+
+def test_where_the_quick_look_finds_no_way_a_thorough_one_does() -> None:
+    stuck = at_first({"t": ["a"], "a": ["b"], "b": ["a"]})
+    world = WrittenWorld("ab", stuck, finer=at_first({"t": ["a"], "a": ["b"], "b": ["a", ""]}))
+    assert [name for name, _ in asked(look(world, prove=proved), world)] == ["b"]
+
+
+def test_a_proof_ends_it_and_is_remembered() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": ["a"]}))
+    policy = look(world, prove=proved)
+    assert asked(policy, world) == []
+    assert policy.outlook.unsolvable == proved(world.state)
+    assert not world.tried
+
+
+def test_too_many_moves_are_not_begun() -> None:
+    world = WrittenWorld("abc", at_first({"t": ["a"], "a": ["b"], "b": ["c"], "c": [""]}))
+    policy = look(world, most=2)
+    assert asked(policy, world) == []
+    assert (policy.outlook.least_moves, world.tried) == (3, [])
+
+
+def test_a_glance_proposes_what_alone_is_in_the_way_where_it_is_not_and_tries_nothing() -> None:
+    def blocking(name: str, regions: Mapping[str, int]) -> Sequence[str]:
+        return ["a" if regions["a"] < 14 else "", "bc"] if name == "t" else [""]
+
+    world = WrittenWorld("abc", blocking)
+    policy = look(world, glance=True)
+    seen = observe(world.scene, world.state)
+    names = policy.select(seen, rng())
+    name = next(iter(names))
+    assert (name, list(policy.place(seen, name, rng()))) == ("a", [14, 15])
+    assert not world.tried
+    assert policy.outlook.least_moves == 1
+    assert [(n, r) for n in names for r in policy.place(seen, n, rng())] == [("a", 14)]  # what a search finds comes last
+    assert world.tried
+
+
+def test_a_glance_is_not_repeated_where_nothing_changed() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}))
+    policy = look(world, glance=True)
+    seen = observe(world.scene, world.state)
+    next(iter(policy.select(seen, rng())))
+    assert not world.tried
+    assert asked(policy, world) == [("a", 0)]
+    assert world.tried == [("a", 0)]
+
+
+def test_two_blockers_are_not_for_a_glance() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    first = asked(look(world, glance=True), world)
+    assert len(first) == 1
+    assert world.tried
+
+
+def test_preferences_of_the_shipped_policies_name_every_object() -> None:
+    world = WrittenWorld("ab", at_first({}))
+    seen = observe(world.scene, world.state)
+    assert [NEAREST.objects(seen)(name) for name in seen.movable] == [0.0, 0.0]

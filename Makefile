@@ -33,10 +33,13 @@ TABLE_SPECS ?= paper paper-any
 POLICIES ?= random local osnet-only rpnet-only neural-paper neural search
 RULES ?= deep region strict
 
-.PHONY: demo test bench weights table clean
+.PHONY: demo test docs bench weights table clean
 
 demo: $(VENV)/ready
 	$(RETRIEVE) demo --out out
+
+docs: $(VENV)/ready
+	$(BIN)/python -m mkdocs build --strict --quiet
 
 test: $(VENV)/ready
 	$(BIN)/ruff check .

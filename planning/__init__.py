@@ -1,1 +1,63 @@
-"""What to do: problems, grasps, motions, policies, and the retrieval loop that joins them."""
+"""What to do: scenes, grasps, motions, policies, and the retrieval loop that joins them; in five functions, `planning.library`."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from planning.library import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans
+    from planning.motion.pick_place import Motions
+    from planning.plan import Blocked, Motion, Move, Plan
+    from planning.policies import POLICIES, make_policy
+    from planning.retrieval import Policy, Rule, retrieve
+    from planning.verdict import Fault, judge
+
+__all__ = [
+    "POLICIES",
+    "Blocked",
+    "Fault",
+    "Motion",
+    "Motions",
+    "Move",
+    "Plan",
+    "Policy",
+    "Rule",
+    "judge",
+    "load_robot",
+    "make_policy",
+    "plan_scene",
+    "read_plans",
+    "read_scenes",
+    "retrieve",
+    "verify_plan",
+    "write_plans",
+]
+
+_WHERE = {
+    "Blocked": "planning.plan",
+    "Fault": "planning.verdict",
+    "Motion": "planning.plan",
+    "Motions": "planning.motion.pick_place",
+    "Move": "planning.plan",
+    "POLICIES": "planning.policies",
+    "Plan": "planning.plan",
+    "Policy": "planning.retrieval",
+    "Rule": "planning.retrieval",
+    "judge": "planning.verdict",
+    "load_robot": "planning.library",
+    "make_policy": "planning.policies",
+    "plan_scene": "planning.library",
+    "read_plans": "planning.library",
+    "read_scenes": "planning.library",
+    "retrieve": "planning.retrieval",
+    "verify_plan": "planning.library",
+    "write_plans": "planning.library",
+}
+
+
+def __getattr__(name: str) -> object:
+    """What `__all__` offers is imported when it is first asked for, so that importing the package costs nothing."""
+    if name in _WHERE:
+        return getattr(import_module(_WHERE[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,97 @@
+"""The library in five functions: read scenes, load a robot, plan, verify, write. `import planning` offers them.
+
+from planning import plan_scene, read_scenes, verify_plan
+
+for scene in read_scenes("scenes.jsonl"):
+    plan = plan_scene(scene, policy="local", seed=0)
+    print(scene.id, plan.success, plan.reason, verify_plan(scene, plan))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from kinematics.robots.robot import Robot, from_ref, load
+from kinematics.scene import Scene
+from planning.io import files
+from planning.learning.model import Model, ships
+from planning.motion.pick_place import ITERATIONS, Motions
+from planning.plan import Plan
+from planning.policies import make_policy
+from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
+from planning.verdict import Fault, judge, judge_grasp
+
+STAGE = 4
+"""What a plan's random numbers are drawn from, beside the seed and the scene: other stages have other numbers."""
+
+
+def load_robot(name: str, hand_frame: str | None = None, gripper_joint: str | None = None) -> Robot:
+    """A named robot ("ur5e", "panda", "gen3"), or one's own URDF file with its grasp point's link and the joint that opens the fingers.
+
+    Raises: ValueError that says what the file lacks.
+    """
+    return load(name, hand_frame, gripper_joint)
+
+
+def read_scenes(file: str | Path) -> Iterator[Scene]:
+    """The scenes of a JSON Lines file, one after the other. Raises: InputError with line and field of what is wrong."""
+    return (scene for _, scene in files.read_scenes(Path(file)))
+
+
+def read_plans(file: str | Path) -> Iterator[Plan]:
+    """The plans of a JSON Lines file. Raises: InputError with line and field of what is wrong."""
+    return (plan for _, plan in files.read_plans(Path(file)))
+
+
+def write_plans(plans: Iterable[Plan], file: str | Path) -> None:
+    """Write plans as JSON Lines, beside the name first. Raises: InputError when the file can't be written."""
+    with files.plan_writer(Path(file)) as write:
+        for plan in plans:
+            write(plan)
+
+
+def plan_scene(
+    scene: Scene,
+    policy: str | Callable[[Motions], Policy] | None = None,
+    *,
+    model: Model | None = None,
+    rule: Rule | str = Rule.DEEP,
+    seed: int = 0,
+    max_moves: int = MAX_MOVES,
+    iterations: int = ITERATIONS,
+    time_budget_s: float | None = None,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Plan one scene: moves of other objects, then the grasp x_g and the way out. The same seed gives the same plan.
+
+    policy: a name (`planning.policies` lists them), or a function that makes one from the scene's `Motions`; by default the networks
+    where some ship for the robot, else "local". model: networks of one's own. iterations: of one RRT-Connect; time_budget_s: seconds
+    instead, which can't be repeated exactly. on_step: told of each step as it is taken.
+
+    The plan says whether it succeeded, or at which stage which link met which body. Raises: ValueError when the robot can't be loaded, or
+    can't stand there.
+    """
+    robot, rule = from_ref(scene.robot), Rule(rule)
+    if policy is None:
+        policy = default_policy(robot.name, model)
+    name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
+    if (wrong := judge_grasp(robot, scene)) is not None:
+        return failed(scene, wrong, name=name, rule=rule)
+    motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s)
+    motions.start()
+    chooses = make_policy(policy, motions, model=model) if isinstance(policy, str) else policy(motions)
+    rng = np.random.default_rng([seed, STAGE, scene.random_word])
+    return retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
+
+
+def verify_plan(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
+    """Everything that is wrong with a plan, judged from scene and plan alone; nothing when it holds."""
+    return judge(scene, plan, from_ref(scene.robot))
+
+
+def default_policy(robot: str, model: Model | None = None) -> str:
+    """The policy when none is asked for: "neural" where there are networks for the robot, else "local"."""
+    return "neural" if model is not None or ships(robot) else "local"

@@ -127,7 +127,7 @@ def handmade(ur5e: Robot) -> Handmade:
     arm.line("retreat", back, release="can")
     arm.line("transit", box[:3, 3] + back - (aside[:3, 3] + back))
     arm.pick("box", box, back, lift)
-    arm.line("transfer", np.array([-0.26, 0, 0.05]))
+    arm.line("transfer", np.array([-0.29, 0, 0.05]))
     plan = {
         "schema": "retrieve/plan@1", "scene": "handmade", "policy": "by hand", "rule": "deep", "success": True, "reason": None,
         "moves": [{"object": "can", "region": 28, "T_world_from": pose(can), "T_world_to": pose(aside), "done": True, "reason": None}],

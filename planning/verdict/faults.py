@@ -29,7 +29,7 @@ class Settings:
     overlap_m: float = 0.003
     stands_m: float = 0.001
     pose_m: float = 0.001
-    pose_rad: float = 0.002
+    pose_rad: float = 0.001
     step_m: float = 0.002
     max_tilt_deg: float | None = None
     contact: bool = True

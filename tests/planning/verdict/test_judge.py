@@ -1,0 +1,323 @@
+"""Plans that hold, and the same with one thing wrong: the verdict names it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import test_second_engine as spoilers
+from conftest import SIDEWAYS, Handmade, Json, make_plan, pose
+
+from kinematics.robots.robot import Robot, load
+from kinematics.transforms import rotation_about, transform
+from planning.io.plan_documents import plan_from_json
+from planning.io.scene_documents import scene_from_json
+from planning.retrieval import hand_travel, objective
+from planning.verdict import Settings, Verdict, examine
+
+Change = Callable[[Json, Json], object]
+
+
+@pytest.fixture(scope="module")
+def honest(handmade: Handmade, ur5e: Robot) -> Handmade:
+    """The plan made by hand, with the figures that it has."""
+    scene, plan = scene_from_json(handmade.scene), plan_from_json(handmade.plan)
+    figures = {"hand_travel_m": hand_travel(ur5e, scene, plan.motions), "return": objective(scene, plan.moves, True)}
+    return Handmade(handmade.scene, {**handmade.plan, **figures, "moves": [{**handmade.plan["moves"][0], "region": region(handmade)}]})
+
+
+def region(handmade: Handmade) -> int:
+    """Where the can is put."""
+    p = np.array(handmade.plan["moves"][0]["T_world_to"]["p"]) - handmade.scene["cabinet"]["T_world_cabinet"]["p"]
+    return int(p[0] / 0.056) * 10 + int((p[1] + 0.43) / 0.086)
+
+
+def verdict(made: Handmade, robot: Robot, change: Change | None = None, **asked: float | bool) -> Verdict:
+    scene, plan = json.loads(json.dumps([made.scene, made.plan]))
+    if change is not None:
+        change(scene, plan)
+    return examine(scene_from_json(scene), plan_from_json(plan), robot, Settings(**asked))  # type: ignore[arg-type]
+
+
+def test_a_plan_made_by_hand_holds(honest: Handmade, ur5e: Robot) -> None:
+    assert verdict(honest, ur5e) == Verdict((), (), True)
+
+
+@pytest.mark.parametrize(("spec", "index", "policy"), [("paper", 0, "local"), ("paper-any", 1, "random"), ("shelf", 0, "local")])
+def test_plans_of_ours_hold(ur5e: Robot, spec: str, index: int, policy: str) -> None:
+    made = make_plan(ur5e, spec, index, policy)
+    found = verdict(made, ur5e)
+    assert found.verified, [str(f) for f in found.faults]
+    assert made.plan["verified"]
+
+
+@pytest.mark.parametrize("name", ["panda", "gen3"])
+def test_plans_of_other_robots_hold(name: str) -> None:
+    try:
+        robot = load(name)
+    except ValueError:
+        pytest.skip(f"the package of {name} is not installed")
+    found = verdict(make_plan(robot, "paper", 0, "local"), robot)
+    assert found.verified, [str(f) for f in found.faults]
+
+
+# ------------------------------------------------------------------------------------------------------------------- one thing wrong
+
+
+def of(plan: Json, stage: str) -> Json:
+    return spoilers.stage(plan, stage)
+
+
+def _held(plan: Json, body: str) -> list[Json]:
+    return [m for m in plan["motions"] if m["held"] and m["held"]["body"] == body]
+
+
+def _fingers_open_while_they_hold(_: Json, plan: Json) -> None:
+    for q in _held(plan, "can")[-1]["q"][1:]:
+        q[-1] -= 0.02
+
+
+def _x_g_missed(scene: Json, _: Json) -> None:
+    scene["grasp"]["T_world_hand"]["p"][2] += 0.004
+
+
+def _x_g_turned(scene: Json, _: Json) -> None:
+    T = transform(SIDEWAYS @ rotation_about((0, 0, 1), 0.02))
+    scene["grasp"]["T_world_hand"] = {**pose(T), "p": scene["grasp"]["T_world_hand"]["p"]}
+
+
+def _another_width(scene: Json, _: Json) -> None:
+    """The can was thinner than the fingers close."""
+    scene["objects"][0]["shape"]["radius_m"] = 0.022
+
+
+def _fatter(scene: Json, _: Json) -> None:
+    scene["objects"][0]["shape"]["radius_m"] = 0.027
+
+
+def _floats(scene: Json, _: Json) -> None:
+    body = {"name": "kite", "shape": {"type": "box", "size_m": [0.03, 0.03, 0.03]}, "T_world_object": pose(transform(p=[0.9, -0.3, 0.3]))}
+    scene["objects"].append(body)
+
+
+def _on_an_edge(scene: Json, _: Json) -> None:
+    R = rotation_about((1.0, 0.0, 0.0), 0.6)
+    up = float(np.abs(R[2]) @ [0.02, 0.02, 0.04])
+    body = {"name": "leaf", "shape": {"type": "box", "size_m": [0.04, 0.04, 0.08]}}
+    scene["objects"].append({**body, "T_world_object": pose(transform(R, [0.9, -0.3, 0.10 + up]))})
+
+
+def _longer_way(_: Json, plan: Json) -> None:
+    plan["hand_travel_m"] += 0.2
+
+
+def _better_return(_: Json, plan: Json) -> None:
+    plan["return"] += 0.5
+
+
+def _another_region(_: Json, plan: Json) -> None:
+    plan["moves"][0]["region"] = 11
+
+
+def _no_such_region(_: Json, plan: Json) -> None:
+    plan["moves"][0]["region"] = 100
+
+
+def _late(_: Json, plan: Json) -> None:
+    motion = plan["motions"][2]
+    motion["t_s"] = [t + 1.0 for t in motion["t_s"]]
+
+
+def _elsewhere_at_first(scene: Json, _: Json) -> None:
+    scene.update(schema="retrieve/scene@2")
+    scene["robot"]["q_start"] = {"elbow_joint": 1.0}
+
+
+def _obstacle(scene: Json, _: Json) -> None:
+    post = {"name": "post", "shape": {"type": "box", "size_m": [0.05, 0.002, 0.3]}, "T_world_object": pose(transform(p=[0.62, 0.15, 0.26]))}
+    scene.update(schema="retrieve/scene@2", obstacles=[post])
+
+
+def _unknown_joint(_: Json, plan: Json) -> None:
+    plan["motions"][1]["joint_names"][0] = "shoulder"
+
+
+def _joint_left_out(_: Json, plan: Json) -> None:
+    motion = plan["motions"][1]
+    motion.update(joint_names=motion["joint_names"][1:], q=[q[1:] for q in motion["q"]])
+
+
+def _joint_twice(_: Json, plan: Json) -> None:
+    plan["motions"][1]["joint_names"][0] = plan["motions"][1]["joint_names"][1]
+
+
+def _huge(_: Json, plan: Json) -> None:
+    plan["motions"][1]["q"][0][0] = 1e300
+
+
+def _huge_in_the_hand(_: Json, plan: Json) -> None:
+    _held(plan, "can")[0]["held"]["T_hand_body"]["p"][0] = 1e300
+
+
+def _nobody_moved(_: Json, plan: Json) -> None:
+    plan["moves"][0]["object"] = "nobody"
+
+
+@pytest.mark.parametrize(
+    ("change", "stage", "word"),
+    [
+        (spoilers._into_a_wall, "transfer", "inside left"),
+        (spoilers._gap, "", "starts 0.001 from where"),
+        (spoilers._too_fast, "", "velocity"),
+        (spoilers._outside_the_limits, "", "beyond its limits"),
+        (spoilers._time_stands_still, "approach", "velocity of inf"),
+        (spoilers._held_elsewhere, "lift", "is not where the hand takes it: 2.0 mm"),
+        (spoilers._held_askew, "lift", "is not where the hand takes it: 0.0 mm and 0.1°"),
+        (spoilers._moved_object_dropped, "moves", "not in the scene"),
+        (spoilers._obstacle_in_the_way, "transfer", "inside plate"),
+        (spoilers._obstacle_where_the_can_goes, "lower", "inside low"),
+        (spoilers._fingers_may_not_touch, "", "pad is"),
+        (spoilers._let_go_in_the_air, "release", "30.0 mm above the floor"),
+        (spoilers._open_hand_carries, "grasp", "stops 15.0 mm before can"),
+        (spoilers._squeezed, "grasp", "inside can"),
+        (spoilers._move_says_otherwise, "moves", "3.0 mm"),
+        (spoilers._move_forgotten, "moves", "the motions move can"),
+        (spoilers._move_never_made, "moves", "can, box was moved"),
+        (spoilers._target_still_inside, "plan", "inside the cabinet"),
+        (spoilers._success_with_an_empty_hand, "plan", "holds nothing"),
+        (spoilers._other_scene, "plan", "'another'"),
+        (_joint_left_out, "", "does not say where 'shoulder_pan_joint' is"),
+        (spoilers._base_moved, "lift", "can is not where the hand takes it: 20.0 mm"),
+        (_fingers_open_while_they_hold, "", "while they hold can"),
+        (_x_g_missed, "grasp", "4.0 mm and 0.0° from the grasp that was asked for"),
+        (_x_g_turned, "grasp", "from the grasp that was asked for"),
+        (_another_width, "grasp", "stops 3.0 mm before can"),
+        (_fatter, "grasp", "2.0 mm inside can"),
+        (_floats, "scene", "kite is 185.0 mm above the floor"),
+        (_on_an_edge, "scene", "leaf falls over"),
+        (_longer_way, "plan", "hand_travel_m"),
+        (_better_return, "plan", "return"),
+        (_another_region, "moves", "outside region 11"),
+        (_no_such_region, "moves", "there are 100"),
+        (_late, "", "begins at 1.000 s"),
+        (_elsewhere_at_first, "", "from where the scene says"),
+        (_obstacle, "transfer", "inside post"),
+        (_unknown_joint, "", "'shoulder', which is no actuated joint"),
+        (_joint_twice, "", "names a joint twice"),
+        (_huge, "", "1e+300"),
+        (_huge_in_the_hand, "", "1e+300"),
+        (_nobody_moved, "moves", "'nobody'"),
+    ],
+)
+def test_what_is_wrong_is_named(honest: Handmade, ur5e: Robot, change: Change, stage: str, word: str) -> None:
+    found = verdict(honest, ur5e, change)
+    assert found.verified is False
+    assert any(stage in f.stage and word in f.detail for f in found.faults), [str(f) for f in found.faults]
+
+
+def test_faults_say_whose_and_how_much(honest: Handmade, ur5e: Robot) -> None:
+    (fault,) = (f for f in verdict(honest, ur5e, _x_g_missed).faults if "asked for" in f.detail)
+    assert fault.bodies == ("hand", "box")
+    assert fault.amount == pytest.approx(0.004, abs=1e-5)
+
+
+def test_friction_and_tilt_are_settings(honest: Handmade, ur5e: Robot) -> None:
+    assert verdict(honest, ur5e, mu=0.05).verified  # square to the faces, nothing slips
+    assert verdict(honest, ur5e, max_tilt_deg=1.0).verified  # the hand keeps level
+
+    def tip(_: Json, plan: Json) -> None:
+        last = plan["motions"][-1]
+        last["q"].append([*last["q"][-1][:5], last["q"][-1][5] + 0.5, last["q"][-1][6]])
+        last["t_s"].append(last["t_s"][-1] + 2.0)
+
+    assert verdict(honest, ur5e, tip).verified
+    found = verdict(honest, ur5e, tip, max_tilt_deg=20.0)
+    assert [f.detail for f in found.faults] == ["motion 11: box leans by 28.6°, and may by 20°"]
+
+    def limited(scene: Json, plan: Json) -> None:
+        tip(scene, plan)
+        scene.update(schema="retrieve/scene@2")
+        scene["objects"][1]["max_tilt_deg"] = 25.0
+
+    assert [f.bodies for f in verdict(honest, ur5e, limited).faults] == [("box",)]
+    assert [f.bodies for f in verdict(honest, ur5e, limited, max_tilt_deg=180.0).faults] == [("box",)]
+
+
+def test_the_order_of_joints_does_not_matter(honest: Handmade, ur5e: Robot) -> None:
+    def turn(_: Json, plan: Json) -> None:
+        for motion in plan["motions"]:
+            motion["joint_names"] = motion["joint_names"][::-1]
+            motion["q"] = [q[::-1] for q in motion["q"]]
+
+    assert verdict(honest, ur5e, turn).verified
+
+
+def test_without_contacts_all_else_is_judged(honest: Handmade, ur5e: Robot) -> None:
+    assert verdict(honest, ur5e, _obstacle, contact=False).verified
+    assert verdict(honest, ur5e, _obstacle).verified is False
+    assert verdict(honest, ur5e, _x_g_missed, contact=False).verified is False
+
+
+def test_a_plan_without_motions_is_neither_true_nor_false(honest: Handmade, ur5e: Robot) -> None:
+    def nothing(_: Json, plan: Json) -> None:
+        plan.update(motions=[], moves=[], success=False)
+
+    assert verdict(honest, ur5e, nothing) == Verdict((), (), None)
+    assert verdict(honest, ur5e, lambda s, p: p.update(motions=[], moves=[])).verified is False
+    assert verdict(honest, ur5e, lambda s, p: p.update(motions=[], success=False)).verified is False
+
+
+def test_a_world_that_is_turned_is_the_same(honest: Handmade, ur5e: Robot) -> None:
+    T = transform(rotation_about((0, 0, 1), 2.0), [0.3, -1.0, 0.4])
+    scene, plan = scene_from_json(honest.scene), plan_from_json(honest.plan)
+    turned = replace(
+        scene,
+        robot=replace(scene.robot, T_world_base=T @ scene.robot.T_world_base),
+        cabinet=replace(scene.cabinet, T_world_cabinet=T @ scene.cabinet.T_world_cabinet),
+        objects=tuple(replace(b, T_world_body=T @ b.T_world_body) for b in scene.objects),
+        grasp=replace(scene.x_g, T_world_hand=T @ scene.x_g.T_world_hand),
+    )
+    moves = tuple(replace(m, T_world_from=T @ m.T_world_from, T_world_to=T @ m.T_world_to) for m in plan.moves)
+    assert examine(turned, replace(plan, moves=moves), ur5e).verified
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- splines
+
+
+def smooth(plan: Json, slower: float = 2.5) -> None:
+    """From row to row at rest, with the least jerk: the same way, as a spline."""
+    for motion in plan["motions"]:
+        zero = [[0.0] * len(motion["q"][0]) for _ in motion["q"]]
+        motion.update(qd=zero, qdd=zero, t_s=[slower * t for t in motion["t_s"]])
+
+
+def splined(made: Handmade, robot: Robot, slower: float = 2.5, change: Callable[[Json], None] = lambda m: None) -> Verdict:
+    scene, plan = json.loads(json.dumps([made.scene, made.plan]))
+    smooth(plan, slower)
+    change(plan["motions"][0])
+    made_plan = plan_from_json(plan)
+    if not hasattr(made_plan.motions[0], "qd"):
+        pytest.skip("plans have no velocities yet")
+    motions = tuple(replace(m, qd=np.array(j["qd"]), qdd=np.array(j["qdd"])) for m, j in zip(made_plan.motions, plan["motions"]))
+    return examine(scene_from_json(scene), replace(made_plan, motions=motions), robot)
+
+
+def test_splines_are_judged_between_their_rows(honest: Handmade, ur5e: Robot) -> None:
+    assert splined(honest, ur5e, 12.0).verified
+    words = " ".join(str(f) for f in splined(honest, ur5e, 1.0).faults)
+    assert "velocity" in words
+    assert "acceleration" in words
+
+
+def test_splines_that_do_not_rest_or_swing_out_are_found(honest: Handmade, ur5e: Robot) -> None:
+    def runs_on(motion: Json) -> None:
+        motion["qd"][-1][0] = 0.3
+
+    def swings(motion: Json) -> None:
+        motion["qd"][2][0] = 3.0
+
+    assert any("does not rest" in f.detail for f in splined(honest, ur5e, 12.0, runs_on).faults)
+    assert any("velocity" in f.detail for f in splined(honest, ur5e, 12.0, swings).faults)

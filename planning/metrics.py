@@ -18,10 +18,10 @@ from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, n
 MEASURES = ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
 """The fields of `Episode` that are averaged: objects moved, times of choosing and of motion planning, length of the hand's way, eq. 1."""
 
-KINDS = ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable")
+KINDS = ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable", "scene")
 """Why a scene stays unsolved (`failure`), in the order in which a move gets there; at the end what was proved beforehand."""
 
-SAID = ("look", "verify", "moves", "unsolvable")
+SAID = ("look", "verify", "moves", "unsolvable", "scene")
 """Kinds of failure that the reason's stage says outright."""
 
 SHARES = (0.1, 0.5, 0.9, 0.95)
@@ -84,8 +84,8 @@ class Episode:
 def failure(plan: Plan) -> str:
     """Why a plan failed, one of `KINDS`.
 
-    verify: the exact check refused its motions. look: the target was not found. moves: more are needed than are allowed. unsolvable: no
-    move helps. Else the plan ends in a state where the target can't be
+    scene: it can't be meant. verify: the exact check refused its motions. look: the target was not found. moves: more are needed than are
+    allowed. unsolvable: no move helps. Else the plan ends in a state where the target can't be
     taken, and what counts is how far the attempts got in that state. pick: no proposed object could be taken hold of; region: one could,
     but all its proposed places were taken; place: one was free, but the object could not be carried there. Where nothing was attempted,
     retrieve: all moves that are allowed were made, and the target is still blocked; selection: the policy proposed nothing.

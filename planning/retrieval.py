@@ -197,9 +197,9 @@ def conclude(
     return replace(plan, success=False, reason=why, value=objective(scene, moves, False))
 
 
-def failed(scene: Scene, detail: str, *, name: str, rule: Rule) -> Plan:
-    """The plan of a scene that can't be meant: nothing was tried."""
-    return Plan(scene.id, name, str(rule), False, Blocked(SCENE, detail=detail), (), (), 0.0, 0.0, 0.0, 0.0, None)
+def failed(scene: str, detail: str, *, name: str, rule: Rule) -> Plan:
+    """The plan of a scene, told by its id, that can't be meant: nothing was tried."""
+    return Plan(scene, name, str(rule), False, Blocked(SCENE, detail=detail), (), (), 0.0, 0.0, 0.0, 0.0, None)
 
 
 def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:

@@ -88,6 +88,9 @@ At = Annotated[Engine, typer.Option("--engine", help="Where the processes run: h
 Address = Annotated[
     str | None, typer.Option("--address", help="The cluster's address; without it, one of its own on this machine.", metavar="HOST:PORT")
 ]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on with what an earlier call, which was broken off, has left beside the file of -o.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -145,6 +148,7 @@ def gen(
     workers: Workers = None,
     engine: At = Engine.local,
     address: Address = None,
+    resume: Resume = False,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Scenes, JSON Lines; stdout if left out.", metavar="FILE")] = None,
 ) -> Job:
     """Generate scenes: the target is blocked at first, and can be reached in the empty cabinet."""
@@ -158,6 +162,7 @@ def gen(
         hand_frame=hand_frame,
         gripper_joint=gripper_joint,
         spec=spec,
+        resume=resume,
         out=out,
         workers=workers,
         engine=engine.value,
@@ -182,6 +187,7 @@ def sense(
         str | None, typer.Option("--target-box", help="Where the target is, in the world: centre and size.", metavar="CX,CY,CZ,DX,DY,DZ")
     ] = None,
     seed: Seed = 0,
+    resume: Resume = False,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Observed scenes, JSON Lines; stdout if left out.", metavar="FILE")
     ] = None,
@@ -200,6 +206,7 @@ def sense(
         by=by.value,
         target_box=target_box,
         seed=seed,
+        resume=resume,
         out=out,
     )
 
@@ -325,6 +332,10 @@ def plan(
     workers: Workers = None,
     engine: At = Engine.local,
     address: Address = None,
+    resume: Resume = False,
+    fail_fast: Annotated[
+        bool, typer.Option("--fail-fast", help="End at a scene that can't be meant, instead of saying so in its plan.")
+    ] = False,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Plans, JSON Lines; stdout if left out.", metavar="FILE")] = None,
 ) -> Job:
     """Plan moves and motions that take the target out, or say why there are none."""
@@ -349,6 +360,8 @@ def plan(
         target_box=target_box,
         html=html,
         strict=strict,
+        resume=resume,
+        fail_fast=fail_fast,
         out=out,
         workers=workers,
         engine=engine.value,

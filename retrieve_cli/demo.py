@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame
-from planning.io.files import plan_writer, read_scenes, scene_writer, write_text
+from planning.io.files import read_scenes
+from planning.io.outputs import write_text
+from planning.io.results import plan_writer, scene_writer
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import blame
-from planning.io.files import scene_writer
+from planning.io.results import scene_writer
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.terminal import announce_first_run, progress, say
+from retrieve_cli.version import version
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
@@ -29,6 +32,7 @@ def run(
     workers: int | None = None,
     engine: str = "local",
     address: str | None = None,
+    resume: bool = False,
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
     from kinematics.robots.robot import load
@@ -39,9 +43,10 @@ def run(
         wanted = load_spec(spec)
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
     make = partial(make_scene, wanted, robot_ref(arm, hand_frame), seed)
-    scenes = map_ordered(make, range(n), workers=workers, engine=engine, address=address)
-    with scene_writer(out) as write, progress("scenes", n, out=out) as advance:
-        for scene in scenes:
+    robots = (arm.name, hand_frame, gripper_joint)
+    asked = {"command": "gen", "version": version(), "seed": seed, "spec": spec_hash(wanted), "robot": robots}
+    with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", n, out=out) as advance:
+        for scene in map_ordered(make, write.left(range(n), key=str), workers=workers, engine=engine, address=address):
             write(scene)
             advance()
 
@@ -53,6 +58,12 @@ def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
 
     with blame("gen", NoScene):
         return generate(spec, from_ref(ref), ref, seed, index)
+
+
+def spec_hash(spec: Spec) -> str:
+    """What tells a spec from any other."""
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(spec).items()}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:

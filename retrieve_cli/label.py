@@ -16,7 +16,7 @@ from kinematics.errors import InputError, blame
 from planning.io.files import read_scenes
 from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
-from retrieve_cli.gen import robot_ref
+from retrieve_cli.gen import robot_ref, spec_hash
 from retrieve_cli.terminal import announce_first_run, say
 
 if TYPE_CHECKING:
@@ -155,16 +155,11 @@ def _made(
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
     variety = Variety() if vary else Variety(0.0, 0.0, None)
     source = {
-        "specs": [{"name": Path(which).name, "sha256": _hash(vars(s))} for which, s in zip(spec, specs)],
+        "specs": [{"name": Path(which).name, "sha256": spec_hash(s)} for which, s in zip(spec, specs)],
         "variety": vars(variety),
     }
     items = [Item(i, f"label: scene {i}") for i in range(n)]
     return items, {"robot": arm.name, "source": source}, specs, robot_ref(arm, hand_frame), variety
-
-
-def _hash(values: Mapping[str, Any]) -> str:
-    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+import hashlib
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
-from itertools import chain
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from kinematics.errors import InputError, blame, choose
-from planning.io.files import plan_writer, read_scenes, replacing
+from planning.io.files import UNREADABLE, SceneLine, read_plans, read_scene_lines
+from planning.io.outputs import is_special, place_for
+from planning.io.results import plan_writer
+from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.sense import parse_box
 from retrieve_cli.terminal import announce_first_run, progress, say
+from retrieve_cli.version import version
 
 if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
-    from planning.plan import Plan
 
 STAGE = 4  # this stage's word in the seeds of random generators
 
@@ -39,15 +42,16 @@ class Job:
     noise: bool = False
     by: Literal["mask", "geometry"] = "mask"
     target_box: str | None = None
+    fail_fast: bool = False
 
 
-@dataclass(frozen=True)
-class Item:
-    """One scene to plan, its number and where it was read."""
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What became of a line: its plan, its scene if it has one, and what is wrong with it if it can't be meant."""
 
-    index: int
-    where: str
-    scene: Scene
+    plan: Plan
+    scene: Scene | None
+    error: str = ""
 
 
 def run(
@@ -73,105 +77,145 @@ def run(
     noise: bool = False,
     by: Literal["mask", "geometry"] = "mask",
     target_box: str | None = None,
+    resume: bool = False,
+    fail_fast: bool = False,
 ) -> int:
-    """Plan every scene; 1 when `strict` and some scene is unsolved."""
-    from planning.learning.model import once_loaded
-    from planning.policies import NETWORKS, POLICIES
+    """Plan every scene; 1 when `strict` and some scene is unsolved.
 
-    if policy is not None:
-        choose("policy", policy, POLICIES)
-    if model is not None and policy is not None and policy not in NETWORKS:
-        raise InputError(f"plan: --model: the policy {policy} asks no network; {', '.join(NETWORKS)} do")
-    if model is not None:
-        with blame("plan: --model"):
-            once_loaded(str(model))
-    if iterations is not None and time_budget_s is not None:
-        raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
-    if time_budget_s is not None:
-        say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
-    for given, option in ((noise, "--noise"), (by != "mask", "--by"), (target_box is not None, "--target-box")):
-        if given and not sense:
-            raise InputError(f"plan: {option} is for --sense: without it nothing is looked at")
-    if target_box is not None:
-        parse_box(target_box, "plan")
-    announce_first_run()
-    unsolved = 0
-    first: Item | None = None
-
-    def items() -> Iterator[Item]:
-        nonlocal first
-        for index, (where, scene) in enumerate(read_scenes(scenes)):
-            if robot or hand_frame or gripper_joint:
-                scene = replace(scene, robot=other_robot(scene.robot, robot, hand_frame, gripper_joint, where))
-            item = Item(index, where, scene)
-            first = first or item
-            yield item
-
-    one = partial(
-        plan_scene,
-        Job(policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box),
+    A scene that can't be meant gets a plan that failed at stage `scene`; with `fail_fast`, or when there is no other scene, it is an error.
+    """
+    job = Job(
+        policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast
     )
-    plans = map_ordered(one, items(), workers=workers, engine=engine, address=address)
-    with plan_writer(out) as write, progress("plans", out=out) as advance, replacing(html) if html else nullcontext() as page:
-        shown: Plan | None = None
-        for plan in refuse_alone(plans, lambda: first):
-            write(plan)
-            unsolved += not plan.success
-            advance()
-            shown = shown or plan
-        if page is not None and first is not None and shown is not None:
-            from retrieve_cli.show import write_html
+    _check(job)
+    if html is not None and not is_special(html):
+        place_for(html)
+    announce_first_run()
+    override = (robot, hand_frame, gripper_joint)
+    asked = {
+        **asdict(replace(job, fail_fast=False)),
+        "command": "plan",
+        "version": version(),
+        "robot": override,
+        "networks": _digest(model),
+    }
+    drawable: list[SceneLine] = []  # until one is found to be drawn
+    picture: tuple[Scene, Plan] | None = None
 
-            write_html(first.scene, shown, page)
+    def lines() -> Iterator[SceneLine]:
+        for line in read_scene_lines(scenes):
+            line = _overridden(line, *override)
+            if html is not None and picture is None:
+                drawable.append(line)
+            yield line
+
+    with plan_writer(out, asked=asked, resume=resume, tell=say) as write, progress("plans", out=out) as advance:
+        left = write.left(lines(), key=lambda line: line.key)
+        unsolved = 0
+        for answer in _meant(map_ordered(partial(plan_line, job), left, workers=workers, engine=engine, address=address), write.kept > 0):
+            write(answer.plan)
+            unsolved += not answer.plan.success
+            if answer.error:
+                say(f"{answer.error} (its plan says so)")
+            elif picture is None and answer.scene is not None:
+                picture = answer.scene, answer.plan
+            advance()
+    if strict and write.kept:
+        unsolved += sum(not plan.success for _, plan in islice(read_plans(out), write.kept))
+    if html is not None and write.kept:
+        kept = zip(drawable, read_plans(out))
+        picture = next(((line.scene, plan) for line, (_, plan) in kept if line.scene is not None and not _refused(plan)), None)
+    if html is not None and picture is not None:
+        from retrieve_cli.show import write_html
+
+        write_html(*picture, html)  # the plans are written by now, whatever becomes of their picture
     return UNSOLVED if strict and unsolved else DONE
 
 
-def refuse_alone(plans: Iterable[Plan], first: Callable[[], Item | None]) -> Iterator[Plan]:
-    """The plans, one after the other. Raises: InputError when there is one alone, and its scene can't be meant.
+def _check(job: Job) -> None:
+    """Raises: InputError for options that do not go together, or a model that can't be loaded."""
+    from planning.learning.model import once_loaded
+    from planning.policies import NETWORKS, POLICIES
 
-    first: the item of the first plan. In a batch such a plan is one of those that failed.
+    if job.policy is not None:
+        choose("policy", job.policy, POLICIES)
+    if job.model is not None and job.policy is not None and job.policy not in NETWORKS:
+        raise InputError(f"plan: --model: the policy {job.policy} asks no network; {', '.join(NETWORKS)} do")
+    if job.model is not None:
+        with blame("plan: --model"):
+            once_loaded(job.model)
+    if job.iterations is not None and job.time_budget_s is not None:
+        raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
+    if job.time_budget_s is not None:
+        say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
+    for given, option in ((job.noise, "--noise"), (job.by != "mask", "--by"), (job.target_box is not None, "--target-box")):
+        if given and not job.sense:
+            raise InputError(f"plan: {option} is for --sense: without it nothing is looked at")
+    if job.target_box is not None:
+        parse_box(job.target_box, "plan")
+
+
+def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
+    """The answers, those about lines that can't be meant held back until there is another one; some: there was one before.
+
+    Raises: InputError, the first complaint, when there is no other line at all.
     """
-    from planning.plan import SCENE
-
-    rest = iter(plans)
-    plan = next(rest, None)
-    if plan is None:
-        return
-    if plan.reason is not None and plan.reason.stage == SCENE:
-        after, item = next(rest, None), first()
-        if after is None and item is not None:
-            raise InputError(f"{item.where}: grasp: {plan.reason.detail}")
-        rest = chain(() if after is None else (after,), rest)
-    yield plan
-    yield from rest
+    refused: list[Answer] = []
+    for answer in answers:
+        if answer.error and not some:
+            refused.append(answer)
+            continue
+        some = True
+        yield from (*refused, answer)
+        refused.clear()
+    if refused:
+        more = f"; nor can the {len(refused) - 1} lines after it" if len(refused) > 1 else ""
+        raise InputError(refused[0].error + more)
 
 
-def plan_scene(job: Job, item: Item) -> Plan:
-    """The plan of one scene. Raises: InputError when the robot can't be loaded, or can't stand there."""
+def plan_line(job: Job, line: SceneLine) -> Answer:
+    """The plan of a line, or one that failed at stage `scene`. Raises: InputError for such a line when the job is to fail fast."""
+    error = line.error
+    if line.scene is not None:
+        try:
+            return Answer(plan_scene(job, line.where, line.scene), line.scene)
+        except InputError as e:
+            error = str(e)
+    if job.fail_fast:
+        raise InputError(error)
+    robot = line.scene.robot.name if line.scene is not None else None
+    policy = job.policy or _default_policy(robot or "ur5e", job.model)
+    from planning.retrieval import Rule, failed
+
+    return Answer(failed(line.id, error.removeprefix(f"{line.where}: "), name=policy, rule=Rule(job.rule)), line.scene, error)
+
+
+def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
+    """The plan of one scene. Raises: InputError, beginning with `where`, when the robot can't be loaded, or can't stand there."""
     import numpy as np
 
     from kinematics.robots.robot import from_ref
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS, Motions
     from planning.policies import make_policy
-    from planning.retrieval import Rule, failed, retrieve
+    from planning.retrieval import Rule, retrieve
     from planning.verdict import judge_grasp
 
     if job.sense:
-        return sense_and_plan(job, item)
-    with blame(item.where):
-        arm = from_ref(item.scene.robot, on_step=say)
-        if (wrong := judge_grasp(arm, item.scene)) is not None:
-            return failed(item.scene, wrong, name=job.policy or _default_policy(arm.name, job.model), rule=Rule(job.rule))
-        motions = Motions(arm, item.scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
+        return sense_and_plan(job, where, scene)
+    with blame(where, *UNREADABLE):
+        arm = from_ref(scene.robot, on_step=say)
+        if (wrong := judge_grasp(arm, scene)) is not None:
+            raise ValueError(f"grasp: {wrong}")
+        motions = Motions(arm, scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
         policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None, max_moves=job.max_moves)
-    rng = np.random.default_rng([job.seed, STAGE, item.scene.random_word])
-    return retrieve(item.scene, policy, motions, name=name, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
+    rng = np.random.default_rng([job.seed, STAGE, scene.random_word])
+    return retrieve(scene, policy, motions, name=name, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
 
 
-def sense_and_plan(job: Job, item: Item) -> Plan:
+def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     """The plan of one scene of which nothing is known at first. Raises: InputError like `plan_scene`, and for a robot without a camera."""
     import numpy as np
 
@@ -180,18 +224,18 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
-    from planning.retrieval import Rule, failed
+    from planning.retrieval import Rule
     from planning.sensing.retrieve import Simulated, retrieve_unseen
     from planning.verdict import judge_grasp
 
-    with blame(item.where):
-        arm = from_ref(item.scene.robot, on_step=say)
-        if (wrong := judge_grasp(arm, item.scene, unseen=True)) is not None:
-            return failed(item.scene, wrong, name=job.policy or _default_policy(arm.name, job.model), rule=Rule(job.rule))
+    with blame(where, *UNREADABLE):
+        arm = from_ref(scene.robot, on_step=say)
+        if (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
+            raise ValueError(f"grasp: {wrong}")
         name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
         return retrieve_unseen(
-            Simulated(arm, item.scene, item.scene.poses(), DepthNoise() if job.noise else None, job.by),
+            Simulated(arm, scene, scene.poses(), DepthNoise() if job.noise else None, job.by),
             lambda motions: make_policy(name, motions, model=model, max_moves=job.max_moves),
             name=name,
             rule=Rule(job.rule),
@@ -199,7 +243,7 @@ def sense_and_plan(job: Job, item: Item) -> Plan:
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
-            rng=np.random.default_rng([job.seed, STAGE, item.scene.random_word]),
+            rng=np.random.default_rng([job.seed, STAGE, scene.random_word]),
         )
 
 
@@ -216,6 +260,33 @@ def _default_policy(robot: str, model: str | None) -> str:
 
 
 _say_once = lru_cache(say)
+
+
+def _refused(plan: Plan) -> bool:
+    """Whether a plan says that its scene can't be meant."""
+    return plan.reason is not None and plan.reason.stage == SCENE
+
+
+def _digest(model: Path | None) -> str | None:
+    """A hash of a model folder's files."""
+    if model is None:
+        return None
+    digest = hashlib.sha256()
+    for file in sorted(model.glob("*")):
+        if file.is_file():
+            digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _overridden(line: SceneLine, robot: str | None, hand_frame: str | None, gripper_joint: str | None) -> SceneLine:
+    """The line with the robot that the options ask for."""
+    if line.scene is None or not (robot or hand_frame or gripper_joint):
+        return line
+    try:
+        ref = other_robot(line.scene.robot, robot, hand_frame, gripper_joint, line.where)
+    except InputError as e:
+        return replace(line, scene=None, error=str(e))
+    return replace(line, scene=replace(line.scene, robot=ref))
 
 
 def other_robot(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from kinematics.errors import InputError
 from planning import metrics
-from planning.io.files import read_plans, read_scenes, write_text
+from planning.io.files import read_plans, read_scenes
+from planning.io.outputs import write_text
 from planning.metrics import Episode
 from retrieve_cli import terminal
 from retrieve_cli.reporting.forms import WRITERS, to_json, to_terminal

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from kinematics.errors import InputError, blame, choose
-from planning.io.files import write_text
+from planning.io.outputs import write_text
 from retrieve_cli.terminal import show
 
 

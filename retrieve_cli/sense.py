@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame, choose
-from planning.io.files import read_scenes, scene_writer
+from planning.io.files import UNREADABLE, read_scene_lines
 from planning.io.observation_documents import observation_to_json
+from planning.io.results import scene_writer
 from retrieve_cli.terminal import announce_first_run, progress, say
+from retrieve_cli.version import version
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,6 +40,7 @@ def run(
     target_box: str | None,
     seed: int,
     out: Path | None,
+    resume: bool = False,
 ) -> int:
     """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`."""
     import numpy as np
@@ -53,10 +56,15 @@ def run(
     choose("way to tell objects apart (--by)", by, BY)
     box = None if target_box is None else parse_box(target_box)
     announce_first_run()
-    with scene_writer(out) as write, progress("scenes", out=out) as advance:
-        for index, (where, scene) in enumerate(read_scenes(scenes, "sense")):
+    asked = {"command": "sense", "version": version(), "seed": seed, "by": by, "noise": noise, "views": max_views, "share": share}
+    asked |= {"target_box": target_box, "from_views": None if from_views is None else str(from_views.absolute())}
+    with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", out=out) as advance:
+        for index, line in write.left(enumerate(read_scene_lines(scenes, "sense")), key=lambda numbered: numbered[1].key):
+            if line.scene is None:
+                raise InputError(line.error)
+            where, scene = line.where, line.scene
             empty_scene = replace(scene, objects=(), observation=None)
-            with blame(where):
+            with blame(where, *UNREADABLE):
                 arm = from_ref(scene.robot, on_step=say)
                 if from_views is None:
                     rng = np.random.default_rng([seed, STAGE, scene.random_word])

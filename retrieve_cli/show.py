@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame, did_you_mean
-from planning.io.files import read_either, read_scenes, replacing
+from planning.io.files import read_either, read_scenes
+from planning.io.outputs import replacing
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:

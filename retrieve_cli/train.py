@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame
-from planning.io.files import replacing, write_text
+from planning.io.outputs import replacing, write_text
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:

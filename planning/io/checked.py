@@ -16,6 +16,8 @@ import numpy as np
 from kinematics.errors import InputError, did_you_mean
 from kinematics.transforms import Array, rotation_from_wxyz, transform
 
+MOST_DEEP = 32
+"""Levels of objects and arrays in a document; a plan has six."""
 UNIT_TOLERANCE = 1e-3
 """A quaternion whose length is within this of 1 was rounded, and is normalised; any other is a mistake."""
 
@@ -65,6 +67,8 @@ class Node:
             raise self.error(f"{_kind(self.value)} stands where a text is expected")
         if not self.value:
             raise self.error("is empty")
+        if not is_text(self.value):
+            raise self.error(f"{self.value[:40]!r} holds half a character (a lone surrogate), which no file can hold")
         names = list(choices)
         if names and self.value not in names:
             raise self.error(f"{self.value!r} is not one of {', '.join(names)}{did_you_mean(self.value, names)}")
@@ -136,6 +140,14 @@ class Node:
             raise self.error(f"{value} is not a finite number")
 
 
+def is_text(value: object) -> bool:
+    """Whether a value is a text that is not empty and can be written to a file: without halves of characters."""
+    try:
+        return isinstance(value, str) and bool(value.encode("utf-8"))
+    except UnicodeEncodeError:
+        return False
+
+
 def parse_json(text: str, where: str) -> Node:
     """One JSON document. Raises InputError with the column where it is broken, or the name of a field that stands there twice."""
     twice: list[str] = []
@@ -156,7 +168,25 @@ def parse_json(text: str, where: str) -> Node:
         raise InputError(f"{where}: broken JSON: {' '.join(str(e).split())}") from e
     if twice:
         raise InputError(f"{where}: the field {twice[0]!r} stands twice in one object")
+    if _depth(text) > MOST_DEEP and _nested(value) > MOST_DEEP:
+        raise InputError(f"{where}: objects and arrays lie in each other more than {MOST_DEEP} deep")
     return Node(value, where)
+
+
+def _depth(text: str) -> int:
+    """How deep brackets lie in each other, those inside of texts counted as well: no less than the document's own depth."""
+    codes = np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)
+    opens, closes = np.isin(codes, tuple(b"[{")), np.isin(codes, tuple(b"]}"))
+    return int(np.cumsum(opens.astype(np.int64) - closes).max(initial=0))
+
+
+def _nested(value: object) -> int:
+    """How deep the objects and arrays of a document lie in each other."""
+    deep, level = 0, [value]
+    while level := [v for v in level if isinstance(v, dict | list)]:
+        deep += 1
+        level = [inner for v in level for inner in (v.values() if isinstance(v, dict) else v)]
+    return deep
 
 
 def _finite(value: float) -> bool:

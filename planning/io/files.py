@@ -1,34 +1,47 @@
-"""Reading and writing scenes and plans as JSON Lines: one document a line, read as the lines arrive, written line by line.
+"""Reading scenes and plans as JSON Lines: one document a line, read as the lines arrive.
 
 So stages can be joined by pipes, and each answers before the one in front of it has finished.
 """
 
 from __future__ import annotations
 
-import json
-import os
+import hashlib
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, TypeVar
 
-from kinematics.errors import InputError, did_you_mean
+from kinematics.errors import InputError, blame, did_you_mean
 from kinematics.scene import Scene
-from planning.io.checked import Node, parse_json
+from planning.io.checked import Node, is_text, parse_json
 from planning.io.documents import kind_and_version
-from planning.io.plan_documents import plan_from_node, plan_to_json
-from planning.io.scene_documents import mesh_loader, scene_from_node, scene_to_json
+from planning.io.plan_documents import plan_from_node
+from planning.io.scene_documents import mesh_loader, scene_from_node
 from planning.plan import Plan
 
 T = TypeVar("T")
+
+UNREADABLE = (OSError, RuntimeError)
+"""What paths give besides ValueError: no permission, a name that is too long, links in a circle."""
 
 _SCENES_FROM = "name a file of scenes or pipe them in: retrieve gen -n 20 | retrieve {command}"
 _PLANS_FROM = "name a file of plans or pipe them in: retrieve gen -n 20 | retrieve plan | retrieve {command}"
 
 
-# Reading ------------------------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class SceneLine:
+    """A line of scenes. where: "scenes.jsonl:7"; key: a hash of the line; id: the scene's, or "line 7" where it has none.
+
+    scene: None when the line can't be meant; error: why, beginning with `where`.
+    """
+
+    where: str
+    key: str
+    id: str
+    scene: Scene | None = None
+    error: str = ""
 
 
 def read_scenes(source: Path | None, command: str = "plan") -> Iterator[tuple[str, Scene]]:
@@ -36,8 +49,28 @@ def read_scenes(source: Path | None, command: str = "plan") -> Iterator[tuple[st
 
     Raises: InputError (where, what, how to mend) for a line that is no valid scene, and when there is none at all.
     """
-    folder, load = _folder(source), mesh_loader(_folder(source))
+    folder, load = folder_of(source), mesh_loader(folder_of(source))
     yield from _read(source, partial(scene_from_node, folder=folder, load=load), _SCENES_FROM.format(command=command))
+
+
+def read_scene_lines(source: Path | None, command: str = "plan") -> Iterator[SceneLine]:
+    """Yield every line like `read_scenes`, those that are no valid scenes, too. Raises: InputError when there is no line at all."""
+    decode = partial(scene_from_node, folder=folder_of(source), load=mesh_loader(folder_of(source)))
+    how, empty = _SCENES_FROM.format(command=command), True
+    for where, raw in _lines(source, how):
+        empty = False
+        key, node = hashlib.sha256(raw).hexdigest()[:16], None
+        try:
+            with blame(where, *UNREADABLE):
+                node = parse_json(_text(where, raw), where)
+                scene = decode(node)
+        except InputError as e:
+            name = node.value.get("id") if node is not None and isinstance(node.value, dict) else None
+            yield SceneLine(where, key, str(name) if is_text(name) else f"line {where.rpartition(':')[2]}", None, str(e))
+        else:
+            yield SceneLine(where, key, scene.id, scene)
+    if empty:
+        raise _nothing(source, how)
 
 
 def read_plans(source: Path | None, command: str = "report") -> Iterator[tuple[str, Plan]]:
@@ -47,7 +80,7 @@ def read_plans(source: Path | None, command: str = "report") -> Iterator[tuple[s
 
 def read_either(source: Path | None, command: str = "show") -> Iterator[tuple[str, Scene | Plan]]:
     """Yield (where, scene or plan) like `read_scenes`, as each line says what it is."""
-    folder, load = _folder(source), mesh_loader(_folder(source))
+    folder, load = folder_of(source), mesh_loader(folder_of(source))
 
     def decode(node: Node) -> Scene | Plan:
         return plan_from_node(node) if kind_and_version(node)[0] == "plan" else scene_from_node(node, folder, load)
@@ -57,27 +90,38 @@ def read_either(source: Path | None, command: str = "show") -> Iterator[tuple[st
 
 def _read(source: Path | None, decode: Callable[[Node], T], how: str) -> Iterator[tuple[str, T]]:
     empty = True
-    for where, line in _lines(source, how):
-        yield where, decode(parse_json(line, where))
+    for where, raw in _lines(source, how):
+        with blame(where, *UNREADABLE):
+            value = decode(parse_json(_text(where, raw), where))
+        yield where, value
         empty = False
     if empty:
-        raise InputError(f"{_name(source)}: there is nothing in it; {how}")
+        raise _nothing(source, how)
 
 
-def _lines(source: Path | None, how: str) -> Iterator[tuple[str, str]]:
+def _nothing(source: Path | None, how: str) -> InputError:
+    return InputError(f"{_name(source)}: there is nothing in it; {how}")
+
+
+def _lines(source: Path | None, how: str) -> Iterator[tuple[str, bytes]]:
     """(where, line) of a file or of stdin, without blank lines, as they arrive."""
+    if _is_stdin(source) and sys.stdin is None:
+        raise InputError(f"no file is named, and stdin is closed: {how}")
     if source is None and sys.stdin.isatty():
         raise InputError(f"no file is named, and stdin is the terminal: {how}")
     stream = sys.stdin.buffer if _is_stdin(source) else _open(source)
     with stream:
         for number, raw in enumerate(stream, 1):
-            where = f"{_name(source)}:{number}"
-            try:
-                line = raw.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r\n")
-            except UnicodeDecodeError as e:
-                raise InputError(f"{where}: byte {e.start + 1} is not UTF-8 text; is this a JSON Lines file?") from e
+            line = (raw.removeprefix(b"\xef\xbb\xbf") if number == 1 else raw).rstrip(b"\r\n")
             if line.strip():
-                yield where, line
+                yield f"{_name(source)}:{number}", line
+
+
+def _text(where: str, raw: bytes) -> str:
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as e:
+        raise InputError(f"{where}: byte {e.start + 1} is not UTF-8 text; is this a JSON Lines file?") from e
 
 
 def _open(source: Path | None) -> IO[bytes]:
@@ -97,73 +141,9 @@ def _name(source: Path | None) -> str:
     return "stdin" if _is_stdin(source) else str(source)
 
 
-def _folder(source: Path | None) -> Path:
-    """The folder that paths inside the file are relative to; for stdin and stdout the current one."""
-    return Path.cwd() if source is None or _is_stdin(source) else source.resolve().parent
-
-
-# Writing --------------------------------------------------------------------------------------------------------------------------------
-
-
-def scene_writer(out: Path | None) -> AbstractContextManager[Callable[[Scene], None]]:
-    """`with scene_writer(out) as write: write(scene)`: JSON Lines to a file, or to stdout (None or "-"), line by line.
-
-    A file is written beside its name, as NAME.part.jsonl, and renamed at the end; when the work is broken off, that part stays.
-    """
-    return _writer(out, partial(scene_to_json, folder=_folder(out)))
-
-
-def plan_writer(out: Path | None) -> AbstractContextManager[Callable[[Plan], None]]:
-    """`with plan_writer(out) as write: write(plan)`, like `scene_writer`."""
-    return _writer(out, plan_to_json)
-
-
-@contextmanager
-def _writer(out: Path | None, encode: Callable[[T], dict[str, Any]]) -> Iterator[Callable[[T], None]]:
-    def to(stream: Any) -> Callable[[T], None]:
-        def write(value: T) -> None:
-            stream.write(json.dumps(encode(value), ensure_ascii=False, allow_nan=False) + "\n")
-            stream.flush()
-
-        return write
-
-    if out is None or str(out) == "-":
-        yield to(sys.stdout)
-        return
-    with replacing(out, keep_part=True) as part, part.open("w", encoding="utf-8", newline="\n") as stream:
-        yield to(stream)
-
-
-@contextmanager
-def replacing(out: Path, *, keep_part: bool = False) -> Iterator[Path]:
-    """A path to write to, NAME.part.ENDING beside `out`, that is renamed to `out` when all went well, and removed if not `keep_part`.
-
-    What is no ordinary file (/dev/null, a pipe) is written to directly.
-    Raises: InputError when there is no such folder, or it can't be written to.
-    """
-    if out.exists() and not out.is_file():
-        if out.is_dir():
-            raise InputError(f"{out}: is a folder, not a file")
-        yield out
-        return
-    target = out.resolve()  # a link stays a link
-    if not target.parent.is_dir():
-        raise InputError(f"{out}: the folder {target.parent} does not exist; make it first")
-    part = target.with_name(f"{target.stem}.part{target.suffix}")
-    try:
-        part.open("wb").close()
-    except OSError as e:
-        raise InputError(f"{out}: can't be written: {(e.strerror or str(e)).lower()}") from e
-    try:
-        yield part
-        os.replace(part, target)
-    except BaseException:
-        if not keep_part or part.stat().st_size == 0:
-            part.unlink(missing_ok=True)
-        raise
-
-
-def write_text(out: Path, text: str) -> None:
-    """Write a whole file, beside its name first. Raises InputError like `replacing`."""
-    with replacing(out) as part:
-        part.write_text(text, encoding="utf-8")
+def folder_of(source: Path | None) -> Path:
+    """The folder that paths inside the file are relative to; for stdin and stdout the current one. Raises: InputError."""
+    if source is None or _is_stdin(source):
+        return Path.cwd()
+    with blame(str(source), *UNREADABLE):
+        return source.resolve().parent

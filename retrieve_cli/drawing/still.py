@@ -10,7 +10,7 @@ import numpy as np
 from kinematics.scene import State
 from kinematics.transforms import Array, apply
 from perception.rendering.shading import TARGET_COLOUR, WALL_COLOUR, Image, Item, Polyline, Studio, shade
-from planning.io.files import replacing
+from planning.io.outputs import replacing
 from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
 from retrieve_cli.drawing.picture import (
     ASPECT,

@@ -154,6 +154,8 @@ def _table_failures(rows: Sequence[Row]) -> Table:
         "of; region: every proposed place was taken; place: nothing could be carried to a free one; retrieve: all moves were made, and the "
         "target is still blocked. Then the stages that block the target at the end, and those of all failed attempts"
     )
+    if "scene" in kinds:
+        note += ". Scene: it can't be meant"
     columns = ("planner", "unsolved", *kinds, "target blocked at", "attempts blocked at")
     return Table("failures", "Why the others failed", note, columns, body)
 

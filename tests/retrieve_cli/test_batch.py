@@ -1,4 +1,4 @@
-"""Batches: a scene's plan is its own whatever stands around it."""
+"""Batches: a scene's plan is its own whatever stands around it, a bad line does not end one, and what was broken off is gone on with."""
 
 from __future__ import annotations
 
@@ -68,3 +68,94 @@ def test_random_words_come_from_id_and_seed(scenes: Path) -> None:
     assert all(0 <= w < 2**63 for w in words)
     scene = scene_from_json(documents[0])
     assert Scene(**{**vars(scene), "target": "x", "regions_n": 3}).random_word == scene.random_word == words[0]
+
+
+# Lines that can't be meant ---------------------------------------------------------------------------------------------------------------
+
+
+def mixed(scenes: Path, file: Path) -> Path:
+    """Four scenes among lines that are none: broken JSON, a wrong size, an object with the name of a link, and no text at all."""
+    good = scenes.read_text().splitlines()
+    sized, named = json.loads(good[1]), json.loads(good[2])
+    sized["id"], sized["cabinet"]["size_m"][0] = "sized", -0.5
+    named["id"], named["objects"][0]["name"] = "named", "forearm_link"
+    named["target"] = named["objects"][0]["name"] if named["target"] not in [o["name"] for o in named["objects"]] else named["target"]
+    lines = ['{"id": "cut off', good[0], json.dumps(sized), good[1], good[2], json.dumps(named), good[3]]
+    write(file, lines)
+    file.write_bytes(file.read_bytes() + b"\xff\xfe\n")
+    return file
+
+
+def test_a_line_that_is_no_scene_gets_a_plan_that_says_so(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The others are planned as if it were not there, by one process and by two; --strict counts it as unsolved."""
+    assert main(["plan", str(scenes), "--policy", "local", "-o", str(tmp_path / "good.jsonl")]) == 0
+    file, whole = mixed(scenes, tmp_path / "mixed.jsonl"), results(tmp_path / "good.jsonl")
+    capsys.readouterr()
+    for workers in ("1", "2"):
+        out = tmp_path / f"plans-{workers}.jsonl"
+        assert main(["plan", str(file), "--policy", "local", "--workers", workers, "--strict", "-o", str(out)]) == 1
+        found = results(out)
+        assert {name: found[name] for name in whole} == whole
+        assert [json.loads(line)["scene"] for line in out.read_text().splitlines()][::2] == [
+            "line 1",
+            "sized",
+            list(whole)[2],
+            list(whole)[3],
+        ]
+        refused = {name: json.loads(text) for name, text in found.items() if name not in whole}
+        assert set(refused) == {"line 1", "sized", "named", "line 8"}
+        assert all(plan["reason"]["stage"] == "scene" and not plan["success"] and plan["policy"] == "local" for plan in refused.values())
+        assert refused["sized"]["reason"]["detail"] == "cabinet.size_m: -0.5 is not positive"
+        assert refused["named"]["reason"]["detail"].startswith("object 'forearm_link' has the name of a link of the robot ur5e")
+        told = [line for line in capsys.readouterr().err.splitlines() if line.endswith("(its plan says so)")]
+        assert [line.split(": ")[0] for line in told] == [f"{file}:{n}" for n in (1, 3, 6, 8)]
+    assert main(["report", str(tmp_path / "plans-1.jsonl"), "-o", str(tmp_path / "report.md")]) == 0
+    assert "Scene: it can't be meant" in (tmp_path / "report.md").read_text()
+
+
+def test_failing_fast_and_nothing_but_bad_lines(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both are bad input, told in one line; results that were there before stay."""
+    file, out = mixed(scenes, tmp_path / "mixed.jsonl"), tmp_path / "plans.jsonl"
+    write(tmp_path / "late.jsonl", [scenes.read_text().splitlines()[0], "{"])
+    bad = write(tmp_path / "bad.jsonl", ["{", "[]"])
+    for args, says in (
+        ([file, "--fail-fast"], f"{file}:1: broken JSON at column 8"),
+        ([tmp_path / "late.jsonl", "--fail-fast"], f"{tmp_path / 'late.jsonl'}:2: broken JSON at column 2"),
+        ([bad], f"{bad}:1: broken JSON at column 2"),
+    ):
+        capsys.readouterr()
+        assert main(["plan", *map(str, args), "--policy", "random", "-o", str(out)]) == 2
+        assert capsys.readouterr().err.splitlines()[-1].startswith(says)
+        assert not out.exists()
+    assert len((tmp_path / "plans.part.jsonl").read_text().splitlines()) == 1
+    assert main(["plan", str(tmp_path / "nowhere.jsonl"), "-o", str(out)]) == 2
+    assert len((tmp_path / "plans.part.jsonl").read_text().splitlines()) == 1
+
+
+def test_a_batch_goes_on_where_it_was_broken_off(scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plans and scenes: what is there is not made again, and the bytes are those of a run in one go."""
+    import retrieve_cli.plan as command
+
+    file, out = mixed(scenes, tmp_path / "mixed.jsonl"), tmp_path / "plans.jsonl"
+    plan = ["plan", str(file), "--policy", "random", "--strict", "-o"]
+    assert main([*plan, str(tmp_path / "whole.jsonl")]) == 1
+    made: list[str] = []
+    one = command.plan_line
+
+    def mortal(job: command.Job, line: command.SceneLine) -> command.Answer:
+        if len(made) == 4:
+            raise KeyboardInterrupt
+        made.append(line.id)
+        return one(job, line)
+
+    monkeypatch.setattr(command, "plan_line", mortal)
+    assert main([*plan, str(out)]) == 130
+    assert len(made) == 4
+    monkeypatch.setattr(command, "plan_line", one)
+    assert main([*plan, str(out), "--resume", "--html", str(tmp_path / "plan.html")]) == 1
+    assert list(results(out).items()) == list(results(tmp_path / "whole.jsonl").items())
+    assert json.loads(scenes.read_text().splitlines()[0])["id"] in (tmp_path / "plan.html").read_text()
+    assert main([*plan, str(out), "--seed", "4", "--resume"]) == 1  # nothing is left to go on with: a run of its own
+    out.unlink()
+    assert main(["gen", "-n", "4", "--seed", "5", "-o", str(out), "--resume"]) == 0
+    assert out.read_text().splitlines()[:3] == scenes.read_text().splitlines()[:3]

@@ -17,7 +17,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box
 from kinematics.transforms import inverse, rotation_about, transform
-from planning.io.files import scene_writer
+from planning.io.results import scene_writer
 from planning.learning import shards
 from planning.learning.label_file import Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target

@@ -17,6 +17,7 @@ import numpy as np
 from kinematics.robots.robot import Robot, from_ref, load
 from kinematics.scene import Scene
 from planning.io import files
+from planning.io.results import plan_writer
 from planning.learning.model import Model, ships
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.plan import Plan
@@ -48,7 +49,7 @@ def read_plans(file: str | Path) -> Iterator[Plan]:
 
 def write_plans(plans: Iterable[Plan], file: str | Path) -> None:
     """Write plans as JSON Lines, beside the name first. Raises: InputError when the file can't be written."""
-    with files.plan_writer(Path(file)) as write:
+    with plan_writer(Path(file)) as write:
         for plan in plans:
             write(plan)
 
@@ -79,7 +80,7 @@ def plan_scene(
         policy = default_policy(robot.name, model)
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
     if (wrong := judge_grasp(robot, scene)) is not None:
-        return failed(scene, wrong, name=name, rule=rule)
+        return failed(scene.id, wrong, name=name, rule=rule)
     motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s)
     motions.start()
     chooses = make_policy(policy, motions, model=model) if isinstance(policy, str) else policy(motions)

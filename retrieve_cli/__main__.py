@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from retrieve_cli.errors import ForeignPackageError, guarded
+from retrieve_cli.errors import ForeignPackageError, guarded, stand_in_for_closed_streams
 
 OURS = ("kinematics", "perception", "planning", "retrieve_cli")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `retrieve` with the arguments `argv` (default: the process's own) and return the exit code."""
+    stand_in_for_closed_streams()
     args = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in args  # may stand anywhere, as nobody remembers where it goes when something has just failed
     return guarded(lambda: _main([a for a in args if a != "--debug"]), debug=debug)
@@ -21,9 +22,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(args: list[str]) -> int | None:
     check_packages(Path(__file__).resolve().parent.parent)
-    for stream in (sys.stdout, sys.stderr):
+    for stream, errors in ((sys.stdout, "strict"), (sys.stderr, "backslashreplace")):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(encoding="utf-8")  # the files are UTF-8 whatever the locale
+            stream.reconfigure(encoding="utf-8", errors=errors)  # the files are UTF-8 whatever the locale
     from retrieve_cli.app import parse
 
     job = parse(args)

@@ -12,10 +12,13 @@ import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
+from threading import Thread
 from typing import Any, Generic, TypeVar
 
 from kinematics.errors import InputError, choose, one_line
+from retrieve_cli.terminal import say
 
 ENGINES = ("local", "ray")
 AHEAD = 4  # items a worker may be ahead of the result that is waited for
@@ -114,7 +117,8 @@ class _Worker:
 
 
 def _serve(pipe: Connection, function: Callable[[Any], Any]) -> None:
-    """What a worker does: one item after another, until the other end is closed."""
+    """What a worker does: one item after another, until the other end is closed; it does not outlive the process that started it."""
+    Thread(target=_die_with_parent, daemon=True).start()
     while True:
         try:
             item = pipe.recv()
@@ -127,6 +131,13 @@ def _serve(pipe: Connection, function: Callable[[Any], Any]) -> None:
             return
         except Exception as e:  # a result or an exception that can't travel
             pipe.send((False, RuntimeError(f"{type(e).__name__}: {one_line(e)} (while sending {type(outcome[1]).__name__})")))
+
+
+def _die_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _here(function: Callable[[T], R], items: Iterable[T], workers: int | None) -> Iterator[R]:
@@ -169,13 +180,14 @@ def _here(function: Callable[[T], R], items: Iterable[T], workers: int | None) -
 
 
 def _instead(dead: _Worker, function: Callable[[Any], Any], tries: dict[int, int]) -> _Worker:
-    """Another process for the item of one that died. Raises: InputError when the item has taken too many down."""
+    """Another process for the item of one that died, which is said. Raises: InputError when the item has taken too many down."""
     dead.end()
     tries[dead.job] = tries.get(dead.job, 0) + 1
     if tries[dead.job] == TRIES:
         raise InputError(
             f"item {dead.job}: its process died {TRIES} times (exit code {dead.process.exitcode}); too little memory? try fewer --workers"
         )
+    say(f"item {dead.job}: its process died (exit code {dead.process.exitcode}); another one begins it again")
     fresh = _Worker(function)
     fresh.give(dead.job, dead.item)
     return fresh

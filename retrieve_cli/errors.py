@@ -1,36 +1,65 @@
 """How the program ends: bad input is one line and exit 2, an interruption 130, a closed pipe is no error, a bug says so.
 
-Exit codes: 0 done; 1 done, but `--strict` was asked and a scene is unsolved; 2 bad input; 70 a bug in this program; 130 interrupted.
+Exit codes: 0 done; 1 done, but `--strict` was asked and a scene is unsolved; 2 bad input; 70 a bug in this program; 130 interrupted, 143
+terminated, 129 hung up on: then all that is begun is cleared away, and the processes that were started are ended.
 """
 
 from __future__ import annotations
 
+import errno
 import os
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 DONE, UNSOLVED, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
+ENDING = ("SIGTERM", "SIGHUP")
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
 
 
 class ForeignPackageError(Exception):
     """Another distribution's package stands where one of ours should; so the library's own exceptions can't be imported for this."""
 
 
+class Ended(BaseException):
+    """A signal asks the program to end; code: the exit code for it."""
+
+    def __init__(self, number: int) -> None:
+        self.code = 128 + number
+        super().__init__(self.code)
+
+
 def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
     """Run `job` and return the exit code; what goes wrong is told in one line on stderr, or whole with `debug`."""
     try:
+        with _ending():
+            code = _judged(job, debug)
+    except Ended as e:
+        code = e.code
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            _let_go(stream)
+    return code
+
+
+def _judged(job: Callable[[], int | None], debug: bool) -> int:
+    try:
         code = job()
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
         return code or DONE
     except KeyboardInterrupt:
         if debug:
             raise
         return INTERRUPTED
     except BrokenPipeError:
-        return _closed_pipe()
+        return DONE
     except SystemExit as e:
         if isinstance(e.__context__, BrokenPipeError):  # so do Typer and Rich end on a closed pipe, with 1
-            return _closed_pipe()
+            return DONE
         raise
     except ForeignPackageError as e:
         if debug:
@@ -43,25 +72,63 @@ def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
         if debug:
             raise
         if isinstance(e, (InputError, OSError)):
-            _tell(one_line(e))
+            # files say their names (planning.io.outputs.naming): what has none, and no room, is stdout
+            stdout = isinstance(e, OSError) and e.filename is None and e.errno in NO_ROOM
+            _tell(f"stdout: can't be written: {one_line(e).lower()}" if stdout else one_line(e))
+            return BAD_INPUT
+        if isinstance(e, MemoryError):
+            _tell(f"there is not enough memory for this: {one_line(e)}")
             return BAD_INPUT
         _tell(f"this is a bug in retrieve, not in your input: {type(e).__name__}: {one_line(e)} (the same call with --debug says where)")
         return BUG
 
 
-def _tell(line: str) -> None:
+@contextmanager
+def _ending() -> Iterator[None]:
+    """Signals that ask the program to end come up as `Ended`, so that parts are kept and processes ended; a second one ends it at once."""
+    before: dict[int, Any] = {}
+
+    def end(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise Ended(number)
+
+    if threading.current_thread() is threading.main_thread():
+        for name in ENDING:
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # nohup has it ignored
+                before[number] = signal.signal(number, end)
     try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def stand_in_for_closed_streams() -> None:
+    """Give stdin, stdout and stderr that were closed before the program began something in their place, lest the first file that is opened
+    gets their number. What is written to a closed stdout is an error, words for a closed stderr are lost."""
+    for number, name, flags in ((0, "stdin", os.O_RDONLY), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_WRONLY)):
+        if getattr(sys, name) is None:
+            handle = os.open(os.devnull, flags)
+            if handle != number:
+                os.dup2(handle, number)
+                os.close(handle)
+            if number:
+                setattr(sys, name, os.fdopen(number, "w", encoding="utf-8", closefd=False))
+
+
+def _tell(line: str) -> None:
+    with suppress(OSError):
         print(line, file=sys.stderr, flush=True)
-    except BrokenPipeError:
-        _closed_pipe()
 
 
-def _closed_pipe() -> int:
-    """Whoever read our output has gone: end quietly. Python flushes once more at its exit, so give it somewhere to write."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except OSError:
+def _let_go(stream: Any) -> None:
+    """Whoever read our output has gone, or there is no room for it. Python flushes once more at its exit: give it somewhere to write."""
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, stream.fileno())
-    return DONE
+            os.close(nowhere)
+            stream.flush()

@@ -81,11 +81,12 @@ def run(
     announce_first_run()
     job = Job(seed, paths, moves, objects, partly_seen)
     if n is None and (scenes is not None or not sys.stdin.isatty()):
-        items, about = _given(scenes)
+        given, about = _given(scenes)
+        total = len(given)
     else:
-        items, about, specs, ref, variety = _made(n or SCENES, spec, robot, hand_frame, gripper_joint, vary)
+        given, total = None, n or SCENES
+        about, specs, ref, variety = _made(spec, robot, hand_frame, gripper_joint, vary)
         job = replace(job, specs=specs, robot=ref, variety=variety)
-    total = len(items)
     settings = {"seed": seed, "paths": paths, "moves": moves, "objects": objects, **about, "scenes": total, "scenes_a_shard": SHARD}
     if partly_seen:
         settings["partly_seen"] = partly_seen
@@ -96,7 +97,9 @@ def run(
     manifest = replace(manifest, shards=manifest.shards[:kept], complete=False)
     shards.write_manifest(out, manifest)
     pace = Pace(total - min(total, kept * SHARD))
-    done = map_ordered(partial(label_item, job), items[kept * SHARD :], workers=workers, engine=engine, address=address)
+    numbers = range(min(total, kept * SHARD), total)
+    items = (given[i] if given is not None else Item(i, f"label: scene {i}") for i in numbers)
+    done = map_ordered(partial(label_item, job), items, workers=workers, engine=engine, address=address)
     rows: list[Row] = []
     for position, found in enumerate(done, kept * SHARD + 1):
         rows += found
@@ -143,9 +146,9 @@ def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
 
 
 def _made(
-    n: int, spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool
-) -> tuple[list[Item], dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
-    """The numbers of n scenes to be made, and what is needed to make them: spec after spec in turn."""
+    spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool
+) -> tuple[dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
+    """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn."""
     from kinematics.robots.robot import load
     from planning.learning.states import Variety
     from planning.scene_generation import load_spec
@@ -158,8 +161,7 @@ def _made(
         "specs": [{"name": Path(which).name, "sha256": spec_hash(s)} for which, s in zip(spec, specs)],
         "variety": vars(variety),
     }
-    items = [Item(i, f"label: scene {i}") for i in range(n)]
-    return items, {"robot": arm.name, "source": source}, specs, robot_ref(arm, hand_frame), variety
+    return {"robot": arm.name, "source": source}, specs, robot_ref(arm, hand_frame), variety
 
 
 def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:

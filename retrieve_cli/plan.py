@@ -175,6 +175,8 @@ def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
 
 def plan_line(job: Job, line: SceneLine) -> Answer:
     """The plan of a line, or one that failed at stage `scene`. Raises: InputError for such a line when the job is to fail fast."""
+    from planning.retrieval import Rule, failed
+
     error = line.error
     if line.scene is not None:
         try:
@@ -185,8 +187,6 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
         raise InputError(error)
     robot = line.scene.robot.name if line.scene is not None else None
     policy = job.policy or _default_policy(robot or "ur5e", job.model)
-    from planning.retrieval import Rule, failed
-
     return Answer(failed(line.id, error.removeprefix(f"{line.where}: "), name=policy, rule=Rule(job.rule)), line.scene, error)
 
 

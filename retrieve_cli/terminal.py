@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 
 
 def say(line: str) -> None:
-    """One line of words, on stderr."""
-    print(line, file=sys.stderr, flush=True)
+    """One line of words, on stderr. Nobody's work is lost because nobody can read them."""
+    with suppress(OSError):
+        print(line, file=sys.stderr, flush=True)
 
 
 def announce_first_run() -> None:
@@ -29,9 +30,12 @@ def show(*things: RenderableType) -> None:
     """Print Rich tables and texts on stdout: coloured and fitted on a terminal, plain and as wide as they need otherwise."""
     from rich.console import Console
 
+    from planning.io.outputs import naming
+
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else 240, highlight=False)
-    for thing in things:
-        console.print(thing)
+    with naming("stdout"):
+        for thing in things:
+            console.print(thing)
 
 
 @contextmanager

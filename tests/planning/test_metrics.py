@@ -67,7 +67,7 @@ def test_what_is_counted_of_a_failure() -> None:
 def test_the_names_in_reports() -> None:
     assert MEASURES == ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
     assert set(MEASURES) <= set(Episode.__dataclass_fields__)
-    assert KINDS == ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable")
+    assert KINDS == ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable", "scene")
     assert SHARES == (0.1, 0.5, 0.9, 0.95)
     assert RULES == ("deep", "region", "strict")
     assert set(RULES) == set(Rule)
@@ -76,7 +76,7 @@ def test_the_names_in_reports() -> None:
 # ------------------------------------------------------------------------------------------------------------------------ why a plan failed
 
 
-@pytest.mark.parametrize("stage", ["verify", "look"])
+@pytest.mark.parametrize("stage", ["verify", "look", "scene"])
 def test_a_refused_plan_and_a_target_that_was_not_found_go_first(stage: str) -> None:
     assert failure(plan(success=False, reason=Blocked(stage), moves=[failed("ik")])) == stage
 

@@ -119,9 +119,11 @@ def test_a_result_that_cannot_travel_is_told() -> None:
         list(map_ordered(unsendable, range(3), workers=2))
 
 
-def test_a_process_that_dies_is_replaced(tmp_path: Path) -> None:
+def test_a_process_that_dies_is_replaced_and_that_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert list(map_ordered(partial(dies_once, tmp_path), range(10), workers=2)) == [-x for x in range(10)]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["2", "6"]
+    told = sorted(capsys.readouterr().err.splitlines())
+    assert told == [f"item {i}: its process died (exit code -9); another one begins it again" for i in (2, 6)]
 
 
 def test_an_item_that_always_kills_ends_the_run() -> None:
@@ -147,8 +149,18 @@ def test_an_interruption_is_left_to_the_first_process() -> None:
     assert subprocess.run([sys.executable, "-c", code], env=HERE, capture_output=True, text=True).stdout == "[True, True, True, True]\n"
 
 
-def test_an_interruption_ends_all_processes_at_once() -> None:
-    code = """if True:
+@pytest.mark.parametrize(
+    ("number", "group", "code"),
+    [
+        (signal.SIGINT, True, 130),  # as a terminal does: every process hears it
+        (signal.SIGTERM, False, 143),
+        (signal.SIGHUP, False, 129),
+        (signal.SIGKILL, False, -signal.SIGKILL),
+    ],
+)
+def test_a_signal_ends_all_processes_at_once(number: int, group: bool, code: int) -> None:
+    """Whichever it is, and also when the first process has no chance to end the others."""
+    program = """if True:
         import os, signal, sys, threading
         from test_engine import sleeps
         from retrieve_cli.engine import map_ordered
@@ -157,7 +169,7 @@ def test_an_interruption_ends_all_processes_at_once() -> None:
         if __name__ == "__main__":
             sys.exit(guarded(lambda: list(map_ordered(sleeps, range(9), workers=2)) and 0))
     """
-    with subprocess.Popen([sys.executable, "-c", code], env=HERE, stderr=subprocess.PIPE, start_new_session=True) as p:
+    with subprocess.Popen([sys.executable, "-c", program], env=HERE, stderr=subprocess.PIPE, start_new_session=True) as p:
         try:
             for _ in range(300):
                 if len(_children(p.pid)) >= 2:
@@ -165,8 +177,10 @@ def test_an_interruption_ends_all_processes_at_once() -> None:
                 time.sleep(0.1)
             time.sleep(1.0)
             begun = time.monotonic()
-            os.killpg(p.pid, signal.SIGINT)  # as a terminal does: every process hears it
-            assert p.wait(30) == 130
+            (os.killpg if group else os.kill)(p.pid, number)
+            assert p.wait(30) == code
+            while _children(p.pid) and time.monotonic() - begun < 10:
+                time.sleep(0.1)
             assert time.monotonic() - begun < 10
             assert p.stderr is not None
             assert p.stderr.read() == b""

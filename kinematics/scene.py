@@ -83,6 +83,21 @@ class Grasp:
 
 
 @dataclass(frozen=True, eq=False)
+class Settlement:
+    """An object that was moved a little before anything was planned, for its pose can't have been meant to the millimetre.
+
+    by_m (3,): how far, world frame; reason: why, in words: "it stood 1.5 mm in the floor".
+    """
+
+    object: str
+    by_m: Array
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.object} was moved by {1000 * float(np.linalg.norm(self.by_m)):.1f} mm: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
 class RobotRef:
     """Which robot a scene means: a named one, or a URDF file with its hand frame and gripper joint; and where its base stands.
 
@@ -112,6 +127,7 @@ class Scene:
     grasps: others than x_g that take the target out, the best first, each with its score. obstacles: what stands still and is never to be
     touched. approaches: how objects may be grasped to be moved, a part of `APPROACHES`.
     observation: what a sensed scene carries beside the truth (see perception), None otherwise.
+    settled: which objects were moved when the scene was read, to stand free of each other and on the floor; no part of the file.
     """
 
     id: str
@@ -127,6 +143,7 @@ class Scene:
     obstacles: tuple[Body, ...] = ()
     grasps: tuple[tuple[Grasp, float], ...] = ()
     target_box: Array | None = None
+    settled: tuple[Settlement, ...] = ()
 
     @property
     def target_name(self) -> str:

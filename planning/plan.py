@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kinematics.scene import Grasp, Held
+from kinematics.scene import Grasp, Held, Settlement
 from kinematics.transforms import Array
 
 PLACE_OUT_OF_REACH = "the place is out of reach"
@@ -110,6 +110,7 @@ class Plan:
     no motions. faults: why it is not verified, as far as the verdict found it.
     grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
     unsolvable: the proof that there is none, if it was found.
+    settled: objects that were moved a little before the plan began: it starts from where they stand now.
     """
 
     scene: str
@@ -128,3 +129,4 @@ class Plan:
     grasp: Grasp | None = None
     least_moves: int | None = None
     unsolvable: Unsolvable | None = None
+    settled: tuple[Settlement, ...] = ()

@@ -183,7 +183,7 @@ def conclude(
     success = reason is None
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        hand_travel(robot, scene, way), objective(scene, moves, success), None,
+        hand_travel(robot, scene, way), objective(scene, moves, success), None, settled=scene.settled,
     )  # fmt: skip
     if not way:
         return plan

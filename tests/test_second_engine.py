@@ -119,7 +119,7 @@ def _target_dropped(scene: Json, _: Json) -> None:
 
 
 def _obstacle_in_the_way(scene: Json, _: Json) -> None:
-    shape = {"type": "box", "size_m": [0.05, 0.002, 0.3]}
+    shape = {"type": "box", "size_m": [0.05, 0.002, 0.32]}
     scene["objects"].append({"name": "plate", "shape": shape, "T_world_object": pose(transform(p=[0.62, 0.15, 0.26]))})
 
 

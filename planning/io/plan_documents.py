@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from kinematics.scene import Grasp, Held
+from kinematics.scene import Grasp, Held, Settlement
 from planning.io.checked import Node
 from planning.io.documents import expect, numbers, pose_to_json, without_none
 from planning.plan import STAGES, Blocked, Fault, Motion, Move, Plan, Unsolvable
@@ -55,6 +55,8 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
     }
     if plan.faults:
         document["faults"] = [fault_to_json(fault) for fault in plan.faults]
+    if plan.settled:
+        document["settled"] = [{"object": s.object, "by_m": numbers(s.by_m), "reason": s.reason} for s in plan.settled]
     return document
 
 
@@ -78,7 +80,7 @@ def plan_from_node(node: Node) -> Plan:
     expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
-    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable"), extra=True)
+    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled"), extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -96,6 +98,7 @@ def plan_from_node(node: Node) -> Plan:
         grasp=_grasp(f["grasp"]) if _said(f, "grasp") else None,
         least_moves=f["least_moves"].integer(least=0) if _said(f, "least_moves") else None,
         unsolvable=_unsolvable(f["unsolvable"]) if _said(f, "unsolvable") else None,
+        settled=tuple(_settlement(item) for item in f["settled"].items()) if "settled" in f else (),
     )
 
 
@@ -119,6 +122,11 @@ def _fault(node: Node) -> Fault:
     f = node.record(("stage", "bodies", "detail", "amount"), extra=True)
     amount = None if f["amount"].value is None else f["amount"].number()
     return Fault(f["stage"].text(), tuple(name.text() for name in f["bodies"].items()), f["detail"].text(), amount)
+
+
+def _settlement(node: Node) -> Settlement:
+    f = node.record(("object", "by_m", "reason"), extra=True)
+    return Settlement(f["object"].text(), f["by_m"].vector(3), f["reason"].text())
 
 
 def fault_to_json(fault: Fault) -> dict[str, Any]:

@@ -11,18 +11,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from kinematics.collision.fcl_solids import overlapping
 from kinematics.errors import blame, did_you_mean
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, load_mesh
 from planning.io.checked import Node
 from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
 from planning.io.observation_documents import observation_from_node
+from planning.settling import NOISE_M, Unsettled, settle
 
 SCENE_1, SCENE_2 = "retrieve/scene@1", "retrieve/scene@2"
 SOURCES = ("given", "seen")
-OVERLAP_TOLERANCE_M = 0.001
-"""Solids that overlap by no more than this stand side by side."""
 
 LoadMesh = Callable[[str, float], ConvexMesh]
 
@@ -143,8 +141,12 @@ def scene_from_json(document: Any, where: str = "scene", folder: Path | None = N
     return scene_from_node(Node(document, where), at, mesh_loader(at))
 
 
-def scene_from_node(node: Node, folder: Path, load: LoadMesh) -> Scene:
-    """A scene of either version, checked. load: reads meshes by their path in the file and their scale. Raises InputError."""
+def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = NOISE_M) -> Scene:
+    """A scene of either version, checked, its objects settled (see `planning.settling`).
+
+    load: reads meshes by their path in the file and their scale. noise_m: how much overlap is taken for noise of the objects' poses.
+    Raises: InputError.
+    """
     second = expect(node, "scene") >= 2
     f = _fields(
         node, second, ("schema", "id", "robot", "cabinet", "regions", "objects", "target", "grasp"), ("seed", "approaches", "observation"),
@@ -173,8 +175,11 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh) -> Scene:
     )
     if scene.target is not None and scene.target_box is not None:
         raise f["target_box"].error("stands beside a target that is named; it is for a target of null")
-    _check_overlaps(scene, f["objects"])
-    return scene
+    try:
+        return settle(scene, noise_m)
+    except Unsettled as e:
+        at = next(i for i, body in enumerate(objects) if body.name == e.body)
+        raise f["objects"].items()[at].error(str(e)) from e
 
 
 def _fields(node: Node, second: bool, required: Sequence[str], optional: Sequence[str], of_second: Sequence[str]) -> dict[str, Node]:
@@ -276,15 +281,3 @@ def _shape(node: Node, load: LoadMesh) -> Shape:
     file, scale = f["file"].text(), f["scale"].number(positive=True) if "scale" in f else 1.0
     with blame(f"{node.where}: {f['file'].path}"):
         return load(file, scale)
-
-
-def _check_overlaps(scene: Scene, node: Node) -> None:
-    """Raises InputError when an object overlaps another, a wall or an obstacle by more than the tolerance: the deepest is named."""
-    still = {**dict.fromkeys(WALLS, "the cabinet's wall"), **{b.name: "the obstacle" for b in scene.obstacles}}
-    for contact in overlapping((*scene.cabinet.walls(), *scene.obstacles, *scene.objects), OVERLAP_TOLERANCE_M):
-        a, b = sorted((contact.a, contact.b), key=lambda name: name in still)
-        if a in still:  # walls meet at the edges, and furniture stands as it was built
-            continue
-        i = next(i for i, body in enumerate(scene.objects) if body.name == a)
-        what = f"{still[b]} {b!r}" if b in still else repr(b)
-        raise node.items()[i].error(f"{a!r} overlaps {what} by {1000 * contact.depth_m:.1f} mm; move one of them")

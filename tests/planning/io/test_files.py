@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics.errors import InputError
-from kinematics.scene import Scene
 from kinematics.transforms import rotation_from_wxyz, transform, wxyz_from_rotation
 from planning.io.files import read_either, read_plans, read_scenes
 from planning.io.outputs import replacing
@@ -114,6 +113,7 @@ def test_meshes_and_urdfs_are_relative_to_the_file(tmp_path: Path) -> None:
     document = documents.scene()
     document["robot"] = {"urdf": "arm.urdf", "hand_frame": "tip", "gripper_joint": "finger", "T_world_base": documents.pose(0.0, 0.0, 0.0)}
     document["objects"][0]["shape"] = {"type": "mesh", "file": "parts/ball.stl", "scale": 0.001}
+    document["objects"][0]["T_world_object"] = documents.pose(0.5, 0.0, 0.14)
     file = tmp_path / "scenes.jsonl"
     file.write_text(documents.lines(document, document))
     (_, first), (_, second) = read_scenes(file)
@@ -224,7 +224,9 @@ MISTAKES: list[tuple[Change, str]] = [
     (_set("objects.0.shape", {"type": "mesh", "file": "m", "scale": 0}), "objects[0].shape.scale: 0 is not positive"),
     (_set("objects.0.T_world_object.p", [0.6, 0.06, 0.15]), "objects[0]: 'box_0' overlaps 'can_1' by 20.0 mm; move one of them"),
     (_set("objects.0.T_world_object.p", [0.5, 0.0, 0.145]), "objects[0]: 'box_0' overlaps the cabinet's wall 'floor' by 5.0 mm; "),
-    (_set("objects.0.T_world_object.p", [0.6, 0.1, 0.16]), "objects[0]: 'box_0' overlaps 'can_1' by "),
+    (_set("objects.0.T_world_object.p", [0.6, 0.1, 0.15]), "objects[0]: 'box_0' overlaps 'can_1' by "),
+    (_set("objects.0.T_world_object.p", [0.5, 0.0, 0.16]), "objects[0]: 'box_0' floats 10.0 mm above the floor, and nothing carries it"),
+    (_set("objects.0.T_world_object.p", [0.2, 0.0, 0.15]), "objects[0]: 'box_0' stands outside: its middle is 100 mm in front of the"),
     (_set("schema", "retrieve/scene@3"), "schema: 'retrieve/scene@3' is too new: update the program; this program reads "),
     (
         _set("schema", "retrieve/scene@0"),
@@ -256,14 +258,15 @@ def test_a_mistake_is_told_with_its_place(change: Change, says: str, complaint: 
 def test_a_touch_is_no_overlap() -> None:
     document = documents.scene()
     document["objects"][0]["T_world_object"]["p"] = [0.6, 0.0405, 0.15]  # half a millimetre inside the can
-    assert isinstance(scene_from_json(document), Scene)
-    document["objects"][0]["T_world_object"]["p"] = [0.05, 0.0, 0.9]  # outside the cabinet, in the air: not our business
-    assert isinstance(scene_from_json(document), Scene)
+    scene = scene_from_json(document)
+    assert [s.object for s in scene.settled] == ["box_0"]
+    assert scene.objects[0].T_world_body[1, 3] == pytest.approx(0.04, abs=1e-4)
 
 
 def test_a_wall_is_named_whichever_side_it_is() -> None:
     document = documents.scene()
-    for p, wall in (([0.5, 0.42, 0.15], "left"), ([0.5, -0.42, 0.15], "right"), ([0.85, 0, 0.15], "back"), ([0.5, 0, 0.57], "ceiling")):
+    for p, wall in (([0.5, 0.42, 0.15], "left"), ([0.5, -0.42, 0.15], "right"), ([0.85, 0, 0.15], "back"), ([0.5, 0, 0.36], "ceiling")):
+        document["objects"][0]["shape"]["size_m"][2] = 0.52 if wall == "ceiling" else 0.1
         document["objects"][0]["T_world_object"]["p"] = p
         with pytest.raises(InputError, match=f"the cabinet's wall '{wall}'"):
             scene_from_json(document)

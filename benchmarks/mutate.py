@@ -51,6 +51,8 @@ TESTS = {
     "planning/metrics.py": ("tests/planning/test_metrics.py",),
     "planning/grasps.py": ("tests/planning/test_grasps.py",),
     "planning/motion/verify.py": ("tests/planning/motion/test_verify_rules.py",),
+    "planning/policies/__init__.py": ("tests/planning/policies/test_by_name.py",),
+    "planning/policies/neural.py": ("tests/planning/policies/test_neural.py",),
     "planning/policies/random.py": ("tests/planning/policies/test_random.py",),
     "planning/policies/local.py": ("tests/planning/policies/test_local.py",),
     "planning/policies/regions.py": ("tests/planning/policies/test_regions.py",),

@@ -1,0 +1,88 @@
+"""Policies by name: which halves each is made of, which networks it asks, and what is said where there are none."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from planning import policies
+from planning.learning.model import Model
+from planning.policies import NETWORKS, POLICIES, make_policy
+
+MOTIONS: Any = SimpleNamespace(robot=SimpleNamespace(name="ur5e"))
+OBJECTS, PAPER, OTHERS = (
+    Model(form, robot, 4, {}, {}, {}) for form, robot in (("objects", "ur5e"), ("paper", "ur5e"), ("objects", "gen3"))
+)
+
+
+@pytest.fixture(autouse=True)
+def named_halves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Halves, lines and encodings are told by their names and by what they rest on; so are the networks that ship."""
+    for name in ("make_local_object", "make_local_region", "make_neural_object", "make_neural_region", "Lines", "CachedEncoding"):
+        monkeypatch.setattr(policies, name, lambda basis, name=name: (name, basis))
+    for name in ("random_object", "random_region"):
+        monkeypatch.setattr(policies, name, name)
+    monkeypatch.setattr(policies, "shipped", lambda robot, form: f"{form} networks of {robot}")
+
+
+LINES = ("Lines", MOTIONS)
+LOCAL = (("make_local_object", LINES), ("make_local_region", LINES))
+
+
+def neural(networks: object) -> tuple[Any, Any]:
+    encoding = ("CachedEncoding", networks)
+    return ("make_neural_object", encoding), ("make_neural_region", encoding)
+
+
+def halves(name: str, **given: Any) -> tuple[Any, Any]:
+    policy = make_policy(name, MOTIONS, **given)
+    return policy.select, policy.place
+
+
+def test_the_baselines_ask_no_network() -> None:
+    for given in ({}, {"model": OTHERS}):
+        assert halves("random", **given) == ("random_object", "random_region")
+        assert halves("local", **given) == LOCAL
+
+
+def test_the_ablations_are_half_and_half() -> None:
+    select, place = neural("objects networks of ur5e")
+    assert halves("osnet-only") == (select, LOCAL[1])
+    assert halves("rpnet-only") == (LOCAL[0], place)
+    select, place = neural(OBJECTS)
+    assert halves("osnet-only", model=OBJECTS) == (select, LOCAL[1])
+    assert halves("rpnet-only", model=OBJECTS) == (LOCAL[0], place)
+
+
+def test_the_printed_planner_asks_the_printed_networks() -> None:
+    assert halves("neural-paper") == neural("paper networks of ur5e")
+    assert halves("neural-paper", model=PAPER) == neural(PAPER)
+    with pytest.raises(
+        ValueError, match=r"the policy neural-paper asks networks of the form paper, and this model's are of the form objects"
+    ):
+        make_policy("neural-paper", MOTIONS, model=OBJECTS)
+
+
+def test_other_network_policies_take_any_form() -> None:
+    assert halves("osnet-only", model=PAPER)[0] == neural(PAPER)[0]
+    assert halves("rpnet-only", model=PAPER)[1] == neural(PAPER)[1]
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_of_another_robot_are_refused(name: str) -> None:
+    form = "paper" if name == "neural-paper" else "objects"
+    with pytest.raises(ValueError, match=r"the model was trained for the robot gen3, and this scene's is ur5e"):
+        make_policy(name, MOTIONS, model=Model(form, "gen3", 4, {}, {}, {}))
+
+
+def test_unknown_names_are_refused_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=f"unknown policy 'neurl': the policies are {', '.join(POLICIES)}"):
+        make_policy("neurl", MOTIONS)
+
+
+def test_the_names() -> None:
+    assert {"random", "local", "neural", "neural-paper", "osnet-only", "rpnet-only", "search"} <= set(POLICIES)
+    assert {"neural", "neural-paper", "osnet-only", "rpnet-only"} <= set(NETWORKS) < set(POLICIES)
+    assert not {"random", "local", "search"} & set(NETWORKS)

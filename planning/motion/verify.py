@@ -26,8 +26,8 @@ SAME_M, SAME_RAD = 1e-3, 1e-3  # how far an object may jump when the hand takes 
 def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | None:
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
-    Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand, and no contact outside
-    the allowed ones.
+    Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand and kept as they are
+    held, and no contact outside the allowed ones.
     Raises: ValueError when two things have one name, for then nobody can tell what may touch what.
     """
     check_names(robot, scene)
@@ -42,7 +42,7 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
             return Blocked("verify", detail=f"{where}: a joint leaves its limits")
         if before is not None and np.abs(before.q[-1] - motion.q[0]).max() > 1e-9:
             return Blocked("verify", detail=f"{where}: it does not start where the one before ends")
-        if before is not None and before.held and (motion.held is None or motion.held.body != before.held.body):
+        if before is not None and before.held:
             poses[before.held.body] = hand_poses(robot, scene, before.q[-1]) @ before.held.T_hand_body
         if motion.held and motion.held.body in poses:
             jump = inverse(poses.pop(motion.held.body)) @ hand_poses(robot, scene, motion.q[0]) @ motion.held.T_hand_body

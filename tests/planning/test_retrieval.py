@@ -17,8 +17,9 @@ from fakes import BASE, HEIGHT_M, Choice, Clock, FakeMotions, motion, scene_of, 
 from kinematics.transforms import Array, rotation_about, transform
 from perception.observation import Observation
 from planning import retrieval
-from planning.plan import Blocked, Move, Plan
-from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, hand_travel, objective, proposals, retrieve
+from planning.plan import Blocked, Fault, Move, Plan
+from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, failed, hand_travel, objective, proposals, retrieve
+from planning.verdict import Settings
 
 NEVER = frozenset({("never", 0)})
 
@@ -29,10 +30,11 @@ def ordered(**regions: Sequence[int]) -> Policy:
 
 
 @pytest.fixture(autouse=True)
-def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, Any, tuple[Any, ...]]]:
-    """The final check passes everything here, and notes what it was asked."""
-    asked: list[tuple[Any, Any, tuple[Any, ...]]] = []
-    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions: asked.append((robot, scene, tuple(motions))))
+def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """The final check and the verdict pass everything here, and note what they were asked."""
+    asked: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions: asked.append(("verify", robot, scene, tuple(motions))))
+    monkeypatch.setattr(retrieval, "judge", lambda *about: asked.append(("judge", *about)) or ())
     return asked
 
 
@@ -331,33 +333,59 @@ def test_the_reason_is_what_blocks_the_target_last() -> None:
     assert plan.verified
 
 
-def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch, checked: list[tuple[Any, ...]]) -> None:
+    """And the verdict is not asked any more."""
     refused = Blocked("verify", "arm", "floor", 0.002)
     monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions: refused)
-    motions = FakeMotions(scene_of("a"), opens=[frozenset()])
-    plan = plan_with(motions, ordered(a=[3]))
-    assert (plan.success, plan.reason, plan.verified) == (False, refused, False)
-    assert plan.value == 0.0
-    assert len(plan.motions) == 1
+    plan = plan_with(FakeMotions(scene_of("a"), opens=[frozenset()]), ordered(a=[3]))
+    assert (plan.success, plan.reason, plan.verified, plan.faults) == (False, refused, False, ())
+    assert (plan.value, len(plan.motions)) == (0.0, 1)
+    assert checked == []
 
 
-def test_the_final_check_gets_all_motions_and_only_if_there_are_some(checked: list[tuple[Any, Any, tuple[Any, ...]]]) -> None:
+def test_what_the_verdict_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first fault is the reason; the return is that of a failure."""
+    faults = (Fault("grasp", ("pad", "a"), "the pads close on air"), Fault("lift", ("a",), "it falls"))
+    monkeypatch.setattr(retrieval, "judge", lambda *_: faults)
+    motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 13)})], possible=lambda made, c: True)
+    plan = plan_with(motions, ordered(a=[13]))
+    assert (plan.success, plan.verified, plan.faults) == (False, False, faults)
+    assert plan.reason == Blocked("verify", detail="grasp: the pads close on air")
+    assert plan.value == pytest.approx(objective(motions.scene, plan.moves, False))
+    assert plan.value < -0.1
+
+
+def test_the_final_check_and_the_verdict_get_the_plan_and_only_if_it_moves(checked: list[tuple[Any, ...]]) -> None:
+    """The verdict gets the plan before it is verified, and looks for everything but the contacts, which were judged just now."""
     motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 1)})], possible=lambda made, c: True)
     plan = plan_with(motions, ordered(a=[1]))
-    assert checked == [(motions.robot, motions.scene, plan.motions)]
+    (verify, verify_robot, verify_scene, way), (judge, judge_scene, judged, judge_robot, settings) = checked
+    assert (verify, verify_robot, verify_scene, way) == ("verify", motions.robot, motions.scene, plan.motions)
+    assert (judge, judge_scene, judge_robot, settings) == ("judge", motions.scene, motions.robot, Settings(contact=False))
+    assert (judged.success, judged.moves, judged.motions, judged.value) == (True, plan.moves, plan.motions, plan.value)
+    assert (judged.verified, plan.verified) == (None, True)
     checked.clear()
-    assert plan_with(FakeMotions(scene_of("a"), opens=[NEVER]), ordered(a=[1])).verified
+    assert plan_with(FakeMotions(scene_of("a"), opens=[NEVER]), ordered(a=[1])).verified is None
     assert not checked
+
+
+def test_a_scene_that_cannot_be_meant_has_a_plan_that_says_so() -> None:
+    plan = failed(scene_of("a"), "the grasp closes on air", name="n", rule=Rule.STRICT)
+    assert (plan.scene, plan.policy, plan.rule, plan.success) == ("by-hand", "n", "strict", False)
+    assert plan.reason == Blocked("scene", detail="the grasp closes on air")
+    assert (plan.moves, plan.motions, plan.verified, plan.faults) == ((), (), None, ())
+    assert (plan.planning_time_s, plan.motion_time_s, plan.hand_travel_m, plan.value) == (0.0, 0.0, 0.0, 0.0)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ times
 
 
 def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Select twice at 1 s, place three times at 0.1 s; 3 looks at the target and 3 tries at 10 s; the final check, 1000 s."""
+    """Select twice at 1 s, place three times at 0.1 s; 3 looks at the target and 3 tries at 10 s; 4000 s of checks."""
     clock = Clock()
     monkeypatch.setattr(retrieval, "perf_counter", clock)
     monkeypatch.setattr(retrieval, "verify", lambda *_: setattr(clock, "now", clock.now + 1000.0))
+    monkeypatch.setattr(retrieval, "judge", lambda *_: setattr(clock, "now", clock.now + 3000.0) or ())
     motions = FakeMotions(
         scene_of("a", "b"), opens=[frozenset({("b", 1), ("a", 2)})],
         possible=lambda made, c: c == ("b", 1) or bool(made), clock=clock, seconds=10.0,
@@ -371,7 +399,7 @@ def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: p
     plan = plan_with(motions, policy)
     assert tried(plan) == [("a", 2, False), ("b", 1, True), ("a", 2, True)]
     assert plan.planning_time_s == pytest.approx(2.3)
-    assert plan.motion_time_s == pytest.approx(1060.0)
+    assert plan.motion_time_s == pytest.approx(4060.0)
 
 
 def test_a_stopwatch_adds_up_its_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -458,7 +486,7 @@ def test_conclude_says_what_the_loop_found() -> None:
     made = [move(from_base([1.0, 0.0, 0.0]), from_base([1.0, 1.0, 0.0]))]
     plan = conclude(stick(), scene, why, made, [], name="n", rule=Rule.REGION, thinking=thinking, moving=moving)
     assert (plan.scene, plan.policy, plan.rule, plan.success, plan.reason) == ("by-hand", "n", "region", False, why)
-    assert (plan.moves, plan.motions, plan.verified) == (tuple(made), (), True)
+    assert (plan.moves, plan.motions, plan.verified) == (tuple(made), (), None)
     assert (plan.planning_time_s, plan.motion_time_s, plan.hand_travel_m, plan.value) == (3.0, 4.0, 0.0, -2.0)
 
 

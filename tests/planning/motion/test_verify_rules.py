@@ -16,7 +16,7 @@ from fakes import BASE, scene_of
 
 from kinematics.collision.fcl_solids import Contact
 from kinematics.scene import Held, Scene
-from kinematics.transforms import Array, inverse, rotations_about, transform
+from kinematics.transforms import Array, angle_between, inverse, rotations_about, transform
 from planning.motion import verify as module
 from planning.motion.verify import SAME_M, SAME_RAD, hand_poses, verify
 from planning.plan import Blocked, Motion
@@ -211,6 +211,30 @@ def test_one_object_after_another_without_a_motion_between(engines: Engines) -> 
     assert says(move([0.2, 0.1, 0.0], there, held=first), move(there, [0, 0, 0], held=second)) is None
     assert [sorted(a.poses) for a in engines.asked] == [["b", "target"], ["a", "target"]]
     assert np.allclose(engines.asked[1].poses["a"], hand_poses(slider(), SCENE, np.array(there)) @ first.T_hand_body)
+
+
+def test_an_object_may_not_slip_in_the_hand(engines: Engines) -> None:
+    """It is held from one motion to the next as it was, within the same tolerance."""
+    q = [0.2, 0.1, 0.0]
+    for slip, well in ((0.9, True), (1.1, False), (50.0, False)):
+        slipped = holding("a", q, by=transform(p=[0.0, slip * SAME_M, 0.0]))
+        said = says(move(q, [0.5, 0, 0], held=holding("a", q)), move([0.5, 0, 0], q, stage="transfer", held=slipped))
+        assert said == (
+            None if well else Blocked("verify", "hand", "a", detail="motion 1, transfer: the object is not where the hand takes it")
+        )
+
+
+def test_just_the_tolerance_is_well(engines: Engines, monkeypatch: pytest.MonkeyPatch) -> None:
+    q, held = (
+        [0.2, 0.1, 0.7],
+        holding("a", [0.2, 0.1, 0.7], by=transform(rotations_about((0.0, 1.0, 0.0), np.array(2e-4)), [4e-4, 0.0, 0.0])),
+    )
+    jump = inverse(SCENE.poses()["a"]) @ hand_poses(slider(), SCENE, np.array(q)) @ held.T_hand_body
+    far, turned = float(np.linalg.norm(jump[:3, 3])), float(angle_between(np.eye(3), jump[:3, :3]))
+    for m, rad, well in ((far, turned, True), (np.nextafter(far, 0), 1.0, False), (1.0, np.nextafter(turned, 0), False)):
+        monkeypatch.setattr(module, "SAME_M", m)
+        monkeypatch.setattr(module, "SAME_RAD", rad)
+        assert (says(move(q, held=held)) is None) == well
 
 
 def test_the_target_may_stay_in_the_hand(engines: Engines) -> None:

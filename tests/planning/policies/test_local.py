@@ -128,7 +128,9 @@ def arm(toy: Robot) -> RobotCollisionModel:
 HOME = np.array([0.0, 0.1, 0.1])
 
 
-def line(toy: Robot, arm: RobotCollisionModel, *goals: tuple[float, float, float], width_m: float = 0.03) -> tuple[Line, list[Array]]:
+def line(
+    toy: Robot, arm: RobotCollisionModel, *goals: tuple[float, float, float], width_m: float = 0.03, home: Array = HOME
+) -> tuple[Line, list[Array]]:
     """The line from home to the nearest of some goals (turn, up, out), and what inverse kinematics was asked."""
     asked: list[Array] = []
 
@@ -136,7 +138,7 @@ def line(toy: Robot, arm: RobotCollisionModel, *goals: tuple[float, float, float
         asked.append(T_world_hand)
         return [np.array(g) for g in goals]
 
-    motions = SimpleNamespace(robot=toy, cell=SimpleNamespace(arm=arm, home_arm=HOME, ik=ik))
+    motions = SimpleNamespace(robot=toy, cell=SimpleNamespace(arm=arm, home_arm=home, ik=ik))
     seen = replace(seen_with(), grasp=Grasp(transform(p=[0.5, 0.0, 0.2]), width_m))
     return Line(motions, seen), asked  # type: ignore[arg-type]
 
@@ -157,6 +159,8 @@ def test_a_line_leads_straight_to_the_nearest_solution(toy: Robot, arm: RobotCol
     assert np.array_equal(found.samples[0], HOME)
     assert found.samples[-1] == pytest.approx([0.6, 0.2, 0.3])
     assert np.allclose(np.diff(found.samples, axis=0), (np.array([0.6, 0.2, 0.3]) - HOME) / 63)
+    from_elsewhere, _ = line(toy, arm, (-0.4, 0.1, 0.1), (1.2, 0.1, 0.1), home=np.array([0.5, 0.1, 0.1]))
+    assert from_elsewhere.samples[[0, -1], 0].tolist() == [0.5, 1.2]
     (T,) = asked
     assert T[:3, 3].tolist() == [0.5, 0.0, 0.2]
 

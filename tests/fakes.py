@@ -51,13 +51,14 @@ class FakeMotions:
 
     opens: the sets of moves of which one must have been made for the target to be free; an empty set: it is free at once.
     possible: whether an object can be moved to a region after some moves were made; by default never.
-    graspable: whether an object can be picked at all then. Each question costs `seconds` on `clock`, and is noted in `asked`.
+    graspable: whether an object can be picked at all then. at_start: what touches the arm where it stands. Each question costs `seconds` on `clock`, and is noted in `asked`.
     """
 
     scene: Scene
     opens: Sequence[frozenset[Choice]] = ()
     possible: Callable[[tuple[Choice, ...], Choice], bool] = lambda made, choice: False
     graspable: Callable[[tuple[Choice, ...], str], bool] = lambda made, name: True
+    at_start: Blocked | None = None
     robot: Any = field(default_factory=stick)
     clock: Clock | None = None
     seconds: float = 0.0
@@ -68,6 +69,9 @@ class FakeMotions:
 
     def start(self) -> State:
         return self._state(State(np.zeros(1), self.scene.poses()), ())
+
+    def start_blocked(self) -> Blocked | None:
+        return self.at_start
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         self._note(rng, "target", self.made[id(state)])

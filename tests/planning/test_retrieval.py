@@ -60,6 +60,14 @@ def test_a_free_target_needs_no_move() -> None:
     assert steps == ["trying the target target"]
 
 
+def test_an_arm_that_touches_where_it_stands_tries_nothing() -> None:
+    why, steps = Blocked("scene", "arm", "post"), list[str]()
+    motions = FakeMotions(scene_of("a"), opens=[frozenset()], at_start=why)
+    plan = plan_with(motions, ordered(a=[3]), on_step=steps.append)
+    assert (plan.success, plan.reason, plan.moves, plan.motions, plan.verified) == (False, why, (), (), None)
+    assert (motions.asked, steps) == ([], [])
+
+
 def test_deep_is_the_default_and_nobody_need_listen() -> None:
     motions = FakeMotions(scene_of("a"), opens=[frozenset()])
     plan = retrieve(motions.scene, ordered(a=[3]), motions, name="x", rng=np.random.default_rng(0))  # type: ignore[arg-type]

@@ -43,10 +43,12 @@ class Engines:
 
     def __init__(self, answers: dict[int, tuple[int, list[Contact]]] | None = None) -> None:
         self.answers, self.asked, self.made = answers or {}, list[SimpleNamespace](), list[tuple[str, Any, Any]]()
+        self.start: Array | None = None
 
     def install(self, patch: pytest.MonkeyPatch) -> Engines:
         patch.setattr(module, "Verdict", lambda robot, scene: self._make("verdict", robot, scene))
         patch.setattr(module, "BroadPhase", lambda robot, scene: self._make("broad phase", robot, scene))
+        patch.setattr(module, "start_q", lambda robot, ref: self.start)
         patch.setattr(module, "samples", lambda robot, scene, motion: ("rows of", motion.stage))
         return self
 
@@ -140,6 +142,22 @@ def test_motions_follow_one_another_without_a_gap(engines: Engines) -> None:
     assert says(first, move([0.5, 0.5, 0.5], [0, 0, 0]), move([0.0, 0.0, 0.1])) is not None
     assert says(move([0.3, 0, 0], [0, 0, 0])) is None  # the first may start anywhere
     assert says(move([0, 0, 0], [0, 0, 0]), move([0, 0, 1e-9], [0, 0, 0])) is None  # just as much is none
+
+
+def test_the_way_begins_where_the_scene_says_that_the_arm_is(engines: Engines) -> None:
+    """To a millionth, in every joint; a scene that says nothing lets it begin anywhere."""
+    assert says(move([0.5, 0, 0])) is None
+    engines.start = np.array([0.5, 0.25, 0.0])
+    assert says() is None
+    for off, well in ((0.0, True), (0.9e-6, True), (1.1e-6, False), (0.5, False)):
+        for joint in range(3):
+            for sign in (1, -1):
+                q = engines.start.copy()
+                q[joint] += sign * off
+                detail = "motion 0, lift: it does not begin where the scene says that the arm is"
+                assert says(move(q, [0, 0, 0], stage="lift")) == (None if well else Blocked("verify", detail=detail))
+    engines.start = np.zeros(3)
+    assert says(move([0, 0, 1e-6])) is None  # just as much is well
 
 
 def test_limits_are_looked_at_before_gaps_and_gaps_before_contacts(engines: Engines) -> None:

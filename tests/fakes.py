@@ -51,7 +51,8 @@ class FakeMotions:
 
     opens: the sets of moves of which one must have been made for the target to be free; an empty set: it is free at once.
     possible: whether an object can be moved to a region after some moves were made; by default never.
-    graspable: whether an object can be picked at all then. at_start: what touches the arm where it stands. Each question costs `seconds` on `clock`, and is noted in `asked`.
+    graspable: whether an object can be picked at all then. at_start: what touches the arm where it stands.
+    Each question costs `seconds` on `clock`, and is noted in `asked`.
     """
 
     scene: Scene

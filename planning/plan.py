@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
 from kinematics.scene import Grasp, Held, Settlement
 from kinematics.transforms import Array
 
@@ -54,11 +57,31 @@ class Fault:
         return f"{self.stage}: {self.detail}"
 
 
+@dataclass(frozen=True)
+class GripperState:
+    """What the gripper is told: its joint's value, in rad or m; the width between the pads that this is; how hard to close (None: not)."""
+
+    value: float
+    width_m: float
+    force_N: float | None = None
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """What the gripper is told before a motion and for its end: the same but where the fingers move. joint: the one that moves them."""
+
+    joint: str
+    before: GripperState
+    after: GripperState
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One stage of the arm's way. Between two waypoints the arm moves straight in joint space.
+    """One stage of the arm's way: a trajectory from rest to rest.
 
-    q: (K, J) waypoints over every actuated joint, in the order of joint_names; t_s: (K,) times from the motion's start.
+    q: (K, J) positions over every actuated joint, in the order of joint_names; t_s: (K,) times from the motion's start, rising.
+    qd, qdd: (K, J) velocities and accelerations, rad/s and rad/s² (m for sliding joints); between two rows runs the quintic Hermite spline
+    (kinematics.quintic_spline). Without them the rows are waypoints, between which the arm moves straight in joint space.
     held: the object that moves with the hand during the whole motion. allowed_contacts: pairs that may be in contact during it.
     """
 
@@ -68,6 +91,21 @@ class Motion:
     t_s: Array
     held: Held | None = None
     allowed_contacts: tuple[tuple[str, str], ...] = ()
+    qd: Array | None = None
+    qdd: Array | None = None
+    gripper: Gripper | None = None
+
+    @property
+    def spline(self) -> QuinticSpline | None:
+        """What runs between the rows; None where these are waypoints."""
+        return None if self.qd is None or self.qdd is None else hermite(self.t_s, self.q, self.qd, self.qdd)
+
+    def at(self, t_s: Array) -> Array:
+        """Positions (N, J) at times t_s (N,) from the motion's start; before it and after its end, those at its ends."""
+        spline = self.spline
+        if spline is not None:
+            return evaluate(spline, t_s)
+        return np.stack([np.interp(t_s, self.t_s, column) for column in self.q.T], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,3 +168,8 @@ class Plan:
     least_moves: int | None = None
     unsolvable: Unsolvable | None = None
     settled: tuple[Settlement, ...] = ()
+
+    @property
+    def duration_s(self) -> float:
+        """How long the robot moves, all motions one after the other."""
+        return float(sum(motion.t_s[-1] for motion in self.motions))

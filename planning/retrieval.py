@@ -15,7 +15,6 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
-from kinematics.transforms import Array
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
 from planning.motion.verify import hand_poses, verify
@@ -122,7 +121,8 @@ def retrieve(
         with moving:
             taken = motions.retrieve_target(state, rng)  # the indicator I
         if not isinstance(taken, Blocked):
-            way += taken.motions
+            with moving:
+                way += motions.trajectories(state, taken.motions)
             break
         if steps == max_moves:
             break
@@ -142,7 +142,8 @@ def retrieve(
                 continue
             on_step(f"moved {object_name} to region {region}")
             moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))
-            way += moved.motions
+            with moving:
+                way += motions.trajectories(state, moved.motions)
             state, stuck = moved.after, False
             failed.clear()  # a new state: what failed before may work now
             break
@@ -203,15 +204,14 @@ def failed(scene: str, detail: str, *, name: str, rule: Rule) -> Plan:
 
 
 def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:
-    """Length in metres of the hand's path, measured along chords of at most `step` rad (or m) in any joint."""
-    rows = list[Array]()
+    """Length in metres of the hand's path, measured along chords of about `step` rad (or m) in any joint."""
+    length = 0.0
     for motion in motions:
-        for a, b in zip(motion.q[:-1], motion.q[1:]):
-            n = max(1, int(np.ceil(np.abs(b - a).max() / step)))
-            rows.append(a + np.arange(n + 1)[:, None] / n * (b - a))  # motions follow one another without a gap
-    if not rows:
-        return 0.0
-    return float(np.linalg.norm(np.diff(hand_poses(robot, scene, np.concatenate(rows))[:, :3, 3], axis=0), axis=1).sum())
+        parts = np.maximum(1, np.ceil(np.abs(np.diff(motion.q, axis=0)).max(1) / step)).astype(int)
+        ends = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(motion.t_s[:-1], motion.t_s[1:], parts)]
+        q = motion.at(np.concatenate([*ends, motion.t_s[-1:]]))
+        length += float(np.linalg.norm(np.diff(hand_poses(robot, scene, q)[:, :3, 3], axis=0), axis=1).sum())
+    return length
 
 
 def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:

@@ -327,6 +327,13 @@ def plan(
         str | None,
         typer.Option("--target-box", help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.", metavar="BOX"),
     ] = None,
+    speed: Annotated[float, typer.Option("--speed", help="Share of full speed, 0.01 to 1: at 0.5 all takes twice as long.")] = 1.0,
+    hand_speed: Annotated[
+        float, typer.Option("--hand-speed", help="How fast the hand may move with an object in it, m/s.", metavar="M/S")
+    ] = 1.0,
+    limits: Annotated[
+        Path | None, typer.Option("--limits", help="Limits of velocity, acceleration and jerk of your own, TOML.", metavar="FILE")
+    ] = None,
     html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
     workers: Workers = None,
@@ -358,6 +365,9 @@ def plan(
         noise=noise,
         by=by.value,
         target_box=target_box,
+        speed=speed,
+        hand_speed=hand_speed,
+        limits=limits,
         html=html,
         strict=strict,
         resume=resume,

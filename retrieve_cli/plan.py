@@ -22,6 +22,7 @@ from retrieve_cli.terminal import announce_first_run, progress, say
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
+    from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
 
 STAGE = 4  # this stage's word in the seeds of random generators
@@ -43,6 +44,9 @@ class Job:
     by: Literal["mask", "geometry"] = "mask"
     target_box: str | None = None
     fail_fast: bool = False
+    speed: float = 1.0
+    hand_speed: float = 1.0
+    limits: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +83,18 @@ def run(
     target_box: str | None = None,
     resume: bool = False,
     fail_fast: bool = False,
+    speed: float = 1.0,
+    hand_speed: float = 1.0,
+    limits: Path | None = None,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
     A scene that can't be meant gets a plan that failed at stage `scene`; with `fail_fast`, or when there is no other scene, it is an error.
     """
     job = Job(
-        policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast
-    )
+        policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast,
+        speed, hand_speed, str(limits) if limits else None,
+    )  # fmt: skip
     _check(job)
     if html is not None and not is_special(html):
         place_for(html)
@@ -133,8 +141,10 @@ def run(
 
 
 def _check(job: Job) -> None:
-    """Raises: InputError for options that do not go together, or a model that can't be loaded."""
+    """Raises: InputError for options that do not go together, or a model or limits that can't be read."""
+    from kinematics.robots.limits import read_tables
     from planning.learning.model import once_loaded
+    from planning.motion.trajectory import Pace
     from planning.policies import NETWORKS, POLICIES
 
     if job.policy is not None:
@@ -153,6 +163,11 @@ def _check(job: Job) -> None:
             raise InputError(f"plan: {option} is for --sense: without it nothing is looked at")
     if job.target_box is not None:
         parse_box(job.target_box, "plan")
+    with blame("plan"):
+        Pace(job.speed, job.hand_speed)
+    if job.limits is not None:
+        with blame("plan: --limits"):
+            read_tables(Path(job.limits))
 
 
 def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
@@ -197,6 +212,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     from kinematics.robots.robot import from_ref
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS, Motions
+    from planning.motion.trajectory import Pace
     from planning.policies import make_policy
     from planning.retrieval import Rule, retrieve
     from planning.verdict import judge_grasp
@@ -204,10 +220,11 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     if job.sense:
         return sense_and_plan(job, where, scene)
     with blame(where, *UNREADABLE):
-        arm = from_ref(scene.robot, on_step=say)
+        arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
         if (wrong := judge_grasp(arm, scene)) is not None:
             raise ValueError(f"grasp: {wrong}")
-        motions = Motions(arm, scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s)
+        pace = Pace(job.speed, job.hand_speed)
+        motions = Motions(arm, scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s, pace=pace)
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
         policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None, max_moves=job.max_moves)
@@ -223,13 +240,14 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from perception.camera import DepthNoise
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
+    from planning.motion.trajectory import Pace
     from planning.policies import make_policy
     from planning.retrieval import Rule
     from planning.sensing.retrieve import Simulated, retrieve_unseen
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):
-        arm = from_ref(scene.robot, on_step=say)
+        arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
         if (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
             raise ValueError(f"grasp: {wrong}")
         name = job.policy or _default_policy(arm.name, job.model)
@@ -243,6 +261,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
+            pace=Pace(job.speed, job.hand_speed),
             rng=np.random.default_rng([job.seed, STAGE, scene.random_word]),
         )
 
@@ -260,6 +279,18 @@ def _default_policy(robot: str, model: str | None) -> str:
 
 
 _say_once = lru_cache(say)
+
+
+@lru_cache(maxsize=16)
+def _with_limits(robot: Robot, file: str | None) -> Robot:
+    """The robot with a file's limits of speed; what nobody knows about them is said once. Raises: ValueError, see `read_limits`."""
+    from kinematics.robots.limits import read_limits
+
+    if file is not None:
+        robot = replace(robot, limits=read_limits(Path(file), robot.joint_names, robot.limits))
+    if robot.limits.assumed:
+        _say_once(f"robot {robot.name}: not known, and assumed: {robot.limits.assumed} (--limits FILE says better)")
+    return robot
 
 
 def _refused(plan: Plan) -> bool:

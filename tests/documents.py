@@ -60,6 +60,16 @@ def observed(scene_id: str = "0-000007") -> dict[str, Any]:
     return {**scene(scene_id), "observation": observation}
 
 
+def timed_plan(**words: Any) -> dict[str, Any]:
+    """A plan of version 2: its first motion turns two joints from rest to rest, its second one closes the fingers."""
+    document = {**plan(**words), "schema": "retrieve/plan@2", "duration_s": 0.75}
+    for motion in document["motions"]:
+        motion.update({rows: [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]] for rows in ("qd", "qdd")})
+    wide, tight = {"value": 0.1, "command_m": 0.08, "force_N": None}, {"value": 0.4, "command_m": 0.05, "force_N": 40.0}
+    document["motions"][0]["gripper"] = {"joint": "finger", "before": wide, "after": tight}
+    return document
+
+
 def plan(scene_id: str = "0-000007", policy: str = "random", rule: str = "deep", success: bool = True, moved: int = 1) -> dict[str, Any]:
     why = {"stage": "transfer", "link": "forearm", "body": "box_2", "depth_m": 0.004}
     move = {"object": "box_0", "T_world_from": pose(0.5, 0.0, 0.15), "T_world_to": pose(0.4, 0.2, 0.15)}

@@ -74,6 +74,10 @@ class FakeMotions:
     def start_blocked(self) -> Blocked | None:
         return self.at_start
 
+    def trajectories(self, state: State, motions: Sequence[Motion]) -> tuple[Motion, ...]:
+        """The waypoints themselves."""
+        return tuple(motions)
+
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         self._note(rng, "target", self.made[id(state)])
         made = self.made[id(state)]

@@ -19,6 +19,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import BPoly
 
 CONTACT_M = 0.001  # deeper than this is a collision
 TOUCH_M = 0.003  # and so is this, even where touching is allowed; a parameter of `replay`
@@ -28,6 +29,7 @@ LIMIT = 1e-5  # rad or m; files round
 GRIP_M = 0.003  # a finger this near to the object holds it
 REST_M = 0.005  # what is put down stands at most this far above the floor
 PIECE_RAD = 0.02  # rad or m; no joint moves further in a piece of a path
+CHORD_RAD = 2e-5  # how far straight pieces may be from a spline
 SLACK_M = 2e-5  # what coal's distances and depths are trusted to, twentyfold
 
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
@@ -414,11 +416,12 @@ class Replay:
         last: np.ndarray | None = None
         for i, motion in enumerate(self.plan["motions"]):
             order = [motion["joint_names"].index(n) for n in self.arm.actuated]
-            Q = np.array(motion["q"], float)[:, order]
+            t, Q = _followed(motion)
+            Q = Q[:, order]
             if last is not None and np.abs(Q[0] - last).max() > GAP:
                 self._say("gap", f"starts {np.abs(Q[0] - last).max():.2g} rad from where the one before ends", i)
             last = Q[-1]
-            self._timing(i, motion, Q)
+            self._timing(i, motion, t, Q)
             self._move(i, motion, Q)
         if self.held is not None and not self.plan["success"]:
             self._say("move", f"{self.held} is still in the hand at the end")
@@ -442,6 +445,8 @@ class Replay:
                 self._say("form", f"joint_names {motion['joint_names']} are not the actuated joints", i)
             if not motion["q"] or len(motion["q"]) != len(motion["t_s"]) or {len(q) for q in motion["q"]} != {len(self.arm.actuated)}:
                 self._say("form", "q and t_s don't fit each other or the joints", i)
+            elif "qd" in motion and {np.shape(motion[w]) for w in ("q", "qd", "qdd")} != {np.shape(motion["q"])}:
+                self._say("form", "q, qd and qdd don't fit each other", i)
             elif not np.isfinite([x for row in (*motion["q"], motion["t_s"]) for x in row]).all():
                 self._say("form", "q or t_s has a number that is not finite", i)
             if motion["held"] is not None and motion["held"]["body"] not in self.bodies:
@@ -453,14 +458,13 @@ class Replay:
                 self._say("form", f"a move names {move['object']!r}, which is not in the scene")
         return not self.problems
 
-    def _timing(self, i: int, motion: Json, Q: np.ndarray) -> None:
+    def _timing(self, i: int, motion: Json, t: np.ndarray, Q: np.ndarray) -> None:
         """Joint limits, times that increase, speeds within the limits."""
         for j, name in enumerate(self.arm.actuated):
             over = max(Q[:, j].max() - self.arm.high[name], self.arm.low[name] - Q[:, j].min())
             if over > LIMIT:
                 self._say("limit", f"{name} is {over:.3g} outside its limits", i)
-        t = np.array(motion["t_s"], float)
-        if t[0] < 0 or (np.diff(t) <= 0).any():
+        if t[0] < 0 or (np.diff(motion["t_s"]) <= 0).any():
             self._say("time", "t_s does not increase", i)
             return
         for j, name in enumerate(self.arm.actuated):
@@ -577,6 +581,23 @@ class Replay:
                 far, turned = apart(matrix(move[key]), T)
                 if far > POSE_M or turned > POSE_RAD:
                     self._say("move", f"{name} is {1000 * far:.2f} mm and {1000 * turned:.2f} mrad from the move's {key}")
+
+
+def _followed(motion: Json) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) and positions (N, J) along a motion: its waypoints, or its quintic Hermite spline, cut so that straight lines between the
+    positions are nowhere further than CHORD_RAD from it."""
+    t, q = np.array(motion["t_s"], float), np.array(motion["q"], float)
+    if "qd" not in motion or (np.diff(t) <= 0).any():
+        return t, q
+    rows = np.stack([q, motion["qd"], motion["qdd"]], axis=1)
+    times, out = [t[:1]], [q[:1]]
+    for k in range(len(t) - 1):
+        piece = BPoly.from_derivatives(t[k : k + 2], rows[k : k + 2])
+        bend = np.abs(piece.derivative(2).c).max()  # Bernstein coefficients bound the polynomial
+        n = max(1, int(np.ceil((t[k + 1] - t[k]) * np.sqrt(bend / (8 * CHORD_RAD)))))
+        times.append(np.linspace(t[k], t[k + 1], n + 1)[1:])
+        out.append(piece(times[-1]))
+    return np.concatenate(times), np.concatenate(out)
 
 
 def _near(sweep: Sweep, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -487,7 +487,7 @@ def test_plans_with_a_waypoint_in_a_wall_fail(planned: Handmade, ur5e_urdf: Path
         def shift(_: Json, plan: Json, joint: str = joint, by: float = by) -> None:
             plan.update(motions=plan["motions"][: inside + 1], success=False)
             motion = plan["motions"][inside]
-            motion["q"][-2][motion["joint_names"].index(joint)] += by
+            motion["q"][len(motion["q"]) // 2][motion["joint_names"].index(joint)] += by
 
         problems = found(spoil(planned, shift), ur5e_urdf, 0.005)
         hit |= {p.motion for p in problems if p.kind == "contact" and any(f"inside {wall} " in p.text for wall in WALLS)}

@@ -36,6 +36,11 @@ class Opening:
         """The gripper joint's value for a width, clipped to what the gripper can do."""
         return float(np.interp(width_m, self.width_m, self.value))
 
+    def width_at(self, value: float) -> float:
+        """The width between the pads, in metres, at a value of the gripper's joint."""
+        order = np.argsort(self.value)
+        return float(np.interp(value, self.value[order], self.width_m[order]))
+
     def pad_z_at(self, width_m: float) -> float:
         """The middle of the pads along the hand's z, at a width."""
         return float(np.interp(width_m, self.width_m, self.pad_z_m))

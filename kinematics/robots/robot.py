@@ -28,6 +28,7 @@ from kinematics.collision.geometry import Parts, make_parts
 from kinematics.robots import urdf
 from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.joints import beyond_limits, with_joints
+from kinematics.robots.limits import JointLimits, joint_limits
 from kinematics.robots.selfcheck import check_kinematics
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 from kinematics.scene import WALLS, Body, RobotRef, Scene
@@ -42,8 +43,9 @@ class Robot:
     """An arm, its hand and its camera.
 
     name: as asked for; urdf: the cleaned, joined URDF text with links `hand` and `camera`. joint_names (J,): every actuated joint, mimic
-    joints left out; lower, upper, velocity (J,): limits, in rad or m (and per second), infinite where a joint is continuous.
+    joints left out; lower, upper (J,): limits, in rad or m, infinite where a joint is continuous; limits: those of its speed.
     arm_joints: indices of those between base and hand, in order; gripper_joint: index of the one that opens the hand.
+    grip_force_N: how hard the gripper is told to close on an object, None where that is not known.
     skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves; pads: those of them that close on
     an object.
     """
@@ -54,7 +56,7 @@ class Robot:
     joint_names: tuple[str, ...]
     lower: Array
     upper: Array
-    velocity: Array
+    limits: JointLimits
     arm_joints: tuple[int, ...]
     gripper_joint: int
     home: Array
@@ -66,6 +68,22 @@ class Robot:
     opening: Opening
     base_p: Array = field(default_factory=lambda: np.zeros(3))
     has_camera: bool = False
+    grip_force_N: float | None = None
+
+    @property
+    def velocity(self) -> Array:
+        """Limits (J,) in rad/s or m/s."""
+        return self.limits.velocity
+
+    @property
+    def acceleration(self) -> Array:
+        """Limits (J,) in rad/s² or m/s²."""
+        return self.limits.acceleration
+
+    @property
+    def jerk(self) -> Array:
+        """Limits (J,) in rad/s³ or m/s³."""
+        return self.limits.jerk
 
     def link_poses(self, q: Array) -> dict[str, Array]:
         """Pose (4, 4) of every link in the base frame at q (J,). Raises: ValueError for another number of values."""
@@ -302,7 +320,10 @@ def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: C
         boxes = tuple((np.array(size), np.array(centre)) for size, centre in entry[frame].get("boxes", []))
         T = transform(rotation_rpy(entry[frame]["rpy"]), entry[frame]["xyz"])
         urdf.add_link(root, frame, entry[frame]["link"], T @ T_link_hand if frame == "hand" else T, boxes)
-    return _assemble(name, entry["title"], root, entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step)
+    return _assemble(
+        name, entry["title"], root, entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step,
+        entry.get("limits"), entry.get("grip_force_N"),
+    )  # fmt: skip
 
 
 def _load_urdf(
@@ -344,6 +365,8 @@ def _assemble(
     base_p: Array,
     srdf: Path | None,
     on_step: Callable[[str], None] | None,
+    sheet: dict[str, Any] | None = None,
+    grip_force_N: float | None = None,
 ) -> Robot:
     """The Robot behind a cleaned URDF with a `hand` link: from the cache, or derived and cached. Links called like a wall of the cabinet
     get another name."""
@@ -353,11 +376,11 @@ def _assemble(
     name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
     data = cache.load(name_in_cache)
     if data is not None:
-        return _robot(name, title, text, data, gripper, home, base_p)
+        return _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N)
     if on_step:
         on_step(f"reading the meshes of {title}")
     data = _derive(text, name, srdf, renamed)
-    robot = _robot(name, title, text, data, gripper, home, base_p)
+    robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N)
     if _fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
         if on_step:
             on_step(f"comparing the kinematics of {title} with pytorch-kinematics")
@@ -405,13 +428,21 @@ def _derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str])
 
 
 def _robot(
-    name: str, title: str, text: str, data: dict[str, NDArray[Any]], gripper: str | None, home: list[float] | None, base_p: Array
+    name: str,
+    title: str,
+    text: str,
+    data: dict[str, NDArray[Any]],
+    gripper: str | None,
+    home: list[float] | None,
+    base_p: Array,
+    sheet: dict[str, Any] | None,
+    grip_force_N: float | None,
 ) -> Robot:
     tree = Tree(
         tuple(str(n) for n in data["links"]), *(data[k] for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset"))
     )
     joints = tuple(str(j) for j in data["joints"])
-    lower, upper, velocity = data["limits"].T
+    lower, upper = data["limits"].T[:2]
     way = tree.path(tree.index["hand"])
     arm = list(dict.fromkeys(int(tree.q_index[i]) for i in way if tree.kind[i] != FIXED))
     if not arm:
@@ -440,9 +471,10 @@ def _robot(
     opening, pads = measure(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
+    limits = joint_limits(etree.fromstring(text), joints, arm, sheet)
     return Robot(
-        name, title, text, joints, lower, upper, velocity, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
-        has_camera=any(h.link == "camera" for h in hulls),
+        name, title, text, joints, lower, upper, limits, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
+        has_camera=any(h.link == "camera" for h in hulls), grip_force_N=grip_force_N,
     )  # fmt: skip
 
 

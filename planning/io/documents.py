@@ -14,7 +14,7 @@ from typing import Any
 from kinematics.transforms import Array, wxyz_from_rotation
 from planning.io.checked import Node
 
-VERSIONS = {"scene": (1, 2), "plan": (1,)}
+VERSIONS = {"scene": (1, 2), "plan": (1, 2)}
 """The versions of each kind of document that are read."""
 
 

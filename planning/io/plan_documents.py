@@ -6,19 +6,24 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from kinematics.scene import Grasp, Held, Settlement
 from planning.io.checked import Node
 from planning.io.documents import expect, numbers, pose_to_json, without_none
-from planning.plan import STAGES, Blocked, Fault, Motion, Move, Plan, Unsolvable
+from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
 
-PLAN = "retrieve/plan@1"
+PLAN = "retrieve/plan@2"
+WAYPOINT_PLAN = "retrieve/plan@1"
+"""A plan whose motions are waypoints, without velocities and accelerations."""
 RULES = ("deep", "region", "strict")
 
 
 def plan_to_json(plan: Plan) -> dict[str, Any]:
-    """A plan as schema/plan.schema.json has it."""
+    """A plan as schema/plan.schema.json has it; as version 1 when its motions are waypoints."""
+    timed = all(m.spline is not None for m in plan.motions)
     document = {
-        "schema": PLAN,
+        "schema": PLAN if timed else WAYPOINT_PLAN,
         "scene": plan.scene,
         "policy": plan.policy,
         "rule": plan.rule,
@@ -35,19 +40,10 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
             }
             for m in plan.moves
         ],
-        "motions": [
-            {
-                "stage": m.stage,
-                "joint_names": list(m.joint_names),
-                "q": [numbers(row) for row in m.q],
-                "t_s": numbers(m.t_s),
-                "held": None if m.held is None else {"body": m.held.body, "T_hand_body": pose_to_json(m.held.T_hand_body)},
-                "may_touch": [list(pair) for pair in m.allowed_contacts],
-            }
-            for m in plan.motions
-        ],
+        "motions": [_motion_to_json(m) for m in plan.motions],
         "planning_time_s": float(plan.planning_time_s),
         "motion_time_s": float(plan.motion_time_s),
+        **({"duration_s": plan.duration_s} if timed else {}),
         "hand_travel_m": float(plan.hand_travel_m),
         "return": float(plan.value),
         "verified": None if plan.verified is None else bool(plan.verified),
@@ -71,13 +67,31 @@ def _foresight_to_json(plan: Plan) -> dict[str, Any]:
     return {key: value for key, value in known.items() if value is not None}
 
 
+def _motion_to_json(m: Motion) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "stage": m.stage,
+        "joint_names": list(m.joint_names),
+        "q": [numbers(row) for row in m.q],
+        "t_s": numbers(m.t_s),
+        "held": None if m.held is None else {"body": m.held.body, "T_hand_body": pose_to_json(m.held.T_hand_body)},
+        "may_touch": [list(pair) for pair in m.allowed_contacts],
+    }
+    if m.qd is not None and m.qdd is not None:
+        document["qd"], document["qdd"] = [numbers(row) for row in m.qd], [numbers(row) for row in m.qdd]
+    if m.gripper is not None:
+        states = {"before": m.gripper.before, "after": m.gripper.after}
+        told = {when: {"value": g.value, "command_m": g.width_m, "force_N": g.force_N} for when, g in states.items()}
+        document["gripper"] = {"joint": m.gripper.joint, **told}
+    return document
+
+
 def plan_from_json(document: Any, where: str = "plan") -> Plan:
     """The inverse of `plan_to_json`, checked. Raises InputError that begins with `where`."""
     return plan_from_node(Node(document, where))
 
 
 def plan_from_node(node: Node) -> Plan:
-    expect(node, "plan")
+    version = expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
     f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled"), extra=True)
@@ -88,7 +102,7 @@ def plan_from_node(node: Node) -> Plan:
         success=f["success"].flag(),
         reason=_blocked(f["reason"]),
         moves=tuple(_move(m) for m in f["moves"].items()),
-        motions=tuple(_motion(m) for m in f["motions"].items()),
+        motions=tuple(_motion(m, version) for m in f["motions"].items()),
         planning_time_s=f["planning_time_s"].number(least=0),
         motion_time_s=f["motion_time_s"].number(least=0),
         hand_travel_m=f["hand_travel_m"].number(least=0),
@@ -141,13 +155,22 @@ def _move(node: Node) -> Move:
     return Move(f["object"].text(), f["region"].integer(least=0), *poses, f["done"].flag(), _blocked(f["reason"]))
 
 
-def _motion(node: Node) -> Motion:
-    f = node.record(("stage", "joint_names", "q", "t_s", "held", "may_touch"), extra=True)
+def _motion(node: Node, version: int) -> Motion:
+    words = ("stage", "joint_names", "q", "t_s", "held", "may_touch")
+    f = node.record((*words, "qd", "qdd") if version > 1 else words, ("gripper",), extra=True)
     names = tuple(name.text() for name in f["joint_names"].items(least=1))
     q = f["q"].matrix(len(names))
     t_s = f["t_s"].vector(len(q))
     if (t_s[1:] < t_s[:-1]).any() or t_s[0] < 0:
         raise f["t_s"].error("runs backwards; times start at 0 or later and never decrease")
+    qd, qdd = None, None
+    if version > 1:
+        qd, qdd = f["qd"].matrix(len(names)), f["qdd"].matrix(len(names))
+        for rows, word in ((qd, "qd"), (qdd, "qdd")):
+            if len(rows) != len(q):
+                raise f[word].error(f"has {len(rows)} rows, and q has {len(q)}")
+        if len(q) < 2 or not (np.diff(t_s) > 0).all():
+            raise f["t_s"].error("must rise from row to row, two of them at least: a spline runs between the rows")
     held = None
     if f["held"].value is not None:
         h = f["held"].record(("body", "T_hand_body"), extra=True)
@@ -157,7 +180,18 @@ def _motion(node: Node) -> Motion:
         if len(two := [name.text() for name in pair.items(least=2)]) > 2:
             raise pair.error(f"holds {len(two)} names, and 2 are needed")
         pairs.append((two[0], two[1]))
-    return Motion(f["stage"].text(STAGES), names, q, t_s, held, tuple(pairs))
+    gripper = _gripper(f["gripper"]) if "gripper" in f and f["gripper"].value is not None else None
+    return Motion(f["stage"].text(STAGES), names, q, t_s, held, tuple(pairs), qd, qdd, gripper)
+
+
+def _gripper(node: Node) -> Gripper:
+    f = node.record(("joint", "before", "after"), extra=True)
+    states = []
+    for when in ("before", "after"):
+        g = f[when].record(("value", "command_m", "force_N"), extra=True)
+        force = None if g["force_N"].value is None else g["force_N"].number(least=0)
+        states.append(GripperState(g["value"].number(), g["command_m"].number(least=0), force))
+    return Gripper(f["joint"].text(), *states)
 
 
 def _blocked(node: Node) -> Blocked | None:

@@ -27,7 +27,7 @@ from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.reaching import place_on_floor
 from planning.motion.settings import DEFAULTS, MotionSettings
-from planning.motion.timing import time_stamps
+from planning.motion.trajectory import FULL, Pace, timed
 from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
@@ -57,7 +57,10 @@ class _Memory:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """Motions that were found, and the state after them. grasp: with which they take hold of the object."""
+    """Motions that were found, as waypoints (`Motions.trajectories` makes them smooth), and the state after them.
+
+    grasp: with which they take hold of the object.
+    """
 
     motions: tuple[Motion, ...]
     after: State
@@ -71,6 +74,7 @@ class Motions:
     obstacles: more that stands still, besides what the scene has: space that was not seen yet.
     settings: how far motions keep from everything, how upright things are carried, how paths are sought.
     target_grasps: with which of them the target may be taken out; by default with the scene's x_g alone.
+    pace: how fast what is found will be driven.
     """
 
     def __init__(
@@ -83,8 +87,9 @@ class Motions:
         obstacles: Sequence[Body] = (),
         settings: MotionSettings = DEFAULTS,
         target_grasps: Sequence[Grasp] | None = None,
+        pace: Pace = FULL,
     ) -> None:
-        self.robot, self.scene = robot, scene
+        self.robot, self.scene, self.pace = robot, scene, pace
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         self.target_grasps = (scene.x_g,) if target_grasps is None else tuple(target_grasps)
         self._picking = Picking(self.cell)
@@ -98,6 +103,10 @@ class Motions:
     def start_blocked(self) -> Blocked | None:
         """Why no motion can begin where the scene says that the arm is; None when one can."""
         return self.cell.start_blocked()
+
+    def trajectories(self, state: State, motions: Sequence[Motion]) -> tuple[Motion, ...]:
+        """Motions that were found for a state, smooth and timed: see `trajectory.timed`."""
+        return timed(self.cell, state.poses, motions, self.pace)
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
@@ -348,11 +357,11 @@ class Motions:
         touching: str | None = None,
         on_floor: bool = False,
     ) -> Motion:
-        """A motion over every actuated joint from arm waypoints (K, A); the gripper may move along, evenly."""
+        """A motion over every actuated joint through arm waypoints (K, A), without times yet; the gripper may move along, evenly."""
         values = np.linspace(gripper, gripper if to_gripper is None else to_gripper, len(arm))
         q = np.array([self.robot.with_arm(a, float(g)) for a, g in zip(arm, values)])
         body = held.body if held else touching
         allowed_contacts = [(pad, body) for pad in sorted(self.robot.pads)] if body else []
         if on_floor and body:
             allowed_contacts.append((body, "floor"))
-        return Motion(stage, self.robot.joint_names, q, time_stamps(q, self.robot.velocity), held, tuple(allowed_contacts))
+        return Motion(stage, self.robot.joint_names, q, np.arange(len(q), dtype=float), held, tuple(allowed_contacts))

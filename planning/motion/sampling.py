@@ -1,7 +1,8 @@
 """Configurations along a motion, so dense that no point of the arm or of what it holds moves more than RESOLUTION_M from one to the next.
 
 Between two poses of a body the displacement of its points is greatest at a corner of any box around it, so eight corners tell. Where the
-corners go is measured over pieces of at most COARSE; within such a piece their speeds vary by less than SLACK allows for.
+corners go is measured over pieces of at most COARSE; within such a piece their speeds vary by less than SLACK allows for. Along a spline
+the joints speed up and slow down within a piece, too, and it is cut the more finely.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from kinematics.chain import Int
 from kinematics.jit.decorators import jit_entry
+from kinematics.quintic_spline import QuinticSpline, evaluate
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.shapes import bounds
@@ -20,18 +22,38 @@ from planning.plan import Motion
 
 RESOLUTION_M = 0.002
 COARSE, SLACK = 0.03, 1.1  # rad (or m); a tenth
+MOST_UNEVEN = 3.0  # a joint that sets out from rest at a constant jerk ends at three times its mean speed
 
 
 def samples(robot: Robot, scene: Scene, motion: Motion) -> Array:
-    """Configurations (N, J) along a motion, its waypoints among them, RESOLUTION_M apart."""
+    """Configurations (N, J) along a motion, its rows among them, RESOLUTION_M apart: on its spline, or on lines between waypoints."""
     link, middle, half = _link_boxes(robot)
     if motion.held is not None:
         low, high = bounds(scene.body(motion.held.body).shape, motion.held.T_hand_body)
         link = np.append(link, robot.tree.index["hand"])
         middle, half = np.concatenate([middle, [(low + high) / 2]]), np.concatenate([half, [(high - low) / 2]])
-    q = np.ascontiguousarray(motion.q, float)
+    spline, q = motion.spline, np.ascontiguousarray(motion.q, float)
+    if spline is not None:
+        return _along_spline(robot, spline, link, middle, half)
     rows, pieces = _coarse(q, COARSE)
     return _fine(q, pieces, robot.tree.poses(rows), link, middle, half, RESOLUTION_M / SLACK)
+
+
+def _along_spline(robot: Robot, spline: QuinticSpline, link: Int, middle: Array, half: Array) -> Array:
+    """The samples of a spline. Where a piece of it is at most COARSE long its speed is greatest at an end of it, and so much is it cut."""
+    travel = np.abs(np.diff(spline.control, axis=1)).sum(1).max(1)
+    i, k = _cut(np.maximum(1, np.ceil(travel / COARSE)).astype(np.int64))
+    parts = np.bincount(i)[i]
+    t = np.append(spline.t_s[i] + k / parts * np.diff(spline.t_s)[i], spline.t_s[-1])
+    q, qd, T = evaluate(spline, t), np.abs(evaluate(spline, t, 1)), np.diff(t)
+    farthest = np.zeros(len(T))
+    _farthest(robot.tree.poses(q), link, middle, half, np.empty(3), np.empty((3, 3)), farthest)
+    top = np.maximum(qd[:-1], qd[1:]) * T[:, None]
+    counts = top > 0.1 * top.max(1, keepdims=True)
+    uneven = np.clip((counts * top / np.maximum(np.abs(np.diff(q, axis=0)), 1e-12)).max(1), 1.0, MOST_UNEVEN)
+    cuts = np.maximum(1, np.ceil(SLACK * uneven * np.sqrt(farthest) / RESOLUTION_M)).astype(np.int64)
+    r, c = _cut(cuts)
+    return evaluate(spline, np.append(t[r] + c / cuts[r] * T[r], t[-1]))
 
 
 @lru_cache(maxsize=8)

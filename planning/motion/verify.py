@@ -1,4 +1,4 @@
-"""The last word on a plan: FCL, at a resolution at which no point of the arm moves more than 2 mm between two samples.
+"""The last word on a plan: FCL, at a resolution at which no point of the arm moves more than 2 mm between two samples of its trajectory.
 
 It works on states built again from the motions themselves, every object where they say it is, and asks another engine than the planner:
 FCL. Pairs that the sphere covers prove apart (kinematics.collision.robot_model) are not asked about.
@@ -12,6 +12,7 @@ import numpy as np
 
 from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.fcl_check import Verdict
+from kinematics.quintic_spline import extremes
 from kinematics.robots.joints import WITHIN
 from kinematics.robots.robot import Robot, check_names
 from kinematics.robots.start import start_q
@@ -38,7 +39,8 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
     before: Motion | None = None
     for number, motion in enumerate(motions):
         where = f"motion {number}, {motion.stage}"
-        if not (np.isfinite(motion.q) & (motion.q >= robot.lower - 1e-9) & (motion.q <= robot.upper + 1e-9)).all():
+        low, high = (motion.q, motion.q) if motion.spline is None else extremes(motion.spline, 0, 1e-10)
+        if not (np.isfinite(motion.q).all() and (low >= robot.lower - 1e-9).all() and (high <= robot.upper + 1e-9).all()):
             return Blocked("verify", detail=f"{where}: a joint leaves its limits")
         if before is not None and np.abs(before.q[-1] - motion.q[0]).max() > 1e-9:
             return Blocked("verify", detail=f"{where}: it does not start where the one before ends")

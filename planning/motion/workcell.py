@@ -337,6 +337,22 @@ class Workcell:
                 return level
         return least
 
+    def for_chords(self, query: PlanningQuery, clearance_m: float, within_m: float) -> Task:
+        """The task by which chords are judged in the place of a curve of which no point of the arm is further than within_m metres from
+        where a chord has it: when the chords are free by it, the curve keeps clearance_m, and what is carried is as upright as it must be.
+        """
+        task = self._with_clearance(query.task, query.names[query.parts :], max(clearance_m, self.settings.clearance.least_m))
+        more = max(0.0, within_m - edge_check.MARGIN_M / 2)  # the exact test's proof keeps half the margin besides
+        exact, world = task.exact, task.world
+        exact = exact._replace(clearance=exact.clearance + more)
+        if task.covered:
+            world = world._replace(clearance=world.clearance + np.float32(within_m), own_clearance=world.own_clearance + within_m)
+        task = task._replace(exact=exact, world=world)
+        if not task.upright.limited:
+            return task
+        lean = within_m / float(task.exact.weight.min())  # the joints turn by no more than that between curve and chord
+        return task._replace(upright=task.upright._replace(least=float(np.cos(max(0.0, np.arccos(task.upright.least) - lean)))))
+
     def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float) -> Task:
         solids = np.array([0.0 if name in self._unseen else clearance_m for name in bodies])
         return with_clearance(task, solids, min(clearance_m, self.settings.clearance.own_m))

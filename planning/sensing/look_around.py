@@ -22,7 +22,7 @@ from perception.frames import Frame
 from perception.mapping.next_best_view import InformationGain, ViewCandidates, make_view_candidates, reduced, sample_poses, sweep_poses
 from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth
-from planning.motion.timing import time_stamps
+from planning.motion.trajectory import FULL, Pace, timed
 from planning.motion.workcell import PlanningQuery, Workcell
 from planning.plan import Blocked, Motion
 
@@ -93,13 +93,14 @@ def look_around(
     choose: str = "gain",
     noise_1m_m: float = 0.0,
     intrinsics: Intrinsics = DEFAULT,
+    pace: Pace = FULL,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Looked:
     """Take views of the cabinet, the first one where the arm stands, at q (J,).
 
     blank: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
     focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.sensing.focus`.
-    choose: "gain", "random" or "sweep".
+    choose: "gain", "random" or "sweep". pace: how fast the arm moves.
     Raises: ValueError when the robot has no camera in its hand, and for another word.
     """
     limits = limits or Limits()
@@ -138,7 +139,7 @@ def look_around(
         at, path = chosen
         done[at] = True
         rows = np.array([robot.with_arm(row, float(q[robot.gripper_joint])) for row in path])
-        motions.append(Motion("look", robot.joint_names, rows, time_stamps(rows, robot.velocity)))
+        motions += timed(way.cell, way.poses, [Motion("look", robot.joint_names, rows, np.arange(len(rows), dtype=float))], pace)
         q = rows[-1]
     return Looked(tuple(frames), tuple(views), voxels, tuple(motions), q, reason)
 
@@ -210,10 +211,11 @@ class KnownFreePaths:
         self.spots, self.rng, self.paths, self.failed = spots, rng, dict[int, Array](), 0
         self.start, gripper = robot.arm_q(q), float(q[robot.gripper_joint])
         scene = replace(empty_scene, objects=tuple(bodies))
+        self.poses = scene.poses()
         for blocks in (2, 1):  # in blocks the map is quicker, and a little larger
             walls = unknown_space(voxels, bodies, blocks)
             self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=walls)
-            self.query: PlanningQuery = self.cell.problem(scene.poses(), gripper)
+            self.query: PlanningQuery = self.cell.problem(self.poses, gripper)
             touch = self.cell.touch(self.query, self.start)
             if touch is None:
                 break

@@ -23,6 +23,7 @@ from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
 from perception.objects.clustering import NoSurfaces
 from perception.rendering.synthetic_camera import Camera, synthetic_camera
 from planning.motion.pick_place import ITERATIONS, Motions
+from planning.motion.trajectory import FULL, Pace
 from planning.motion.verify import hand_poses
 from planning.plan import Blocked, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
@@ -93,8 +94,8 @@ def _under(motion: Motion, names: Mapping[str, str]) -> Motion:
 class _BeliefState:
     """What has been gathered so far: pictures, the map, objects that were moved, and where the arm is."""
 
-    def __init__(self, world: Simulated, rng: np.random.Generator, target_box: Array | None = None) -> None:
-        self.by, self.target_box = world.by, target_box
+    def __init__(self, world: Simulated, rng: np.random.Generator, target_box: Array | None = None, pace: Pace = FULL) -> None:
+        self.by, self.target_box, self.pace = world.by, target_box, pace
         self.empty_scene = replace(world.scene, objects=(), observation=None)
         self.robot, self.rng = world.robot, rng
         self.noise = world.noise.axial_1m_m if world.noise else 0.0
@@ -107,7 +108,7 @@ class _BeliefState:
     def look(self, world: Simulated, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
         looked = look_around(
             self.empty_scene, self.robot, world.camera(self.rng), self.q, self.voxels, self.rng,
-            bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise, on_step=on_step,
+            bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise, pace=self.pace, on_step=on_step,
         )  # fmt: skip
         fresh = looked.frames
         if self.by == "geometry":
@@ -147,12 +148,14 @@ def retrieve_unseen(
     iterations: int = ITERATIONS,
     time_budget_s: float | None = None,
     target_box: Array | None = None,
+    pace: Pace = FULL,
     rng: np.random.Generator,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
 
     policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
+    pace: how fast the arm is driven.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are checked against the
     truth at the end: `verified` and the reason "verify" tell.
     """
@@ -160,7 +163,7 @@ def retrieve_unseen(
     moves: list[Move] = []
     way: list[Motion] = []
     truth = world.scene
-    mind, limits, focus, patience = _BeliefState(world, rng, target_box), FIRST, None, PATIENCE
+    mind, limits, focus, patience = _BeliefState(world, rng, target_box, pace), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
     if mind.start_blocked is not None:
         return conclude(world.robot, truth, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
@@ -199,7 +202,7 @@ def retrieve_unseen(
                     hindered.append((object_name, done))
                     continue
                 on_step(f"moved {object_name} to region {region}")
-                carried, world = world.move(done.motions, names)
+                carried, world = world.move(motions.trajectories(state, done.motions), names)
                 way += carried
                 moves.append(Move(its, region, T_from, world.poses[its], True))
                 mind.moved(object_name, done.after.poses[object_name], done.after.q)
@@ -230,7 +233,7 @@ def _ready(mind: _BeliefState, iterations: int, time_budget_s: float | None) -> 
     """Motion planning for what is believed now."""
     bodies = mind.belief.bodies
     scene, walls = replace(mind.empty_scene, objects=bodies), unknown_space(mind.voxels, bodies, blocks=1)
-    motions = Motions(mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls)
+    motions = Motions(mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls, pace=mind.pace)
     return motions, State(mind.q, scene.poses())
 
 
@@ -242,7 +245,7 @@ def _try_target(
     if mind.belief.body(target) is None:
         return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
     taken = motions.retrieve_target(state, rng)
-    return taken if isinstance(taken, Blocked) else taken.motions
+    return taken if isinstance(taken, Blocked) else motions.trajectories(state, taken.motions)
 
 
 def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]]) -> list[str]:

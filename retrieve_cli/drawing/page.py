@@ -34,6 +34,7 @@ from retrieve_cli.drawing.picture import (
     Film,
     best_view,
     footprint,
+    frame_times,
     front_edges,
     grid,
     ground,
@@ -58,6 +59,8 @@ Command = dict[str, Any]
 Int = NDArray[np.int64]
 MOST_TURN = 1.5
 """Radians between two keys at most: the viewer takes the shorter way round."""
+FRAME_S = 0.03
+"""Seconds between two keys at most: the viewer goes straight from the one to the other."""
 
 
 def page(film: Film) -> str:
@@ -384,12 +387,9 @@ def _keys(film: Film) -> tuple[Array, Array]:
     """Times (N,) and configurations (N, J) of the whole film, near enough for every joint."""
     times, rows = [np.zeros(1)], [film.full(film.stretches[0].motion)[:1]]
     for s in film.stretches:
-        q, t = film.full(s.motion), s.start_s + s.motion.t_s
-        for k in range(len(q) - 1):
-            n = max(1, int(np.ceil(np.abs(q[k + 1] - q[k]).max() / MOST_TURN)))
-            share = np.arange(1, n + 1) / n
-            times.append(t[k] + share * (t[k + 1] - t[k]))
-            rows.append(q[k] + share[:, None] * (q[k + 1] - q[k]))
+        t = frame_times(s.motion, MOST_TURN, FRAME_S)[1:]
+        times.append(s.start_s + t)
+        rows.append(film.full(s.motion, t))
     return np.concatenate(times), np.concatenate(rows)
 
 

@@ -103,13 +103,17 @@ class Film:
         target = {} if self.scene.target is None else {self.scene.target: TARGET_COLOUR}
         return {**target, **{name: PALETTE[i % len(PALETTE)] for i, name in enumerate(others)}}
 
-    def full(self, motion: Motion) -> Array:
-        """A motion's waypoints (K, J) in the robot's own order of joints. Raises: ValueError for joints that the robot does not have."""
+    def full(self, motion: Motion, t_s: Array | None = None) -> Array:
+        """A motion's rows (K, J), or where it is at times t_s (K,), in the robot's own order of joints.
+
+        Raises: ValueError for joints that the robot does not have.
+        """
+        q = motion.q if t_s is None else motion.at(t_s)
         if motion.joint_names == self.robot.joint_names:
-            return motion.q
+            return q
         if sorted(motion.joint_names) != sorted(self.robot.joint_names):
             raise ValueError(f"the plan moves the joints {', '.join(motion.joint_names)}; the scene's robot is {self.robot.name}")
-        return motion.q[:, [motion.joint_names.index(j) for j in self.robot.joint_names]]
+        return q[:, [motion.joint_names.index(j) for j in self.robot.joint_names]]
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at q (J,)."""
@@ -125,9 +129,7 @@ class Film:
             start = start_q(self.robot, self.scene.robot)
             return State(self.robot.home if start is None else start, self.scene.poses())
         now = next((s for s in self.stretches if time_s < s.end_s), self.stretches[-1])
-        q, t = self.full(now.motion), time_s - now.start_s
-        at = np.array([np.interp(t, now.motion.t_s, q[:, j]) for j in range(q.shape[1])])
-        return State(at, now.poses, now.motion.held)
+        return State(self.full(now.motion, np.array([time_s - now.start_s]))[0], now.poses, now.motion.held)
 
     def bodies(self, state: State) -> tuple[Body, ...]:
         """All objects where they are, the held one too."""
@@ -141,7 +143,7 @@ class Film:
         """The hand's way in pieces, straight runs without points in between."""
         ways: list[HandPath] = []
         for s in self.stretches:
-            points = _hand_points(self, self.full(s.motion))
+            points = _hand_points(self, s.motion)
             held = s.motion.held.body if s.motion.held else None
             if ways and (ways[-1].held, ways[-1].move) == (held, s.move):
                 ways[-1] = HandPath(np.concatenate([ways[-1].points, points[1:]]), held, s.move)
@@ -171,13 +173,17 @@ def _moves_before(motions: Sequence[Motion], i: int) -> int:
     return put_down - (motions[i].stage in ("release", "retreat") and put_down > 0)
 
 
-def _hand_points(film: Film, q: Array) -> Array:
-    """Points (N, 3) of the hand along waypoints (K, J)."""
-    rows = [q[:1]]
-    for a, b in pairwise(q):
-        n = max(1, int(np.ceil(np.abs(b - a).max() / 0.02)))
-        rows.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
-    return np.array([film.hand_pose(x)[:3, 3] for x in np.concatenate(rows)])
+def frame_times(motion: Motion, most_turn: float, most_s: float = np.inf) -> Array:
+    """Times (N,) from a motion's start, those of its rows among them, between which no joint turns by much more than most_turn, rad."""
+    turn, took = np.abs(np.diff(motion.q, axis=0)).max(1), np.diff(motion.t_s)
+    parts = np.maximum(1, np.ceil(np.maximum(turn / most_turn, took / most_s))).astype(int)
+    ends = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(motion.t_s[:-1], motion.t_s[1:], parts)]
+    return np.concatenate([*ends, motion.t_s[-1:]])
+
+
+def _hand_points(film: Film, motion: Motion) -> Array:
+    """Points (N, 3) of the hand along a motion."""
+    return np.array([film.hand_pose(q)[:3, 3] for q in film.full(motion, frame_times(motion, 0.02))])
 
 
 def straightened(points: Array, tolerance_m: float = 0.0008) -> Array:

@@ -65,6 +65,21 @@ def test_plan_comes_back_as_it_was(success: bool) -> None:
     jsonschema.validate(written, schema("plan"))
 
 
+@pytest.mark.parametrize("success", [True, False])
+def test_a_timed_plan_comes_back_as_it_was(success: bool) -> None:
+    document = documents.timed_plan(success=success)
+    written = plan_to_json(plan_from_json(document))
+    assert written == document
+    jsonschema.validate(written, schema("plan"))
+
+
+def test_a_plan_without_motions_is_of_the_newest_version() -> None:
+    document = {**documents.plan(success=False), "motions": []}
+    written = plan_to_json(plan_from_json(document))
+    assert (written["schema"], written["duration_s"]) == ("retrieve/plan@2", 0.0)
+    jsonschema.validate(written, schema("plan"))
+
+
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3))
 def test_numbers_keep_every_digit(p: list[float]) -> None:
     document = documents.plan()
@@ -326,6 +341,25 @@ def test_files_that_are_none(tmp_path: Path) -> None:
 )
 def test_a_mistake_in_a_plan(change: Change, says: str) -> None:
     document = documents.plan()
+    change(document)
+    with pytest.raises(InputError) as caught:
+        plan_from_json(document, "plans.jsonl:1")
+    assert str(caught.value).startswith(f"plans.jsonl:1: {says}")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (_drop("motions.0.qd"), "motions[0]: missing field 'qd'"),
+        (_set("motions.0.qd", [[0.0, 0.0, 0.0]]), "motions[0].qd: has 1 rows, and q has 2"),
+        (_set("motions.1.qdd.0", [0.0]), "motions[1].qdd[0]: holds 1 numbers, and 3 are needed"),
+        (_set("motions.1.t_s", [0.0, 0.0]), "motions[1].t_s: must rise from row to row"),
+        (_set("motions.0.gripper.after", {}), "motions[0].gripper.after: missing field 'value'"),
+        (_set("motions.0.gripper.after.force_N", -1), "motions[0].gripper.after.force_N: -1 is below 0"),
+    ],
+)
+def test_a_mistake_in_a_timed_plan(change: Change, says: str) -> None:
+    document = documents.timed_plan()
     change(document)
     with pytest.raises(InputError) as caught:
         plan_from_json(document, "plans.jsonl:1")

@@ -210,6 +210,36 @@ def test_no_point_moves_further_than_the_resolution(robot: Robot) -> None:
     assert np.array_equal(samples(robot, scene, motion(robot, a[None])), a[None])
 
 
+def test_no_point_moves_further_than_the_resolution_on_a_spline(robot: Robot) -> None:
+    """Nor where the joints set out from rest, or turn back within a piece."""
+    scene, rng = scene_of(robot, cabinet=FAR), np.random.default_rng(5)
+    rest = np.zeros((2, len(robot.joint_names)))
+    for a, b in zip(random_q(robot, 4, 1), random_q(robot, 4, 2)):
+        q = np.array([a, a + 0.15 * (b - a)])
+        way = replace(motion(robot, q), qd=rest + rng.normal(size=rest.shape) * [[0.0], [0.3]], qdd=rest)
+        rows = samples(robot, scene, way)
+        assert np.abs(rows[[0, -1]] - q).max() < 1e-12
+        T = robot.tree.poses(rows)
+        farthest = np.zeros(len(rows) - 1)
+        for hull in robot.hulls:
+            i = robot.tree.index[hull.link]
+            at = hull.vertices @ np.swapaxes(T[:, i, :3, :3], 1, 2) + T[:, i, None, :3, 3]
+            farthest = np.maximum(farthest, np.linalg.norm(np.diff(at, axis=0), axis=-1).max(1))
+        assert farthest.max() <= RESOLUTION_M
+        assert np.median(farthest) > 0.35 * RESOLUTION_M
+
+
+def test_a_joint_that_leaves_its_limits_between_two_rows_is_found(ur5e: Robot) -> None:
+    scene, rest = scene_of(ur5e, cabinet=FAR), np.zeros((2, len(ur5e.joint_names)))
+    q = np.repeat(ur5e.home[None], 2, 0)
+    q[:, 2] = ur5e.upper[2] - np.array([0.05, 0.0])
+    for speed, holds in ((0.0, True), (-1.0, False)):
+        qd = rest.copy()
+        qd[1, 2] = speed
+        found = verify(ur5e, replace(scene, objects=()), [replace(motion(ur5e, q), qd=qd, qdd=rest)])
+        assert (found is None or found.detail is None or "leaves its limits" not in found.detail) == holds
+
+
 def test_a_planted_contact_of_a_millimetre_is_found(robot: Robot) -> None:
     """A crumb, 1 mm inside a face of any solid that moves, anywhere on the way; half a millimetre outside it is none of our business."""
     rng, planted, outside = np.random.default_rng(4), 0, 0

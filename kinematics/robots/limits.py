@@ -1,0 +1,107 @@
+"""Limits of velocity, acceleration and jerk: from the URDF, from a robot's data sheet (robots.toml), from a file of one's own.
+
+A URDF gives velocities at most. What nobody gives is assumed, and said: full speed after ACCELERATION_S, full acceleration after JERK_S.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from kinematics.transforms import Array
+
+ACCELERATION_S = 0.35
+JERK_S = 0.15
+VELOCITY = 1.0
+"""Assumed where a URDF gives none, rad/s or m/s."""
+KINDS = ("velocity", "acceleration", "jerk")
+ALL = "all"
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """velocity, acceleration, jerk (J,) of every actuated joint, in rad (or m) and seconds. source: who says so; assumed: in words, what
+    nobody says and what is taken instead, empty where all is known."""
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    source: str
+    assumed: str
+
+
+def joint_limits(urdf: etree._Element, joints: Sequence[str], arm: Sequence[int], sheet: Mapping[str, Any] | None = None) -> JointLimits:
+    """The limits of a cleaned URDF's actuated joints (J,), where its data sheet says more with that.
+
+    arm: which of them the sheet's lists are about, in their order; sheet: `source` and lists by `KINDS`.
+    """
+    given = {name: _urdf_velocity(urdf, name) for name in joints}
+    values = {kind: np.full(len(joints), np.nan) for kind in KINDS}
+    values["velocity"][:] = [np.nan if v is None else v for v in given.values()]
+    for kind in KINDS:
+        if sheet and kind in sheet:
+            values[kind][list(arm)] = sheet[kind]
+    return _completed(joints, values, str(sheet["source"]) if sheet else "the URDF")
+
+
+def read_tables(file: Path) -> dict[str, Any]:
+    """What a TOML file holds. Raises: ValueError that names the file when it can't be read."""
+    try:
+        return tomllib.loads(file.read_text())
+    except OSError as e:
+        raise ValueError(f"{file}: {e.strerror or e}") from e
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise ValueError(f"{file}: no TOML: {e}") from e
+
+
+def read_limits(file: Path, joints: Sequence[str], known: JointLimits) -> JointLimits:
+    """A robot's limits (J,) with those of a TOML file in their place: a table a joint, or `[all]`, with numbers by `KINDS`.
+
+    A velocity without an acceleration leaves that as it was known, and so on. Raises: ValueError that names the file and the place.
+    """
+    tables = read_tables(file)
+    values = {kind: np.array(getattr(known, kind)) for kind in KINDS}
+    for name, table in sorted(tables.items(), key=lambda item: item[0] != ALL):
+        if name != ALL and name not in joints:
+            close = get_close_matches(name, joints, 1)
+            meant = f"; did you mean {close[0]!r}?" if close else ""
+            raise ValueError(f"{file}: there is no joint {name!r}; the robot's are {', '.join(joints)}, and {ALL!r} means each{meant}")
+        if not isinstance(table, dict):
+            raise ValueError(f"{file}: {name} must be a table, [{name}], with numbers for {', '.join(KINDS)}")
+        for kind, value in table.items():
+            if kind not in KINDS:
+                raise ValueError(f"{file}: {name}.{kind} is unknown; {', '.join(KINDS)} can be given")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+                raise ValueError(f"{file}: {name}.{kind}: {value!r} is no positive number")
+            values[kind][slice(None) if name == ALL else list(joints).index(name)] = value
+    assumed = "" if all(kind in tables.get(ALL, {}) for kind in KINDS) else known.assumed
+    return JointLimits(values["velocity"], values["acceleration"], values["jerk"], f"{file.name}, else {known.source}", assumed)
+
+
+def _urdf_velocity(urdf: etree._Element, name: str) -> float | None:
+    """The velocity limit of a joint in a URDF, None where it gives none."""
+    named = (joint for joint in urdf.iter("joint") if joint.get("name") == name)
+    value = next((limit.get("velocity") for joint in named for limit in joint.iter("limit")), None)
+    return float(value) if value is not None and float(value) > 0 else None
+
+
+def _completed(joints: Sequence[str], values: dict[str, Array], source: str) -> JointLimits:
+    """Fill in what is not known, nan so far, and say so."""
+    said = list[str]()
+    rules = (("velocity", lambda: np.full(len(joints), VELOCITY), f"{VELOCITY:g} rad/s or m/s"),
+             ("acceleration", lambda: values["velocity"] / ACCELERATION_S, f"full speed in {ACCELERATION_S:g} s"),
+             ("jerk", lambda: values["acceleration"] / JERK_S, f"full acceleration in {JERK_S:g} s"))  # fmt: skip
+    for kind, rule, words in rules:
+        missing = np.isnan(values[kind])
+        if missing.any():
+            values[kind][missing] = rule()[missing]
+            which = "every joint" if missing.all() else ", ".join(name for name, m in zip(joints, missing) if m)
+            said.append(f"{kind} of {which}: {words}")
+    return JointLimits(values["velocity"], values["acceleration"], values["jerk"], source, "; ".join(said))

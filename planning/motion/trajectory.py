@@ -1,0 +1,207 @@
+"""From certified waypoints to trajectories: every motion one C² spline from rest to rest, free by proof, as fast as the limits allow.
+
+A motion of two waypoints is a straight line in joint space. Where the waypoints lie evenly on a straight line of the hand, the arm drives
+along it in one piece (straight_line.py). Any other polyline has its corners rounded (blending.py), each as far as it can be proved free
+(curve_check.py); where nothing can be proved, the arm stops at the corner, exactly on the polyline that was certified.
+
+Source of the profiles: jerk_limited.py. Other libraries were looked at: toppra knows no jerk limits, ruckig drives to states and not along
+a path (between way points only in its cloud service); both are compared in benchmarks/trajectories.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.transforms import Array
+from planning.motion.edges import Task
+from planning.motion.smoothing.blending import Corners, choose_speeds, make_corners, write_corner, write_rows
+from planning.motion.smoothing.curve_check import WITHIN_M, first_blocked
+from planning.motion.smoothing.hand_speed import along_pieces, along_rows
+from planning.motion.smoothing.spline_rows import chords, keep_limits, slow_down
+from planning.motion.smoothing.straight_line import write_line
+from planning.motion.workcell import Workcell
+from planning.plan import Gripper, GripperState, Motion
+
+MOST_USED = 1 - 1e-4
+"""Of each limit: what rounding may add stays within it."""
+STRAIGHT_M = 2e-4
+"""How far the hand may be from its line where waypoints count as a straight way of the hand."""
+SMALLEST_M = 1e-5
+"""A corner that is rounded by less is a stop."""
+SHRINK = 0.6
+SAME = 1e-9
+"""Waypoints that differ by less, in rad or m, are one."""
+STRAIGHT = ("approach", "lift", "lower", "retreat")
+LEAST_S = 0.001
+"""A motion in which nothing moves takes so long: a controller wants times that rise."""
+_ROWS = 1024
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast a plan is driven.
+
+    speed: 1 as fast as the limits allow; at 0.5 all takes twice as long. hand_speed: of the hand with an object in it, m/s.
+    """
+
+    speed: float = 1.0
+    hand_speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.01 <= self.speed <= 1:
+            raise ValueError(f"the speed must lie between 0.01 and 1, not at {self.speed:g}")
+        if not self.hand_speed > 0:
+            raise ValueError(f"the hand's speed must be positive, not {self.hand_speed:g} m/s")
+
+
+FULL = Pace()
+
+
+class _Drive:
+    """One robot before one cabinet, to be driven at some pace: its limits, and scratch memory for the rows of a spline."""
+
+    def __init__(self, cell: Workcell, pace: Pace) -> None:
+        self.cell, self.pace = cell, pace
+        robot, arm = cell.robot, list(cell.robot.arm_joints)
+        self.limits = robot.velocity[arm], robot.acceleration[arm], robot.jerk[arm]
+        self.t, self.rows = np.empty(_ROWS), np.empty((_ROWS, 3, len(arm)))
+        self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))
+        self.frames = np.empty((len(cell.arm.chain.q_index) + 1, 4, 4))
+
+    def trajectory(self, poses: Mapping[str, Array], motion: Motion) -> Motion:
+        """One motion's trajectory. poses: of the objects that stand meanwhile."""
+        robot, arm = self.cell.robot, list(self.cell.robot.arm_joints)
+        q = _without_repeats(motion.q)
+        if len(q) == 1:  # nothing moves
+            still = np.zeros((2, q.shape[1]))
+            return replace(motion, q=np.repeat(q, 2, 0), t_s=np.array([0.0, LEAST_S]), qd=still, qdd=still)
+        if (np.ptp(np.delete(q, arm, axis=1), axis=0) > 0).any():
+            t, rows = _from_stop_to_stop(q, robot.velocity, robot.acceleration, robot.jerk)
+        else:
+            count = self._drive(poses, motion, np.ascontiguousarray(q[:, arm]))
+            t, rows = self.t[:count].copy(), np.zeros((count, 3, q.shape[1]))
+            rows[:, 0] = q[0]
+            rows[:, :, arm] = self.rows[:count]
+        if self.pace.speed < 1:
+            slow_down(1 / self.pace.speed, len(t), t, rows)
+        return replace(motion, q=rows[:, 0].copy(), t_s=t, qd=rows[:, 1].copy(), qdd=rows[:, 2].copy())
+
+    def _drive(self, poses: Mapping[str, Array], motion: Motion, q: Array) -> int:
+        """The rows for the arm's waypoints q (K, A), K > 1, in self.t and self.rows; how many."""
+        task = None if len(q) == 2 else self._task(poses, motion, q)
+        hand_speed = self.pace.hand_speed if motion.held else np.inf
+        count = self._along_line(task, q, hand_speed) if task is not None and motion.stage in STRAIGHT else 0
+        if count == 0:
+            count = self._along_polyline(task, q, hand_speed)
+        keep_limits(*self.limits, MOST_USED, count, self.t, self.rows)
+        if motion.held:
+            arm = self.cell.arm
+            fastest = along_rows(arm.chain, arm.T_frame_hand, count, self.t, self.rows, self.frames, self.ends[0])
+            if fastest > hand_speed * MOST_USED:
+                slow_down(fastest / (hand_speed * MOST_USED), count, self.t, self.rows)
+        return count
+
+    def _task(self, poses: Mapping[str, Array], motion: Motion, q: Array) -> Task:
+        """What may not touch while a motion lasts, for chords of curves; the memory is ready for it. Free ways keep as clear as their
+        waypoints q (K, A) do."""
+        cell = self.cell
+        query = cell.problem(poses, float(motion.q[0, cell.robot.gripper_joint]), held=motion.held)
+        for a, b in motion.allowed_contacts:
+            if motion.held is None or b != motion.held.body:
+                query = cell.allowing(query, a, b)
+        clearance_m = 0.0 if motion.stage in STRAIGHT else cell.clearest(query, q)
+        cell.enter(query)
+        return cell.for_chords(query, clearance_m, WITHIN_M)
+
+    def _along_line(self, task: Task, q: Array, hand_speed: float) -> int:
+        """The rows of a straight way of the hand; 0 when it is none, or can't be proved free."""
+        length = self._straight(q)
+        if length == 0.0:
+            return 0
+        work = np.empty_like(q), np.empty(len(q)), np.empty((4, q.shape[1]))
+        count = write_line(q, length, hand_speed, *self.limits, *work, self.t, self.rows)
+        return count if count and self._free(task, count) else 0
+
+    def _straight(self, q: Array) -> float:
+        """The length in metres of the hand's way when waypoints q (K, A) stand evenly on a straight line of it, else 0."""
+        at = np.array([self.cell.arm.hand_pose(x)[:3, 3] for x in q])
+        even = at[0] + np.linspace(0, 1, len(q))[:, None] * (at[-1] - at[0])
+        length = float(np.linalg.norm(at[-1] - at[0]))
+        return length if np.linalg.norm(at - even, axis=1).max() < STRAIGHT_M else 0.0
+
+    def _along_polyline(self, task: Task | None, q: Array, hand_speed: float) -> int:
+        """The rows of a polyline with its corners rounded as far as they are proved free. task: None where there are no corners."""
+        weight = np.ones(q.shape[1]) if task is None else task.exact.weight
+        corners = make_corners(q, *self.limits, weight)
+        if hand_speed < np.inf:
+            arm = self.cell.arm
+            along_pieces(arm.chain, arm.T_frame_hand, q, corners.direction, self.frames, np.empty(q.shape[1]), corners.most)
+            corners.most[:] = np.minimum(1.0, hand_speed / np.maximum(corners.most, 1e-9))
+        proved: dict[int, tuple[float, float]] = {}
+        while True:
+            choose_speeds(*corners)
+            doubtful = [i for i in range(1, len(q) - 1) if corners.strays[i] > 0 and proved.get(i) != tuple(corners.speed[i])]
+            blocked = [i for i in doubtful if task is None or not self._corner_free(task, corners, i)]
+            proved.update((i, (float(corners.speed[i, 0]), float(corners.speed[i, 1]))) for i in doubtful)
+            for i in blocked:
+                corners.allowed[i] = SHRINK * corners.strays[i] if corners.strays[i] > SMALLEST_M else 0.0
+            if not blocked:
+                return int(write_rows(*corners, self.t, self.rows))
+
+    def _corner_free(self, task: Task, corners: Corners, i: int) -> bool:
+        return self._free(task, int(write_corner(*corners, i, self.t, self.rows)))
+
+    def _free(self, task: Task, count: int) -> bool:
+        """Whether the curve of the first rows is free, for certain."""
+        n = chords(self.t, self.rows, count, task.exact.weight, WITHIN_M, self.ends, self.points)
+        return bool(n > 0 and first_blocked(task, self.points, n, self.cell.memory) < 0)
+
+
+def timed(cell: Workcell, poses: Mapping[str, Array], motions: Sequence[Motion], pace: Pace) -> tuple[Motion, ...]:
+    """The trajectories of motions that follow one another, given as certified waypoints; the objects stand at `poses` before them."""
+    drive, out = _Drive(cell, pace), list[Motion]()
+    before: Motion | None = None
+    for motion in motions:
+        if before is not None and before.held and (motion.held is None or motion.held.body != before.held.body):
+            at = cell.arm.hand_pose(cell.robot.arm_q(before.q[-1])) @ before.held.T_hand_body
+            poses = {**poses, before.held.body: at}
+        if motion.held and motion.held.body in poses:
+            poses = {name: T for name, T in poses.items() if name != motion.held.body}
+        out.append(replace(drive.trajectory(poses, motion), gripper=_gripper(cell.robot, motion)))
+        before = motion
+    return tuple(out)
+
+
+def _gripper(robot: Robot, motion: Motion) -> Gripper:
+    """What the gripper is told: with force while it holds something, when it begins to, and until it lets go."""
+    g, (first, last) = robot.gripper_joint, (motion.q[0], motion.q[-1])
+    closed = (motion.held is not None or motion.stage == "release", motion.held is not None or motion.stage == "grasp")
+    before, after = (
+        GripperState(float(q[g]), robot.opening.width_at(float(q[g])), robot.grip_force_N if tight else None)
+        for q, tight in zip((first, last), closed)
+    )
+    return Gripper(robot.joint_names[g], before, after)
+
+
+def _without_repeats(q: Array) -> Array:
+    """Waypoints (K, J) without those that repeat the one before; both ends are kept as they are."""
+    kept = [q[0]]
+    for row in q[1:]:
+        if np.abs(row - kept[-1]).max() > SAME:
+            kept.append(row)
+    if len(kept) > 1:
+        kept[-1] = q[-1]
+    return np.array(kept)
+
+
+def _from_stop_to_stop(q: Array, velocity: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
+    """Times (R,) and rows (R, 3, J) of a polyline (K, J) that stops at every waypoint."""
+    corners = make_corners(q, velocity, acceleration, jerk, np.ones(q.shape[1]))
+    t, rows = np.empty(10 * len(q)), np.empty((10 * len(q), 3, q.shape[1]))
+    count = int(write_rows(*corners, t, rows))
+    keep_limits(velocity, acceleration, jerk, MOST_USED, count, t, rows)
+    return t[:count].copy(), rows[:count]

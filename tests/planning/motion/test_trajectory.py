@@ -1,0 +1,155 @@
+"""The trajectories of whole plans: smooth from rest to rest, within limits, the hand on its lines, free, and told to the gripper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import Handmade
+
+from kinematics.quintic_spline import evaluate
+from kinematics.robots.robot import Robot, load
+from planning.io.plan_documents import plan_from_json
+from planning.io.scene_documents import scene_from_json
+from planning.motion.pick_place import Done, Motions
+from planning.motion.smoothing.curve_check import first_blocked
+from planning.motion.trajectory import STRAIGHT, Pace, timed
+from planning.motion.verify import hand_poses, verify
+from planning.plan import Motion
+
+KINDS = ("velocity", "acceleration", "jerk")
+
+
+def shares(robot: Robot, motion: Motion) -> list[float]:
+    """The largest shares of their limits that velocity, acceleration and jerk reach at 1 kHz."""
+    at = np.arange(0.0, motion.t_s[-1], 1e-3)
+    return [float((np.abs(evaluate(motion.spline, at, order)) / getattr(robot, kind)).max()) for order, kind in enumerate(KINDS, 1)]
+
+
+def test_motions_are_smooth_from_rest_to_rest_and_within_limits(planned: Handmade, ur5e: Robot) -> None:
+    plan = plan_from_json(planned.plan)
+    for i, motion in enumerate(plan.motions):
+        assert motion.qd is not None
+        assert motion.qdd is not None
+        assert motion.t_s[0] == 0.0
+        assert (np.diff(motion.t_s) > 0).all()
+        assert not motion.qd[[0, -1]].any()
+        assert not motion.qdd[[0, -1]].any()
+        assert max(shares(ur5e, motion)) <= 1.0
+        if i:
+            assert np.array_equal(motion.q[0], plan.motions[i - 1].q[-1])
+
+
+def test_the_hand_keeps_to_its_lines(planned: Handmade, ur5e: Robot) -> None:
+    scene, plan = scene_from_json(planned.scene), plan_from_json(planned.plan)
+    for motion in (m for m in plan.motions if m.stage in STRAIGHT):
+        T = hand_poses(ur5e, scene, motion.at(np.arange(0.0, motion.t_s[-1], 2e-3)))
+        first, last = T[0, :3, 3], T[-1, :3, 3]
+        along = (last - first) / np.linalg.norm(last - first)
+        off = T[:, :3, 3] - first
+        assert np.linalg.norm(off - np.outer(off @ along, along), axis=1).max() < 2e-4
+        assert (motion.qd[1:-1] != 0).any(1).all()  # one piece, without a stop
+
+
+def test_the_gripper_is_told_before_and_after_and_moves_on_its_own(planned: Handmade, ur5e: Robot) -> None:
+    plan, g, arm = plan_from_json(planned.plan), ur5e.gripper_joint, list(ur5e.arm_joints)
+    for motion in plan.motions:
+        assert motion.gripper is not None
+        assert (motion.gripper.before.value, motion.gripper.after.value) == (motion.q[0, g], motion.q[-1, g])
+        assert motion.gripper.after.force_N == (40.0 if motion.held or motion.stage == "grasp" else None)
+        assert ur5e.opening.value_at(motion.gripper.after.width_m) == pytest.approx(motion.q[-1, g], abs=1e-9)
+        if motion.gripper.before != motion.gripper.after:
+            assert not np.ptp(motion.q[:, arm], axis=0).any()
+
+
+@pytest.mark.parametrize("name", ["panda", "gen3"])
+def test_other_robots_keep_their_limits(name: str) -> None:
+    from conftest import make_plan
+
+    robot = load(name)
+    plan = plan_from_json(make_plan(robot, "paper", 1, "local").plan)
+    assert plan.verified
+    assert plan.motions
+    assert max(max(shares(robot, motion)) for motion in plan.motions) <= 1.0
+
+
+@pytest.fixture(scope="module")
+def found(ur5e: Robot, planned_scene: Handmade) -> tuple[Motions, Done]:
+    """A target that is taken out, as waypoints."""
+    scene = scene_from_json(planned_scene.scene)
+    scene = replace(scene, objects=tuple(b for b in scene.objects if b.name == scene.target))
+    motions = Motions(ur5e, scene)
+    done = motions.retrieve_target(motions.start(), np.random.default_rng(0))
+    assert isinstance(done, Done)
+    return motions, done
+
+
+@pytest.fixture(scope="module")
+def planned_scene(ur5e: Robot) -> Handmade:
+    from conftest import make_plan
+
+    return make_plan(ur5e, "paper", 0, "local")
+
+
+def test_pace(found: tuple[Motions, Done], ur5e: Robot) -> None:
+    """Half the speed takes twice as long on the same curves; the hand with an object is as fast as it may be, and the empty one faster."""
+    motions, done = found
+    poses = motions.start().poses
+    full, half = (timed(motions.cell, poses, done.motions, Pace(speed, 10.0)) for speed in (1.0, 0.5))
+    for a, b in zip(full, half):
+        assert b.t_s[-1] == pytest.approx(2 * a.t_s[-1])
+        at = np.linspace(0, a.t_s[-1], 50)
+        assert np.abs(a.at(at) - b.at(2 * at)).max() < 1e-9
+    for fastest in (0.1, 0.4):
+        for motion in timed(motions.cell, poses, done.motions, Pace(1.0, fastest)):
+            p = hand_poses(ur5e, motions.scene, motion.at(np.arange(0.0, motion.t_s[-1], 1e-3)))[:, :3, 3]
+            speed = np.linalg.norm(np.diff(p, axis=0), axis=1).max() / 1e-3
+            assert speed <= fastest or motion.held is None
+            assert speed > 0.7 * fastest or motion.held is None or motion.stage == "lift"
+
+
+def test_the_whole_is_free(found: tuple[Motions, Done], ur5e: Robot) -> None:
+    motions, done = found
+    assert verify(ur5e, motions.scene, motions.trajectories(motions.start(), done.motions)) is None
+
+
+def test_corners_are_rounded_and_never_into_anything(planned_scene: Handmade, ur5e: Robot) -> None:
+    """Random free polylines with a corner, before and in a full cabinet."""
+    rng, rounded, tried = np.random.default_rng(3), 0, 0
+    scene = scene_from_json(planned_scene.scene)
+    motions = Motions(ur5e, scene)
+    cell, poses, gripper = motions.cell, motions.start().poses, float(ur5e.home[ur5e.gripper_joint])
+    query = cell.problem(poses, gripper)
+    inside = [ur5e.arm_q(m.q[0]) for m in plan_from_json(planned_scene.plan).motions if m.stage == "approach"]
+    for i in range(300):
+        start = inside[0] if i % 2 and inside else ur5e.arm_q(motions.start().q)
+        corner = start + rng.normal(size=6) * 0.3
+        end = corner + rng.normal(size=6) * 0.3
+        if cell.edge(query, start, corner) or cell.edge(query, corner, end):
+            continue
+        waypoints = np.array([ur5e.with_arm(q, gripper) for q in (start, corner, end)])
+        (smooth,) = timed(cell, poses, [Motion("transit", ur5e.joint_names, waypoints, np.arange(3.0))], Pace())
+        curve = np.ascontiguousarray(ur5e.arm_q(smooth.at(np.linspace(0, smooth.t_s[-1], 300))))
+        assert first_blocked(query.task, curve, len(curve), cell.enter(query)) < 0
+        tried, rounded = tried + 1, rounded + bool(np.abs(curve - corner).max(1).min() > 1e-3)
+    assert tried > 20
+    assert rounded > tried / 2
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.001, 1.5])
+def test_a_pace_that_cannot_be_meant(speed: float) -> None:
+    with pytest.raises(ValueError, match="speed must lie between"):
+        Pace(speed)
+    with pytest.raises(ValueError, match="hand's speed must be positive"):
+        Pace(1.0, 0.0)
+
+
+def test_a_motion_that_goes_nowhere_takes_a_moment(ur5e: Robot) -> None:
+    from test_verify import FAR, scene_of
+
+    scene = scene_of(ur5e, cabinet=FAR)
+    cell = Motions(ur5e, replace(scene, objects=())).cell
+    (smooth,) = timed(cell, {}, [Motion("transit", ur5e.joint_names, ur5e.home[None], np.zeros(1))], Pace())
+    assert smooth.t_s.tolist() == [0.0, 0.001]
+    assert np.allclose(smooth.at(np.array([0.0005]))[0], ur5e.home, atol=1e-12)

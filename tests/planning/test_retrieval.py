@@ -378,7 +378,7 @@ def test_the_final_check_and_the_verdict_get_the_plan_and_only_if_it_moves(check
 
 
 def test_a_scene_that_cannot_be_meant_has_a_plan_that_says_so() -> None:
-    plan = failed(scene_of("a"), "the grasp closes on air", name="n", rule=Rule.STRICT)
+    plan = failed("by-hand", "the grasp closes on air", name="n", rule=Rule.STRICT)
     assert (plan.scene, plan.policy, plan.rule, plan.success) == ("by-hand", "n", "strict", False)
     assert plan.reason == Blocked("scene", detail="the grasp closes on air")
     assert (plan.moves, plan.motions, plan.verified, plan.faults) == ((), (), None, ())

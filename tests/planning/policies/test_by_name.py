@@ -128,4 +128,4 @@ def test_unknown_names_are_refused_with_the_known_ones() -> None:
 def test_the_names() -> None:
     networks = ("neural", "neural-greedy", "neural-paper", "osnet-only", "osnet-only-paper", "rpnet-only", "rpnet-only-paper")
     assert tuple(POLICIES) == ("random", "local", "rrt", "lookahead", *networks, "search")
-    assert NETWORKS == networks
+    assert networks == NETWORKS

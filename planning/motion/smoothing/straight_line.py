@@ -139,12 +139,9 @@ def _rows(q: Array, second: Array, step: float, length: float, most: float, a: f
 
 
 @jit_inline
-def _row(
-    q: Array, second: Array, step: float, s: float, v: float, w: float, when: float, out: Array, t: Array, rows: Array, n: int
-) -> int:
+def _row(q: Array, second: Array, step: float, s: float, v: float, w: float, when: float, out: Array, t: Array, rows: Array, n: int) -> int:
     _spline(q, second, step, s, out)
     for j in range(q.shape[1]):
         rows[n, 0, j], rows[n, 1, j], rows[n, 2, j] = out[0, j], out[1, j] * v, out[2, j] * v * v + out[1, j] * w
     t[n] = when
     return n + 1
-

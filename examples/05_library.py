@@ -1,69 +1,17 @@
-"""The library from Python: one of the paper's real trials, planned by a policy of one's own.
+"""The library from Python: load a robot, read a scene, plan it, verify it, write the plan.
 
-    python examples/05_library.py [SCENES.jsonl]
-
-A policy is a pair of functions. `select` ranks the objects to move, `place` ranks the regions to put one in; both see an Observation,
-boxes and floor cells, and nothing else. The loop tries them in that order, so a policy need not know what an arm can do.
+python examples/05_library.py [SCENES.jsonl]
 """
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
+from planning import load_robot, plan_scene, read_scenes, verify_plan, write_plans
 
-from kinematics.robots.robot import from_ref
-from perception.observation import Observation
-from planning.io.files import read_scenes
-from planning.motion.pick_place import Motions
-from planning.policies.regions import free_regions
-from planning.retrieval import Policy, Rule, retrieve
-
-TRIAL = Path(__file__).with_name("02_plum_behind_cylinders.jsonl")
-
-
-def nearest_object(seen: Observation, rng: np.random.Generator) -> Sequence[str]:
-    """select: what stands nearest to the way of the hand, the line from one metre before x_g to x_g, is moved first."""
-    goal = seen.grasp.T_world_hand[:2, 3]
-    along = seen.grasp.T_world_hand[:2, 2] / np.linalg.norm(seen.grasp.T_world_hand[:2, 2])
-
-    def off_the_way(name: str) -> float:
-        offset = seen.boxes[name][:2] - goal
-        return float(np.linalg.norm(offset - np.clip(offset @ along, -1.0, 0.0) * along))
-
-    return sorted(seen.movable, key=off_the_way)
-
-
-def outermost_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-    """place: free cells far from the target, to the left or right of it."""
-    free = free_regions(seen, name)
-    sideways = np.abs(seen.regions[free, 1] - seen.boxes[seen.target][1])
-    return [int(i) for i in free[np.argsort(-sideways, kind="stable")]]
-
-
-def main(file: Path = TRIAL) -> None:
-    for where, scene in read_scenes(file):
-        robot = from_ref(scene.robot)
-        motions = Motions(robot, scene)
-        plan = retrieve(
-            scene,
-            Policy(nearest_object, outermost_region),
-            motions,
-            name="side",
-            rule=Rule.DEEP,
-            rng=np.random.default_rng(0),
-            on_step=lambda step: print(f"  {step}"),
-        )
-        print(f"{Path(where).name} ({scene.id}): " + ("solved" if plan.success else f"not solved, {plan.reason}"))
-        for move in plan.moves:
-            x, y, _ = move.T_world_to[:3, 3]
-            print(f"  {move.object} to ({x:.2f}, {y:.2f})" + ("" if move.done else f": {move.reason}"))
-        seconds = sum(m.t_s[-1] for m in plan.motions)
-        print(f"  {len(plan.motions)} motions that take the arm {seconds:.0f} s; the hand travels {plan.hand_travel_m:.1f} m")
-        print(f"  verified: {plan.verified}")
-
-
-if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+file = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_name("02_plum_behind_cylinders.jsonl")
+print(load_robot("ur5e").title)
+for scene in read_scenes(file):
+    plan = plan_scene(scene, policy="local", seed=0)
+    print(f"{scene.id}: " + ("solved" if plan.success else f"not solved, {plan.reason}") + f" with {len(plan.moves)} moves")
+    print("faults:", *verify_plan(scene, plan) or ["none"])
+    write_plans([plan], "plan.jsonl")

@@ -411,6 +411,25 @@ def verify(
 
 
 @app.command()
+def export(
+    plans: Annotated[Path | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
+    to: Annotated[str, typer.Option("--to", help="What the files are for.", metavar="ros2|urscript|franka|csv|npz")] = "csv",
+    out: Annotated[Path, typer.Option("-o", "--out", help="The folder that gets one folder a plan.", metavar="DIR")] = Path("exported"),
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate", help="Rows a second: csv 1000 by default, npz the plan's own rows.", metavar="HZ")
+    ] = None,
+    joints: Annotated[
+        str | None, typer.Option("--joints", help="The arm's joints in the controller's order, with commas between.", metavar="NAMES")
+    ] = None,
+    unverified: Annotated[bool, typer.Option("--unverified", help="Export plans that are not verified, too.")] = False,
+) -> Job:
+    """Write plans as files that a controller takes: trajectories of the arm, and the gripper's commands between them."""
+    from retrieve_cli.export import command
+
+    return partial(command.run, plans=plans, to=to, out=out, rate_hz=rate_hz, joints=joints, unverified=unverified)
+
+
+@app.command()
 def report(
     plans: Annotated[list[Path] | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
     scenes: Annotated[

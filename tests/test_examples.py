@@ -45,9 +45,9 @@ def run(environment: dict[str, str], cwd: Path, *args: str | Path) -> str:
 
 
 def test_each_number_is_there_once() -> None:
-    """01 to 05, and each has a test below."""
+    """01 to 07, and each has a test below."""
     numbers = sorted({p.name[:2] for p in EXAMPLES.iterdir() if p.name[0].isdigit()})
-    assert numbers == [f"{i:02}" for i in range(1, len(numbers) + 1)] == ["01", "02", "03", "04", "05"]
+    assert numbers == [f"{i:02}" for i in range(1, len(numbers) + 1)] == ["01", "02", "03", "04", "05", "06", "07"]
 
 
 def test_01_first_plan(program: dict[str, str], tmp_path: Path) -> None:
@@ -129,7 +129,17 @@ def test_04_the_arm_is_what_its_comments_say() -> None:
     np.testing.assert_allclose(hand[:3, 0], [0, 0, 1], atol=1e-6)
 
 
-def test_05_library(program: dict[str, str], tmp_path: Path) -> None:
+def test_05_library_and_06_execute(program: dict[str, str], tmp_path: Path) -> None:
     out = run(program, tmp_path, sys.executable, "-W", "error", EXAMPLES / "05_library.py")
-    assert "(plum-behind-cylinders): solved\n" in out
+    assert "plum-behind-cylinders: solved with" in out
+    assert "faults: none\n" in out
+    code = [line for line in (EXAMPLES / "05_library.py").read_text().split('"""')[-1].splitlines() if line.strip()]
+    assert len(code) <= 12
+    out = run(program, tmp_path, sys.executable, "-W", "error", EXAMPLES / "06_execute.py", "plan.jsonl")
+    assert out.startswith("plum-behind-cylinders: done\n")
+
+
+def test_07_own_policy(program: dict[str, str], tmp_path: Path) -> None:
+    out = run(program, tmp_path, sys.executable, "-W", "error", EXAMPLES / "07_own_policy.py")
+    assert "plum-behind-cylinders: solved\n" in out
     assert "verified: True\n" in out

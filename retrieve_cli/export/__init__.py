@@ -1,0 +1,1 @@
+"""Plans as files that a controller takes: ROS 2, URScript, Franka's rows, CSV, NumPy."""

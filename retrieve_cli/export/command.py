@@ -1,0 +1,78 @@
+"""`retrieve export`: plans as files that a controller takes, a folder a plan."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from kinematics.errors import InputError, choose
+from planning.io.files import read_plans
+from planning.io.outputs import replacing, write_text
+from planning.plan import Plan
+from retrieve_cli.terminal import say
+
+FORMATS = ("ros2", "urscript", "franka", "csv", "npz")
+
+
+def run(
+    *, plans: Path | None, to: str, out: Path, rate_hz: float | None = None, joints: str | None = None, unverified: bool = False
+) -> int | None:
+    """Write every successful plan of a file below `out`; those that failed are named.
+
+    Raises: InputError when none is left, for a plan that is not verified, and for one that does not fit the format.
+    """
+    choose("format", to, FORMATS)
+    if rate_hz is not None and to not in ("csv", "npz"):
+        raise InputError(f"export: --rate is for csv and npz; {to} has its own")
+    if rate_hz is not None and not 1 <= rate_hz <= 10_000:
+        raise InputError(f"export: --rate: {rate_hz:g} is not within 1 to 10000 Hz")
+    wanted = None if joints is None else [name.strip() for name in joints.split(",")]
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; name a folder for the exported plans")
+    names, failed = set[str](), list[str]()
+    for number, (where, plan) in enumerate(read_plans(plans)):
+        if not plan.success:
+            failed.append(f"{where}: the plan of {plan.scene} failed ({plan.reason}); there is nothing to carry out")
+            say(failed[-1])
+            continue
+        if not plan.verified and not unverified:
+            raise InputError(f"{where}: the plan of {plan.scene} is not verified; --unverified exports it all the same, at your own risk")
+        name = re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan"
+        folder = out / (name if name not in names else f"{name}_{number}")
+        names.add(folder.name)
+        folder.mkdir(parents=True, exist_ok=True)
+        written = export(plan, to, folder, rate_hz, wanted)
+        say(f"{plan.scene}: {len(written)} files in {folder}")
+    if not names:
+        raise InputError(failed[0] if failed else "export: there is no plan to export")
+    return None
+
+
+def export(plan: Plan, to: str, folder: Path, rate_hz: float | None = None, joints: list[str] | None = None) -> list[Path]:
+    """Write one plan into a folder that exists, and return the files.
+
+    Raises: InputError as `steps` does, and for an arm that doesn't fit.
+    """
+    from retrieve_cli.export import ros2, tables, urscript
+    from retrieve_cli.export.steps import steps
+
+    todo = steps(plan, joints)
+    match to:
+        case "ros2":
+            return ros2.write(folder, todo, plan.scene)
+        case "urscript":
+            return [_text(folder / "plan.script", urscript.program(todo, plan.scene))]
+        case "franka":
+            rows, commands = tables.franka(todo)
+            return [_text(folder / "trajectory.txt", rows), _text(folder / "gripper.jsonl", commands)]
+        case "csv":
+            return [_text(folder / "trajectory.csv", tables.csv(todo, rate_hz or 1000.0))]
+        case _:
+            with replacing(folder / "trajectory.npz") as part:
+                part.write_bytes(tables.npz(todo, rate_hz, plan.scene))
+            return [folder / "trajectory.npz"]
+
+
+def _text(file: Path, text: str) -> Path:
+    write_text(file, text)
+    return file

@@ -1,0 +1,233 @@
+"""What a controller gets is what was planned: every format is read back and compared with the plan's trajectory at 1 ms."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from kinematics.errors import InputError
+from kinematics.quintic_spline import evaluate, hermite
+from kinematics.scene import Held
+from kinematics.transforms import Array
+from planning.io.results import plan_writer
+from planning.plan import Blocked, Gripper, GripperState, Motion, Plan
+from retrieve_cli.__main__ import main
+from retrieve_cli.export.command import export
+from retrieve_cli.export.steps import ArmStep, GripperStep, steps
+
+ROOT = Path(__file__).resolve().parents[3]
+ARM = tuple(f"joint_{i}" for i in range(6))
+OPEN, SHUT = GripperState(0.0, 0.085), GripperState(0.4, 0.05, 40.0)
+
+
+def motion(stage: str, start: Array, end: Array, before: GripperState, after: GripperState, held: str | None = None) -> Motion:
+    """From rest to rest through a third row, with the fingers moving evenly."""
+    rng = np.random.default_rng(len(stage))
+    still = bool((start == end).all())
+    q = np.stack([start, (start + end) / 2 + (0.0 if still else rng.normal(0, 0.05, len(start))), end])
+    qd, qdd = np.zeros_like(q), np.zeros_like(q)
+    if not still:
+        qd[1], qdd[1] = rng.normal(0, 0.3, len(start)), rng.normal(0, 0.5, len(start))
+    grip = np.linspace(before.value, after.value, 3)[:, None]
+    rows = [np.concatenate([table, extra], 1) for table, extra in ((q, grip), (qd, 0 * grip), (qdd, 0 * grip))]
+    hold = Held(held, np.eye(4)) if held else None
+    t_s = np.array([0.0, 0.37, 1.1])
+    return Motion(stage, (*ARM, "finger"), rows[0], t_s, hold, (), rows[1], rows[2], Gripper("finger", before, after))
+
+
+@pytest.fixture
+def plan() -> Plan:
+    a, b, c = (np.random.default_rng(i).uniform(-1, 1, 6) for i in range(3))
+    motions = (
+        motion("transit", a, b, OPEN, OPEN),
+        motion("approach", b, c, OPEN, OPEN),
+        motion("grasp", c, c, OPEN, SHUT),
+        motion("lift", c, b, SHUT, SHUT, "can_1"),
+        motion("transfer", b, a, SHUT, SHUT, "can_1"),
+    )
+    return Plan("scene/7", "local", "deep", True, None, (), motions, 0.0, 0.0, 1.0, 1.0, True)
+
+
+def arm_at(plan: Plan, t: Array) -> Array:
+    """The arm (N, 6) at times from the plan's start, the motions one after the other."""
+    out, start = np.empty((len(t), 6)), 0.0
+    for m in plan.motions:
+        which = (t >= start - 1e-12) & (t <= start + m.t_s[-1] + 1e-12)
+        out[which] = m.at(np.clip(t[which] - start, 0, m.t_s[-1]))[:, :6]
+        start += float(m.t_s[-1])
+    return out
+
+
+def test_motions_become_trajectories_with_commands_between(plan: Plan) -> None:
+    first, grip, second = steps(plan)
+    assert isinstance(first, ArmStep)
+    assert isinstance(second, ArmStep)
+    assert grip == GripperStep("finger", 0.4, 0.05, 40.0, "can_1", 1.1)
+    assert first.stages == (("transit", 0.0), ("approach", 1.1))
+    assert [stage for stage, _ in second.stages] == ["lift", "transfer"]
+    t = np.arange(0, 2.2, 0.001)
+    np.testing.assert_allclose(evaluate(first.spline, t), arm_at(plan, t), atol=1e-12)
+    np.testing.assert_array_equal(first.q[0], plan.motions[0].q[0, :6])
+    assert (np.diff(first.t_s) > 0).all()
+
+
+def test_ros2_is_read_back_from_yaml_and_from_the_bag(plan: Plan, tmp_path: Path) -> None:
+    export(plan, "ros2", tmp_path)
+    order = yaml.safe_load((tmp_path / "sequence.yaml").read_text())["steps"]
+    assert [s["file"] for s in order] == ["00_arm.yaml", "01_gripper.yaml", "02_arm.yaml"]
+    assert [s["start_s"] for s in order] == pytest.approx([0.0, 2.2, 3.3])
+    assert yaml.safe_load((tmp_path / "01_gripper.yaml").read_text()) == {"position": 0.4, "max_effort": 40.0}
+    for number, begins in ((0, 0.0), (2, 3.3)):
+        message = yaml.safe_load((tmp_path / f"{number:02d}_arm.yaml").read_text())
+        assert message["joint_names"] == list(ARM)
+        points = message["points"]
+        t = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points])
+        assert t[0] == 0
+        assert (np.diff(t) > 0).all()
+        q, qd, qdd = (np.array([p[what] for p in points]) for what in ("positions", "velocities", "accelerations"))
+        instants = np.arange(0.0, t[-1], 0.001)
+        np.testing.assert_allclose(evaluate(hermite(t, q, qd, qdd), instants), arm_at(plan, begins + instants), atol=1e-6)
+
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("float64 position\nfloat64 max_effort\n", "control_msgs/msg/GripperCommand"))
+    with Reader(tmp_path / "bag") as bag:
+        seen = [(c.topic, at, store.deserialize_cdr(raw, c.msgtype)) for c, at, raw in bag.messages()]
+    assert next((tmp_path / "bag").glob("*.mcap")).read_bytes().startswith(b"\x89MCAP")
+    assert [at / 1e9 for _, at, _ in seen] == pytest.approx([0.0, 2.2, 3.3])
+    np.testing.assert_array_equal(seen[2][2].points[-1].positions, plan.motions[-1].q[-1, :6])
+    assert seen[1][2].position == 0.4
+
+
+def test_csv_and_npz_at_a_millisecond(plan: Plan, tmp_path: Path) -> None:
+    export(plan, "csv", tmp_path)
+    head, *lines = (tmp_path / "trajectory.csv").read_text().splitlines()
+    names = head.split(",")
+    assert names[:4] == ["t_s", "step", "stage", "joint_0_rad_or_m"]
+    rows = [line.split(",") for line in lines]
+    t, q = np.array([float(r[0]) for r in rows]), np.array([[float(x) for x in r[3:9]] for r in rows])
+    np.testing.assert_allclose(q, arm_at(plan, t), atol=1e-6)
+    assert np.diff(t).max() == pytest.approx(1.1)  # while the fingers close
+    assert {r[2] for r in rows} == {"transit", "approach", "grasp", "lift", "transfer"}
+    export(plan, "npz", tmp_path, rate_hz=250)
+    with np.load(tmp_path / "trajectory.npz", allow_pickle=False) as data:
+        np.testing.assert_allclose(data["q"], arm_at(plan, data["t_s"]), atol=1e-9)
+        assert tuple(data["joint_names"]) == ARM
+        assert float(data["gripper"][-1]) == 0.4
+
+
+def test_urscript_streams_every_two_milliseconds(plan: Plan, tmp_path: Path) -> None:
+    export(plan, "urscript", tmp_path)
+    text = (tmp_path / "plan.script").read_text()
+    lines = [line.strip() for line in text.splitlines()]
+    rows = np.array([json.loads(line[len("servoj(") : line.index("]") + 1]) for line in lines if line.startswith("servoj(")])
+    t = np.arange(1, 1101) * 0.002
+    np.testing.assert_allclose(rows[:1100], arm_at(plan, t), atol=1e-6)
+    assert "retrieve_grip(0.050000, 40.0)  # takes can_1" in lines
+    assert lines.count("end") == sum(line.startswith(("def ", "while ", "if ")) for line in lines)
+    assert not text.count("\t")
+
+
+def test_franka_wants_seven_joints(plan: Plan, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="7 joints, and this one has 6"):
+        export(plan, "franka", tmp_path)
+    seven = replace(plan, motions=tuple(_with_a_joint(m) for m in plan.motions))
+    export(seven, "franka", tmp_path)
+    rows = np.loadtxt(tmp_path / "trajectory.txt")
+    assert rows.shape[1] == 14
+    np.testing.assert_allclose(rows[:2200, 1:7], arm_at(plan, np.arange(2200) / 1000), atol=1e-6)
+    (command,) = map(json.loads, (tmp_path / "gripper.jsonl").read_text().splitlines())
+    assert command == {"after_row": 2200, "width_m": 0.05, "force_N": 40.0, "holds": "can_1"}
+    with pytest.raises(InputError, match="6 joints, and this one has 7"):
+        export(seven, "urscript", tmp_path)
+
+
+def _with_a_joint(m: Motion) -> Motion:
+    wider = [np.concatenate([np.zeros((len(x), 1)), x], 1) for x in (m.q, m.qd, m.qdd) if x is not None]
+    return replace(m, joint_names=("rail", *m.joint_names), q=wider[0], qd=wider[1], qdd=wider[2])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"motions": ()}, "has no motions"),
+        ({"success": False, "reason": Blocked("approach", "palm", "can_1")}, "failed (approach: palm touches can_1)"),
+        ({"verified": False}, "is not verified; --unverified"),
+    ],
+    ids=["empty", "failed", "not verified"],
+)
+def test_what_is_refused(change: dict[str, object], says: str, plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "plans.jsonl"
+    with plan_writer(file) as write:
+        write(replace(plan, **change))  # type: ignore[arg-type]
+    assert main(["export", str(file), "--to", "csv", "-o", str(tmp_path / "out")]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_the_command_takes_the_controllers_order_of_joints(plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "plans.jsonl"
+    with plan_writer(file) as write:
+        write(replace(plan, verified=False))
+    order = ",".join(reversed(ARM))
+    assert main(["export", str(file), "--to", "npz", "--joints", order, "--unverified", "-o", str(tmp_path / "out")]) == 0
+    with np.load(tmp_path / "out" / "scene_7" / "trajectory.npz", allow_pickle=False) as data:
+        np.testing.assert_array_equal(data["q"][0], plan.motions[0].q[0, 5::-1])
+    for wrong, says in ((order + ",elbow", "'elbow' is no joint"), ("joint_0", "'joint_1' is missing")):
+        assert main(["export", str(file), "--joints", wrong, "--unverified", "-o", str(tmp_path / "out")]) == 2
+        assert says in capsys.readouterr().err
+
+
+def test_waypoints_are_no_trajectory(plan: Plan) -> None:
+    old = replace(plan, motions=tuple(replace(m, qd=None, qdd=None) for m in plan.motions))
+    with pytest.raises(InputError, match="has waypoints and no trajectory"):
+        steps(old)
+
+
+# The runner of examples/06_execute.py -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def runner() -> object:
+    spec = importlib.util.spec_from_file_location("runner", ROOT / "examples" / "06_execute.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["runner"] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_plan_is_carried_out(plan: Plan, runner: object) -> None:
+    arm = runner.SimulatedArm(plan.motions[0].q[0, :6])  # type: ignore[attr-defined]
+    end = runner.execute(plan, arm)  # type: ignore[attr-defined]
+    assert (end.done, end.motion) == (True, 4)
+    assert arm.gripped == [(0.05, 40.0)]
+    np.testing.assert_allclose(arm.q, plan.motions[-1].q[-1, :6], atol=0.002)
+
+
+@pytest.mark.parametrize(
+    ("options", "where", "says"),
+    [
+        ({"stuck_after_s": 1.5}, 1, "from its trajectory"),
+        ({"most_rad_s": 0.05}, 0, "from its trajectory"),
+        ({"noise_rad": 0.05}, 0, "from where transit begins"),
+    ],
+    ids=["it hits something", "too slow", "its reading is noise"],
+)
+def test_it_stops_and_says_where(options: dict[str, float], where: int, says: str, plan: Plan, runner: object) -> None:
+    arm = runner.SimulatedArm(plan.motions[0].q[0, :6], **options)  # type: ignore[attr-defined]
+    end = runner.execute(plan, arm)  # type: ignore[attr-defined]
+    assert (end.done, end.motion) == (False, where)
+    assert says in end.why
+    assert set(end.q) == set(ARM)
+    elsewhere = runner.SimulatedArm(plan.motions[0].q[0, :6] + 0.2)  # type: ignore[attr-defined]
+    assert runner.execute(plan, elsewhere).motion == 0  # type: ignore[attr-defined]

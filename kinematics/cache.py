@@ -1,25 +1,52 @@
-"""A folder for what is derived once and read often: hulls, sphere covers. Keys hash the inputs, so a stale entry is never read."""
+"""A folder for what is derived once and read often: hulls, sphere covers, compiled code. Keys hash the inputs, so a stale entry is never
+read. What is kept is fed to compiled code: every entry has a checksum, and a folder that somebody else could write to is not used.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+_SIZE = hashlib.sha256().digest_size
+
 
 def folder() -> Path:
     """`$XDG_CACHE_HOME/retrieve`, by default `~/.cache/retrieve`."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "retrieve"
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "retrieve"
+    except RuntimeError:  # a user without a home
+        return Path("/nonexistent/retrieve")
+
+
+def unsafe(place: Path) -> str:
+    """Make a folder, unless it is there; and say what is wrong with it: that it can't be made or written to, or that others than the user
+    could write to it. Nothing, when all is well."""
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        about = place.stat()
+    except OSError as e:
+        return f"{place} can't be made: {e.strerror}"
+    if hasattr(os, "getuid"):
+        if about.st_uid != os.getuid():
+            return f"{place} belongs to somebody else"
+        if about.st_mode & 0o022:
+            return f"{place} may be written to by others (chmod go-w {place})"
+    return "" if os.access(place, os.W_OK | os.X_OK) else f"{place} can't be written to"
 
 
 def compiled_before() -> bool:
     """Whether an earlier run has left compiled code of this very version behind."""
-    return any(Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbc"))
+    from kinematics.jit import cache_folder
+
+    return any(cache_folder.FOLDER.rglob("*.nbc"))
 
 
 def key(*parts: bytes | str) -> str:
@@ -32,20 +59,47 @@ def key(*parts: bytes | str) -> str:
 
 
 def load(name: str) -> dict[str, NDArray[np.generic]] | None:
-    """The arrays stored under a name, or None."""
+    """The arrays stored under a name, or None. An entry that is not as it was written is removed."""
+    file = _file(name)
     try:
-        with np.load(folder() / f"{name}.npz", allow_pickle=False) as data:
-            return {k: data[k] for k in data.files}
-    except (OSError, ValueError, KeyError, EOFError):
+        if unsafe(file.parent):
+            return None
+        content = file.read_bytes()
+    except OSError:
         return None
+    digest, data = content[:_SIZE], content[_SIZE:]
+    if digest != _checksum(name, data):
+        with suppress(OSError):
+            file.unlink()
+        return None
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {k: arrays[k] for k in arrays.files}
 
 
 def store(name: str, arrays: Mapping[str, NDArray[np.generic]]) -> None:
     """Store arrays under a name, written beside and renamed; a cache that can't be written is no error."""
-    try:
-        folder().mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=folder(), suffix=".tmp", delete=False) as f:
-            np.savez(f, **arrays)  # type: ignore[arg-type]  # numpy's stub takes the keyword `allow_pickle` for an array
-        os.replace(f.name, folder() / f"{name}.npz")
-    except OSError:
+    file, stream = _file(name), io.BytesIO()
+    np.savez(stream, **arrays)  # type: ignore[arg-type]  # numpy's stub takes the keyword `allow_pickle` for an array
+    data = stream.getvalue()
+    if unsafe(file.parent):
         return
+    part = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as f:
+            part = f.name
+            f.write(_checksum(name, data) + data)
+            f.flush()
+            os.fsync(f.fileno())
+        os.replace(part, file)
+    except OSError:
+        if part is not None:
+            with suppress(OSError):
+                os.unlink(part)
+
+
+def _file(name: str) -> Path:
+    return folder() / f"{name}.arrays"
+
+
+def _checksum(name: str, data: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\0" + data).digest()

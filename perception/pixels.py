@@ -7,9 +7,9 @@ with z²; `axial` is its standard deviation at 1 m (see `perception.camera.Depth
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kinematics.jit.cache_files import njit
 from kinematics.transforms import Array
 
 Bool = NDArray[np.bool_]

@@ -19,10 +19,13 @@ def say(line: str) -> None:
 
 
 def announce_first_run() -> None:
-    """Say why the first run takes long, lest anybody stare at a silent terminal."""
+    """Say why the first run takes long, lest anybody stare at a silent terminal; and why every run does, if compiled code can't be kept."""
     from kinematics.cache import compiled_before
+    from kinematics.jit.cache_folder import WRONG
 
-    if not compiled_before():
+    if WRONG:
+        say(f"compiled code can't be kept, so every run compiles, which takes a minute: {WRONG}; XDG_CACHE_HOME names another folder")
+    elif not compiled_before():
         say("getting ready: the first run compiles, which takes half a minute; later ones start at once")
 
 

@@ -16,10 +16,10 @@ bound in column 3 when there is one. A kept row 7 warm-starts the next query of 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from kinematics.collision.geometry import BOX, CYLINDER
 from kinematics.collision.vertex_groups import GROUP
+from kinematics.jit.cache_files import njit
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 

@@ -21,11 +21,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from kinematics import cache
+from kinematics.jit.cache_files import njit
 from kinematics.jit.decorators import copy_rows, jit_inline
 from kinematics.shapes import CYLINDER_SIDES, box_corners
 from kinematics.transforms import Array, apply

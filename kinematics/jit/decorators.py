@@ -7,10 +7,10 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-from numba import njit
 from numba.core import types
 from numpy.typing import NDArray
 
+from kinematics.jit.cache_files import njit
 from kinematics.jit.pipeline import BitcodeCompiler
 
 Function = TypeVar("Function", bound=Callable[..., Any])

@@ -7,10 +7,10 @@ points of the grid's frame to the camera's. States are UNKNOWN, FREE and OCCUPIE
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
+from kinematics.jit.cache_files import njit
 from kinematics.transforms import Array
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2

@@ -7,8 +7,8 @@ least squares fit of 1 / z (as in "Adaptive neighborhood selection for real-time
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from kinematics.jit.cache_files import njit
 from kinematics.transforms import Array
 from perception.pixels import Bool, Image
 

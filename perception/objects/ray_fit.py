@@ -7,8 +7,8 @@ A pixel saw the point eye + z · ray, z with noise. A solid is a row of seven nu
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from kinematics.jit.cache_files import njit
 from kinematics.transforms import Array
 
 BOX, CYLINDER = 0.0, 1.0

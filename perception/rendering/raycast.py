@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
+from kinematics.jit.cache_files import njit
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics

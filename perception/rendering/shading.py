@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
+from kinematics.jit.cache_files import njit
 from kinematics.shapes import Shape, box_corners, convex_parts
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import Intrinsics, look_at

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from kinematics.chain import Chain, Int, forward
 from kinematics.collision.robot_model import link_covers
+from kinematics.jit.cache_files import njit
 from kinematics.robots.robot import Robot
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, inverse
@@ -112,7 +112,7 @@ def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[n
 
 
 @njit(cache=True, nogil=True)
-def _sweep(chain, weight, balls, floor, path, k, out):  # type: ignore[no-untyped-def]
+def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array, k: int, out: F32) -> None:
     n_parts = balls.frame.shape[0]
     frames = np.empty((chain.q_index.shape[0] + 1, 4, 4))
     drawn = np.full((n_parts, 3, 4), np.inf)
@@ -159,7 +159,7 @@ def _sweep(chain, weight, balls, floor, path, k, out):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True)
-def _draw(M, ball, first, stop, floor, k, out):  # type: ignore[no-untyped-def]
+def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, k: int, out: F32) -> None:
     """Lower the heights under some balls, whose frame stands at M (3, 4) in the cabinet."""
     cx, cy = floor.cell[0], floor.cell[1]
     half = floor.size[1] / 2
@@ -185,7 +185,7 @@ def _draw(M, ball, first, stop, floor, k, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _meet(lows, floor, lines, half, height, centres, out):  # type: ignore[no-untyped-def]
+def _meet(lows: F32, floor: Floor, lines: Array, half: Array, height: float, centres: Array, out: NDArray[np.bool_]) -> None:
     cx, cy = floor.cell[0], floor.cell[1]
     grow = max(cx, cy) / 2
     n_paths = lows.shape[2]

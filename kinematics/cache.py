@@ -42,13 +42,6 @@ def unsafe(place: Path) -> str:
     return "" if os.access(place, os.W_OK | os.X_OK) else f"{place} can't be written to"
 
 
-def compiled_before() -> bool:
-    """Whether an earlier run has left compiled code of this very version behind."""
-    from kinematics.jit import cache_folder
-
-    return any(cache_folder.FOLDER.rglob("*.nbc"))
-
-
 def key(*parts: bytes | str) -> str:
     """A file-name-safe hash of the inputs."""
     digest = hashlib.sha256()

@@ -20,8 +20,7 @@ def say(line: str) -> None:
 
 def announce_first_run() -> None:
     """Say why the first run takes long, lest anybody stare at a silent terminal; and why every run does, if compiled code can't be kept."""
-    from kinematics.cache import compiled_before
-    from kinematics.jit.cache_folder import WRONG
+    from kinematics.jit.cache_folder import WRONG, compiled_before
 
     if WRONG:
         say(f"compiled code can't be kept, so every run compiles, which takes a minute: {WRONG}; XDG_CACHE_HOME names another folder")

@@ -55,3 +55,8 @@ def settle() -> tuple[Path, str]:
 
 
 FOLDER, WRONG = settle()
+
+
+def compiled_before() -> bool:
+    """Whether an earlier run has left compiled code of this very version behind."""
+    return any(FOLDER.rglob("*.nbc"))

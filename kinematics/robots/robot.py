@@ -370,6 +370,7 @@ def _assemble(
 ) -> Robot:
     """The Robot behind a cleaned URDF with a `hand` link: from the cache, or derived and cached. Links called like a wall of the cabinet
     get another name."""
+    urdf.check_mimics(root)
     renamed = urdf.rename_links(root, WALLS)
     text = urdf.to_string(root)
     stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]

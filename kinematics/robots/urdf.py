@@ -85,6 +85,17 @@ def add_link(root: etree._Element, name: str, parent: str, T: Array, boxes: tupl
     add_fixed_joint(root, f"{parent}_to_{name}", parent, name, T)
 
 
+def check_mimics(root: etree._Element) -> None:
+    """Raises: ValueError when a joint mimics itself, by way of others or at once: none of them would have a motor."""
+    follows = {j.get("name", ""): m.get("joint", "") for j in root.iter("joint") if (m := j.find("mimic")) is not None}
+    for first in follows:
+        way = [first]
+        while (after := follows.get(way[-1])) is not None:
+            if after in way:
+                raise ValueError(f"joint {after!r} mimics itself ({' mimics '.join([*way[way.index(after) :], after])}); one needs a motor")
+            way.append(after)
+
+
 def rename_links(root: etree._Element, taken: Collection[str]) -> dict[str, str]:
     """Give links whose names are taken another one, in place: `left` becomes `left_link`. Returns the new names by the old ones."""
     names = {e.get("name", "") for e in root.iter("link")}

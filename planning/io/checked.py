@@ -16,6 +16,8 @@ import numpy as np
 from kinematics.errors import InputError, did_you_mean
 from kinematics.transforms import Array, rotation_from_wxyz, transform
 
+SMALLEST_M, LARGEST_M = 1e-4, 100.0
+"""Sizes and places that can be meant, metres."""
 MOST_DEEP = 32
 """Levels of objects and arrays in a document; a plan has six."""
 UNIT_TOLERANCE = 1e-3
@@ -53,12 +55,14 @@ class Node:
         """The field `name` of an object that is known to have it."""
         return Node(self.value[name], self.where, f"{self.path}.{name}" if self.path else name)
 
-    def items(self, least: int = 0) -> list[Node]:
-        """The members of an array with at least so many."""
+    def items(self, least: int = 0, most: int | None = None) -> list[Node]:
+        """The members of an array with at least so many, and at most."""
         if not isinstance(self.value, list):
             raise self.error(f"{_kind(self.value)} stands where an array [...] is expected")
         if len(self.value) < least:
             raise self.error(f"holds {len(self.value)}, and at least {least} is needed")
+        if most is not None and len(self.value) > most:
+            raise self.error(f"holds {len(self.value)}, and at most {most} can be used")
         return [Node(v, self.where, f"{self.path}[{i}]") for i, v in enumerate(self.value)]
 
     def text(self, choices: Iterable[str] = ()) -> str:
@@ -80,12 +84,14 @@ class Node:
             raise self.error(f"{_kind(self.value)} stands where true or false is expected")
         return self.value
 
-    def integer(self, least: int | None = None) -> int:
-        """A whole number, not below `least`."""
+    def integer(self, least: int | None = None, most: int | None = None) -> int:
+        """A whole number, from `least` to `most`."""
         if isinstance(self.value, bool) or not isinstance(self.value, int):
             raise self.error(f"{_kind(self.value)} stands where a whole number is expected")
         if least is not None and self.value < least:
             raise self.error(f"{self.value} is below {least}")
+        if most is not None and self.value > most:
+            raise self.error(f"{self.value} is above {most}")
         return self.value
 
     def number(self, *, positive: bool = False, least: float | None = None, most: float | None = None) -> float:
@@ -99,8 +105,12 @@ class Node:
             raise self.error(f"{self.value} is above {most:g}")
         return float(self.value)
 
-    def vector(self, n: int | None = None, *, positive: bool = False) -> Array:
-        """An array of finite numbers, of length n if given, all positive if so asked."""
+    def length(self) -> float:
+        """The length of something, in metres."""
+        return self.number(positive=True, least=SMALLEST_M, most=LARGEST_M)
+
+    def vector(self, n: int | None = None, *, positive: bool = False, lengths: bool = False) -> Array:
+        """An array of finite numbers, of length n if given, all positive if so asked; lengths: metres, in the bounds of what is meant."""
         values = self.value
         if not isinstance(values, list):
             raise self.error(f"{_kind(values)} stands where an array of numbers is expected")
@@ -110,6 +120,10 @@ class Node:
             self._check_number(v)
             if positive and v <= 0:
                 raise self.error(f"{v} is not positive")
+            if lengths and positive and v < SMALLEST_M:
+                raise self.error(f"{v} is below {SMALLEST_M:g} m")
+            if lengths and abs(v) > LARGEST_M:
+                raise self.error(f"{v} is beyond {LARGEST_M:g} m; are these millimetres?")
         return np.array(values, float)
 
     def matrix(self, columns: int) -> Array:
@@ -124,9 +138,9 @@ class Node:
     def pose(self) -> Array:
         """The (4, 4) transform of {"p": [x, y, z], "q_wxyz": [w, x, y, z]}."""
         fields = self.record(("p", "q_wxyz"))
-        p, node = fields["p"].vector(3), fields["q_wxyz"]
+        p, node = fields["p"].vector(3, lengths=True), fields["q_wxyz"]
         q = node.vector(4)
-        length = float(np.linalg.norm(q))
+        length = float(np.linalg.norm(q)) if np.abs(q).max() < 1e6 else np.inf
         if length == 0:
             raise node.error("has length 0, which is no rotation; no rotation at all is [1, 0, 0, 0]")
         if abs(length - 1) > UNIT_TOLERANCE:

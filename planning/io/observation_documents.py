@@ -18,12 +18,12 @@ MOST_CELLS = 10**8
 def observation_from_node(node: Node) -> dict[str, Any]:
     """What a sensed scene carries: checked, and passed on as it is."""
     f = node.record(("objects", "regions", "views", "known"))
-    for item in f["objects"].items():
+    for item in f["objects"].items(most=500):
         o = item.record(("name", "box"), extra=True)
         o["name"].text()
-        o["box"].vector(6)
-    for item in f["regions"].items():
-        item.vector(4)
+        o["box"].vector(6, lengths=True)
+    for item in f["regions"].items(most=10_000):
+        item.vector(4, lengths=True)
     for item in f["views"].items():
         v = item.record(("T_world_camera", "known"), ("unknown",), extra=True)
         if "unknown" in v:

@@ -14,13 +14,15 @@ from typing import Any
 from kinematics.errors import blame, did_you_mean
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, load_mesh
-from planning.io.checked import Node
+from planning.io.checked import LARGEST_M, SMALLEST_M, Node
 from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
 from planning.io.observation_documents import observation_from_node
 from planning.settling import NOISE_M, Unsettled, settle
 
 SCENE_1, SCENE_2 = "retrieve/scene@1", "retrieve/scene@2"
 SOURCES = ("given", "seen")
+MOST_REGIONS, MOST_BODIES = 100, 500
+"""Rows of the floor's grid; objects, and obstacles."""
 
 LoadMesh = Callable[[str, float], ConvexMesh]
 
@@ -160,12 +162,12 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
         id=f["id"].text(),
         robot=_robot(f["robot"], folder, second),
         cabinet=Cabinet(
-            cabinet["size_m"].vector(3, positive=True), cabinet["T_world_cabinet"].pose(), cabinet["wall_m"].number(positive=True)
+            cabinet["size_m"].vector(3, positive=True, lengths=True), cabinet["T_world_cabinet"].pose(), cabinet["wall_m"].length()
         ),
         objects=objects,
         target=_target(f["target"], objects, second),
         grasp=_grasp(f["grasp"]) if not second or f["grasp"].value is not None else None,
-        regions_n=f["regions"].record(("n",))["n"].integer(least=1),
+        regions_n=f["regions"].record(("n",))["n"].integer(least=1, most=MOST_REGIONS),
         approaches=tuple(a.text(APPROACHES) for a in f["approaches"].items(least=1)) if "approaches" in f else APPROACHES,
         seed=tuple(s.integer() for s in f["seed"].items()) if "seed" in f else (),
         observation=observation_from_node(f["observation"]) if "observation" in f else None,
@@ -201,7 +203,7 @@ def _target(node: Node, objects: Sequence[Body], second: bool) -> str | None:
 
 
 def _target_box(node: Node) -> Any:
-    box = node.vector(6)
+    box = node.vector(6, lengths=True)
     if (box[3:] <= 0).any():
         raise node.error("its size is not positive; a box is [cx, cy, cz, dx, dy, dz], centre and size in metres")
     return box
@@ -209,12 +211,12 @@ def _target_box(node: Node) -> Any:
 
 def _grasp(node: Node) -> Grasp:
     f = node.record(("T_world_hand", "width_m"))
-    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0))
+    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0, most=LARGEST_M))
 
 
 def _ranked_grasp(node: Node) -> tuple[Grasp, float]:
     f = node.record(("T_world_hand", "width_m", "score"))
-    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0)), f["score"].number()
+    return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0, most=LARGEST_M)), f["score"].number()
 
 
 def _robot(node: Node, folder: Path, second: bool) -> RobotRef:
@@ -252,7 +254,7 @@ def _joint_values(node: Node) -> Mapping[str, float]:
 def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *, least: int, still: bool = False) -> tuple[Body, ...]:
     """Objects, or obstacles (`still`). taken: names that stand for something else."""
     bodies: dict[str, Body] = {}
-    for item in node.items(least=least):
+    for item in node.items(least=least, most=MOST_BODIES):
         f = _fields(item, second, ("name", "shape", "T_world_object"), (), () if still else ("max_tilt_deg", "source"))
         name = f["name"].text()
         if name in bodies:
@@ -275,9 +277,14 @@ def _shape(node: Node, load: LoadMesh) -> Shape:
     kind = node.record(("type",), tuple(node.value) if isinstance(node.value, dict) else ())["type"].text(fields)
     f = node.record(("type", *fields[kind]), ("scale",) if kind == "mesh" else ())
     if kind == "box":
-        return Box(f["size_m"].vector(3, positive=True))
+        return Box(f["size_m"].vector(3, positive=True, lengths=True))
     if kind == "cylinder":
-        return Cylinder(f["radius_m"].number(positive=True), f["height_m"].number(positive=True))
+        return Cylinder(f["radius_m"].length(), f["height_m"].length())
     file, scale = f["file"].text(), f["scale"].number(positive=True) if "scale" in f else 1.0
     with blame(f"{node.where}: {f['file'].path}"):
-        return load(file, scale)
+        mesh = load(file, scale)
+    extent = 2 * mesh.half
+    if extent.min() < SMALLEST_M or extent.max() > LARGEST_M:
+        size = " × ".join(f"{x:.3g}" for x in extent)
+        raise node.error(f"the mesh is {size} m large at scale {scale:g}, and {SMALLEST_M:g} to {LARGEST_M:g} m can be meant")
+    return mesh

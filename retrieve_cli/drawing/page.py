@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import importlib.util
 import json
+import re
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -78,14 +79,17 @@ def page(film: Film) -> str:
         "TITLE": escape(f"{film.scene.id}: {'plan' if film.plan else 'scene'}"),
         "CAPTION": _caption(film),
         "CONTROLS": _controls(film),
-        "SETTINGS": json.dumps(_settings(film)),
+        "SETTINGS": in_script(_settings(film)),
         "COMMANDS": ",\n".join(f'"{c}"' for c in packed),
         "MESHCAT": script.replace("</script", "<\\/script"),
     }
-    html = PAGE
-    for name, text in parts.items():  # MESHCAT last: nothing in it is replaced
-        html = html.replace(f"@{name}@", text)
-    return html
+    return re.sub(f"@({'|'.join(parts)})@", lambda found: parts[found[1]], PAGE)  # all at once: nothing in a part is replaced
+
+
+def in_script(value: Any) -> str:
+    """A value as JSON that may stand in a page's script: no name in it can end the script, or begin a comment."""
+    text = json.dumps(value)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _viewer() -> str:
@@ -242,7 +246,7 @@ def _mesh(
 
 def _lines(path: str, polylines: list[Array], colour: Colour, opacity: float = 1.0, *, through: bool = False) -> Command:
     """Lines of one pixel through points (N, 3)."""
-    pairs = np.concatenate([np.stack([p[:-1], p[1:]], 1).reshape(-1, 3) for p in polylines]).astype("<f4")
+    pairs = np.concatenate([np.zeros((0, 3)), *(np.stack([p[:-1], p[1:]], 1).reshape(-1, 3) for p in polylines)]).astype("<f4")
     material: Command = {"type": "LineBasicMaterial", "color": _hex(colour)}
     material |= {"transparent": True, "opacity": opacity} if opacity < 1 else {}
     material |= {"depthTest": False} if through else {}

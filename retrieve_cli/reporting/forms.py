@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -35,13 +36,18 @@ def to_markdown(report: Report) -> str:
     parts = ["# Retrieval report\n"]
     for t in tables(report):
         lines = [
-            "| " + " | ".join(t.columns) + " |",
+            "| " + " | ".join(_md(c) for c in t.columns) + " |",
             "|" + "|".join("---:" if is_figures(t, i) else "---" for i in range(len(t.columns))) + "|",
         ]
-        lines += ["| " + " | ".join(c.replace("|", "\\|") for c in row) + " |" for row in t.rows]
+        lines += ["| " + " | ".join(_md(c) for c in row) + " |" for row in t.rows]
         parts.append(f"## {t.title}\n\n" + "\n".join(lines) + f"\n\n{t.note[0].upper()}{t.note[1:]}.\n")
-    parts += [f"- Note: {r}." for r in report.remarks]
+    parts += [f"- Note: {_md(r)}." for r in report.remarks]
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _md(text: str) -> str:
+    """A text as Markdown shows it: no names become markup, tables or HTML."""
+    return re.sub(r"([\\`*_<>|&])", r"\\\1", " ".join(text.split())).replace("](", "]\\(")
 
 
 def to_tex(report: Report) -> str:
@@ -62,6 +68,7 @@ def to_tex(report: Report) -> str:
 
 
 def _tex(text: str) -> str:
+    text = "".join(c if c.isprintable() else " " for c in text)
     for char in "\\{}":
         text = text.replace(char, {"\\": "\0", "{": r"\{", "}": r"\}"}[char])
     for char, word in {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -303,3 +304,24 @@ def test_joint_values_are_counted_before_they_are_used(robot: Robot) -> None:
         with pytest.raises(ValueError, match="a link's index and q"):
             robot.tree.local(i, np.zeros(J))
     assert robot.tree.poses(np.zeros((0, J))).shape == (0, len(robot.tree.names), 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "says"),
+    [
+        ("grip_mirror", None, "joint 'grip_mirror' mimics itself (grip_mirror mimics grip_mirror); one needs a motor"),
+        ("grip_mirror", "grip_mirror", "mimics itself (grip"),
+    ],
+)
+def test_a_circle_of_mimics_ends(first: str, second: str | None, says: str, toy_urdf: Callable[..., Path]) -> None:
+    """Loading one went on for ever."""
+    changes = [('<mimic joint="grip"/>', f'<mimic joint="{first if second is None else "grip"}"/>')]
+    if second is not None:
+        changes.append(
+            (
+                'velocity="0.1" effort="10"/></joint>\n  <link name="left',
+                f'velocity="0.1"/><mimic joint="{second}"/></joint>\n  <link name="left',
+            )
+        )
+    with pytest.raises(ValueError, match=re.escape(says)):
+        load(str(toy_urdf(*changes)), "tcp")

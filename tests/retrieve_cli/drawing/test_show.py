@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import http.client
+import json
 import re
 import signal
 import subprocess
@@ -368,3 +369,12 @@ def test_live_viewer_serves_the_page_until_it_is_interrupted() -> None:
         live.send_signal(signal.SIGINT)
         assert live.wait(20) == 130
         assert live.stderr.read() == ""
+
+
+def test_no_name_gets_out_of_the_page() -> None:
+    from retrieve_cli.drawing.page import in_script
+
+    evil = {"</script><script>alert(1)</script>": "@MESHCAT@ <!-- & \u2028"}
+    text = in_script(evil)
+    assert not set("<>&") & set(text)
+    assert json.loads(text) == evil

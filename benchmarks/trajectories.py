@@ -1,0 +1,159 @@
+"""How long plans take on the robot, whether they stop on the way, whether they keep the limits, and what it costs to make them smooth.
+
+Plans scenes of a spec with a policy, and prints one JSON line: `duration_s`, the mean over solved scenes, and that of the same waypoints
+driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`); `stops` inside motions, median;
+`velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor
+time to make all trajectories of a plan, median;
+`hand_travel_m` and, of the moves before the target alone, `relocation_travel_m`; `off_line_mm`: the furthest that the hand is from its line
+where it is to move straight. With toppra installed (it is no dependency) `toppra_ratio`: duration over that of the same paths without a
+limit of the jerk.
+
+Usage: python benchmarks/trajectories.py [-n 100] [--seed 20261122] [--spec paper] [--robot ur5e] [--policy neural] [--hand-speed 100]
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from kinematics.quintic_spline import evaluate
+from kinematics.robots.robot import Robot, load
+from kinematics.scene import RobotRef, Scene, State
+from kinematics.transforms import Array, transform
+from planning.motion.pick_place import Motions
+from planning.motion.smoothing.blending import make_corners, write_rows
+from planning.motion.trajectory import STRAIGHT, Pace
+from planning.motion.verify import hand_poses
+from planning.plan import Motion, Plan
+from planning.policies import make_policy
+from planning.retrieval import Rule, hand_travel, retrieve
+from planning.scene_generation import generate, load_spec
+
+PATH_POINTS = 60
+
+
+class Recorded(Motions):
+    """Motions that note the waypoints they are asked to make smooth, and how long that takes."""
+
+    def __init__(self, robot: Robot, scene: Scene, pace: Pace) -> None:
+        super().__init__(robot, scene, pace=pace)
+        self.waypoints, self.seconds = list[Motion](), 0.0
+
+    def trajectories(self, state: State, motions: Sequence[Motion]) -> tuple[Motion, ...]:
+        began = time.process_time()
+        out = super().trajectories(state, motions)
+        self.seconds += time.process_time() - began
+        self.waypoints += motions
+        return out
+
+
+def shares(robot: Robot, motion: Motion) -> list[float]:
+    """The largest shares of the limits of velocity, acceleration and jerk at 1 kHz."""
+    assert motion.spline is not None
+    at = np.arange(0.0, motion.t_s[-1], 1e-3)
+    limits = (robot.velocity, robot.acceleration, robot.jerk)
+    return [float((np.abs(evaluate(motion.spline, at, order)) / limit).max()) for order, limit in enumerate(limits, 1)]
+
+
+def stops(motion: Motion) -> int:
+    """Rows inside a motion at which nothing moves."""
+    assert motion.qd is not None
+    return int((np.abs(motion.qd[1:-1]).max(1, initial=0.0) < 1e-9).sum())
+
+
+def from_stop_to_stop(robot: Robot, q: Array, jerk: Array) -> float:
+    """Seconds for waypoints q (K, J), stopping at each."""
+    q = q[np.append(True, np.abs(np.diff(q, axis=0)).max(1) > 1e-9)]
+    if len(q) < 2:
+        return 0.0
+    t, rows = np.empty(10 * len(q)), np.empty((10 * len(q), 3, q.shape[1]))
+    return float(t[write_rows(*make_corners(q, robot.velocity, robot.acceleration, jerk, np.ones(q.shape[1])), t, rows) - 1])
+
+
+def off_line_mm(robot: Robot, scene: Scene, motion: Motion) -> float:
+    """How far the hand is from its straight line at most."""
+    p = hand_poses(robot, scene, motion.at(np.arange(0.0, motion.t_s[-1], 2e-3)))[:, :3, 3]
+    along = (p[-1] - p[0]) / np.linalg.norm(p[-1] - p[0])
+    return float(1000 * np.linalg.norm((p - p[0]) - np.outer((p - p[0]) @ along, along), axis=1).max())
+
+
+def toppra_s(robot: Robot, motion: Motion) -> float:
+    """Seconds that toppra needs for the same path within the limits of velocity and acceleration."""
+    import toppra
+    from toppra import algorithm, constraint
+
+    toppra.setup_logging("ERROR")
+    q = motion.at(np.linspace(0, motion.t_s[-1], 2000))
+    s = np.append(0.0, np.cumsum(np.abs(np.diff(q, axis=0)).max(1)))
+    keep = np.append(True, np.diff(s) > 1e-12)
+    at = np.linspace(0, s[-1], PATH_POINTS)
+    path = toppra.SplineInterpolator(at, np.stack([np.interp(at, s[keep], column[keep]) for column in q.T], axis=1))
+    bounds = (np.stack([-limit, limit], axis=1) for limit in (robot.velocity, robot.acceleration))
+    limits = [make(b) for make, b in zip((constraint.JointVelocityConstraint, constraint.JointAccelerationConstraint), bounds)]
+    found = algorithm.TOPPRA(limits, path, gridpoints=np.linspace(0, s[-1], 4 * PATH_POINTS)).compute_trajectory(0, 0)
+    return float("nan") if found is None else float(found.duration)
+
+
+def plans(args: argparse.Namespace) -> list[tuple[Scene, Plan, Recorded]]:
+    robot, spec, out = load(args.robot), load_spec(args.spec), []
+    for index in range(args.n):
+        scene = generate(spec, robot, RobotRef(transform(p=robot.base_p), args.robot), args.seed, index)
+        motions = Recorded(robot, scene, Pace(1.0, args.hand_speed))
+        rng = np.random.default_rng([args.seed, index])
+        plan = retrieve(scene, make_policy(args.policy, motions), motions, name=args.policy, rule=Rule.DEEP, rng=rng)
+        if plan.success:
+            out.append((scene, plan, motions))
+    return out
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-n", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=20261122)
+    parser.add_argument("--spec", default="paper")
+    parser.add_argument("--robot", default="ur5e")
+    parser.add_argument("--policy", default="neural")
+    parser.add_argument("--hand-speed", type=float, default=100.0, help="m/s; by default none, to compare with earlier figures")
+    args = parser.parse_args()
+    robot, solved = load(args.robot), plans(args)
+    every = [motion for _, plan, _ in solved for motion in plan.motions]
+    names = dict.fromkeys(m.stage for m in every)
+    stages = {name: round(sum(m.t_s[-1] for m in every if m.stage == name) / len(solved), 3) for name in names}
+    relocations = []
+    for scene, plan, _ in solved:
+        grasps = [i for i, m in enumerate(plan.motions) if m.stage == "retreat"]
+        relocations.append(hand_travel(robot, scene, plan.motions[: grasps[-1] + 1]) if grasps else 0.0)
+    worst = np.max([shares(robot, motion) for motion in every], axis=0)
+    rigid = np.full_like(robot.jerk, 1e9)
+    found: dict[str, Any] = {
+        "robot": args.robot, "spec": args.spec, "policy": args.policy, "scenes": args.n, "solved": len(solved),
+        "verified": sum(plan.verified is True for _, plan, _ in solved),
+        "duration_s": round(float(np.mean([plan.duration_s for _, plan, _ in solved])), 2),
+        "stopping_s": round(float(np.mean([sum(from_stop_to_stop(robot, m.q, robot.jerk) for m in r.waypoints) for *_, r in solved])), 2),
+        "no_jerk_s": round(float(np.mean([sum(from_stop_to_stop(robot, m.q, rigid) for m in r.waypoints) for *_, r in solved])), 2),
+        "stops": float(np.median([sum(map(stops, plan.motions)) for _, plan, _ in solved])),
+        "stops_mean": round(float(np.mean([sum(map(stops, plan.motions)) for _, plan, _ in solved])), 2),
+        "velocity": round(worst[0], 6), "acceleration": round(worst[1], 6), "jerk": round(worst[2], 6),
+        "make_ms": round(1000 * float(np.median([r.seconds for *_, r in solved])), 2),
+        "hand_travel_m": round(float(np.mean([plan.hand_travel_m for _, plan, _ in solved])), 3),
+        "relocation_travel_m": round(float(np.mean(relocations)), 3),
+        "off_line_mm": round(max(off_line_mm(robot, s, m) for s, plan, _ in solved for m in plan.motions if m.stage in STRAIGHT), 4),
+        "rows": int(np.median([sum(len(m.q) for m in plan.motions) for _, plan, _ in solved])),
+        "stages_s": stages,
+    }  # fmt: skip
+    if importlib.util.find_spec("toppra"):
+        moving = [m for m in every if (np.ptp(m.q[:, list(robot.arm_joints)], axis=0) > 1e-9).any()]
+        pairs = np.array([(m.t_s[-1], toppra_s(robot, m)) for m in moving[:: max(1, len(moving) // 200)]])
+        pairs = pairs[np.isfinite(pairs).all(1)]
+        found["toppra_ratio"] = round(float(pairs[:, 0].sum() / pairs[:, 1].sum()), 3)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

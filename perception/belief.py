@@ -24,6 +24,7 @@ from perception.observation import Observation
 FLAG_SHARE, FLAG_HEIGHT_M = 0.95, 0.05  # a region counts as observed when so much of the space up to this height over it is known
 SPOT_M = 0.005  # what is this near to where an object stands is the object
 SAME = 0.1  # boxes with so much of their union in common are of one object
+TARGET = "target"
 POINT_M = 0.03  # the grasp stands for a box of this size where no target box is given
 
 
@@ -55,9 +56,10 @@ def believe(
 ) -> Belief:
     """Find the objects in the frames.
 
-    by: see `perception.objects.segment`. target_box (6,): where the target is, centre and size in the world; by geometry, without it,
-    the target is what the scene's grasp reaches for. tracked: objects that the arm has moved, where they stand now; the frames are not
-    asked about them. before: what was believed last; by geometry, an object found where one was keeps its name.
+    by: see `perception.objects.segment`. target_box (6,): where the target is, centre and size in the world, by default the scene's; by
+    geometry, without one, the target is what the scene's grasp reaches for. A target that has no name is called TARGET. tracked: objects
+    that the arm has moved, where they stand now; the frames are not asked about them. before: what was believed last; by geometry, an
+    object found where one was keeps its name.
     """
     tracked = tracked or {}
     views = prepare([without_objects(f, tracked) for f in frames] if by == "mask" else list(frames), empty_scene.cabinet)
@@ -67,19 +69,27 @@ def believe(
     shown = object_pixels(views)
     solids = standing_solids(views, shown, empty_scene.cabinet)
     boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, empty_scene.cabinet).items()}
-    if target_box is not None or by == "geometry":
-        wanted = np.append(empty_scene.x_g.T_world_hand[:3, 3], [POINT_M] * 3) if target_box is None else target_box
+    wanted = _wanted(empty_scene, by, target_box)
+    if wanted is not None:
         chosen = match({b.name: object_box(b) for b in solids}, wanted)
-        names = (
-            {chosen: empty_scene.target_name, empty_scene.target_name: chosen}
-            if chosen is not None
-            else {empty_scene.target_name: f"{empty_scene.target_name}_other"}
-        )
+        target = empty_scene.target or TARGET
+        names = {chosen: target, target: chosen} if chosen is not None else {target: f"{target}_other"}
         solids = tuple(replace(b, name=names.get(b.name, b.name) or b.name) for b in solids)
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
         views = _renamed(views, {n: names.get(n, n) or n for n in shown})
     bodies = [*solids, *tracked.values()]
     return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels, views.frames)
+
+
+def _wanted(empty_scene: Scene, by: str, target_box: Array | None) -> Array | None:
+    """Where the target is said to be (6,), None when masks name it, or nobody has said anything."""
+    if target_box is not None:
+        return target_box
+    if empty_scene.target_box is not None:
+        return empty_scene.target_box
+    if by == "geometry" and empty_scene.grasp is not None:
+        return np.append(empty_scene.grasp.T_world_hand[:3, 3], [POINT_M] * 3)
+    return None
 
 
 def _named_as_before(views: PreparedFrames, cabinet: Cabinet, tracked: Mapping[str, Body], before: Sequence[Body]) -> PreparedFrames:

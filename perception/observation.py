@@ -42,8 +42,11 @@ def boxes_in(T: Array, boxes: Array) -> Array:
 
 
 def observe(scene: Scene, state: State) -> Observation:
-    """The observation of a fully seen scene: true boxes, every region observed."""
+    """The observation of a scene whose objects are known: their boxes; every region observed, but for those that a recording left out."""
     regions = scene.regions()
+    flags = np.ones(len(regions))
+    if is_seen(scene) and scene.observation is not None:
+        flags = np.array(scene.observation["regions"], float).reshape(-1, 4)[:, 3]
     return Observation(
         scene.robot.T_world_base[:3, 3],
         scene.cabinet,
@@ -52,5 +55,10 @@ def observe(scene: Scene, state: State) -> Observation:
         scene.target_name,
         scene.approaches,
         {b.name: object_box(b) for b in state.bodies(scene)},
-        np.column_stack([regions, np.ones(len(regions))]),
+        np.column_stack([regions, flags]),
     )
+
+
+def is_seen(scene: Scene) -> bool:
+    """Whether a scene is what cameras saw, and nothing else is known of it."""
+    return scene.observation is not None and all(b.source == "seen" for b in scene.objects)

@@ -186,6 +186,10 @@ def sense(
     target_box: Annotated[
         str | None, typer.Option("--target-box", help="Where the target is, in the world: centre and size.", metavar="CX,CY,CZ,DX,DY,DZ")
     ] = None,
+    target_pixel: Annotated[
+        str | None,
+        typer.Option("--target-pixel", help="Where the target is in a frame: column and row, of frame 0.", metavar="[FRAME,]U,V"),
+    ] = None,
     seed: Seed = 0,
     resume: Resume = False,
     out: Annotated[
@@ -205,6 +209,7 @@ def sense(
         noise=noise,
         by=by.value,
         target_box=target_box,
+        target_pixel=target_pixel,
         seed=seed,
         resume=resume,
         out=out,
@@ -334,6 +339,9 @@ def plan(
     limits: Annotated[
         Path | None, typer.Option("--limits", help="Limits of velocity, acceleration and jerk of your own, TOML.", metavar="FILE")
     ] = None,
+    unseen: Annotated[
+        str, typer.Option("--unseen", help="Scenes out of frames: space that nobody has seen is solid, or free.", metavar="solid|free")
+    ] = "solid",
     html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
     workers: Workers = None,
@@ -368,6 +376,7 @@ def plan(
         speed=speed,
         hand_speed=hand_speed,
         limits=limits,
+        unseen=unseen,
         html=html,
         strict=strict,
         resume=resume,

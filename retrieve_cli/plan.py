@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
 
+UNSEEN = ("solid", "free")
 STAGE = 4  # this stage's word in the seeds of random generators
 
 
@@ -47,6 +48,7 @@ class Job:
     speed: float = 1.0
     hand_speed: float = 1.0
     limits: str | None = None
+    unseen: str = "solid"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,7 @@ def run(
     speed: float = 1.0,
     hand_speed: float = 1.0,
     limits: Path | None = None,
+    unseen: str = "solid",
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
@@ -93,7 +96,7 @@ def run(
     """
     job = Job(
         policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast,
-        speed, hand_speed, str(limits) if limits else None,
+        speed, hand_speed, str(limits) if limits else None, unseen,
     )  # fmt: skip
     _check(job)
     if html is not None and not is_special(html):
@@ -168,6 +171,9 @@ def _check(job: Job) -> None:
     if job.limits is not None:
         with blame("plan: --limits"):
             read_tables(Path(job.limits))
+    choose("way to take unseen space (--unseen)", job.unseen, UNSEEN)
+    if job.unseen == "free":
+        say("space that no frame has shown is taken for free, on your word: the plans are only as safe as that")
 
 
 def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
@@ -210,11 +216,13 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     import numpy as np
 
     from kinematics.robots.robot import from_ref
+    from perception.observation import is_seen
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS, Motions
     from planning.motion.trajectory import Pace
     from planning.policies import make_policy
     from planning.retrieval import Rule, retrieve
+    from planning.sensing.recording import unseen_space
     from planning.verdict import judge_grasp
 
     if job.sense:
@@ -223,8 +231,9 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
         arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
         if (wrong := judge_grasp(arm, scene)) is not None:
             raise ValueError(f"grasp: {wrong}")
-        pace = Pace(job.speed, job.hand_speed)
-        motions = Motions(arm, scene, iterations=job.iterations or ITERATIONS, time_budget_s=job.time_budget_s, pace=pace)
+        unseen = unseen_space(scene) if is_seen(scene) and job.unseen == "solid" else ()
+        pace, iterations = Pace(job.speed, job.hand_speed), job.iterations or ITERATIONS
+        motions = Motions(arm, scene, iterations=iterations, time_budget_s=job.time_budget_s, obstacles=unseen, pace=pace)
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
         policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None, max_moves=job.max_moves)

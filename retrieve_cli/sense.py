@@ -41,53 +41,82 @@ def run(
     seed: int,
     out: Path | None,
     resume: bool = False,
+    target_pixel: str | None = None,
 ) -> int:
-    """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`."""
+    """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`.
+
+    A scene that lists no objects is given those that the recorded frames show.
+    """
     import numpy as np
 
     from kinematics.robots.robot import from_ref
-    from perception.belief import believe, observation
-    from perception.frames import read_frames, write_frames, write_ply
+    from perception.belief import believe, region_flags
+    from perception.frames import write_frames, write_ply
     from perception.objects.prepared_frames import axial_noise
-    from perception.recorded import misfit, trusted
-    from perception.rendering.synthetic_camera import marked
     from planning.sensing.look_around import Limits, unknown_mask
+    from planning.sensing.recording import box_at_pixel, fused, seen_bodies, seen_scene, with_grasp
 
     choose("way to tell objects apart (--by)", by, BY)
-    box = None if target_box is None else parse_box(target_box)
+    box, pixel = None if target_box is None else parse_box(target_box), None if target_pixel is None else parse_pixel(target_pixel)
+    if box is not None and pixel is not None:
+        raise InputError("sense: --target-box and --target-pixel exclude each other: say once where the target is")
     announce_first_run()
     asked = {"command": "sense", "version": version(), "seed": seed, "by": by, "noise": noise, "views": max_views, "share": share}
-    asked |= {"target_box": target_box, "from_views": None if from_views is None else str(from_views.absolute())}
+    asked |= {
+        "target_box": target_box,
+        "target_pixel": target_pixel,
+        "from_views": None if from_views is None else str(from_views.absolute()),
+    }
     with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", out=out) as advance:
         for index, line in write.left(enumerate(read_scene_lines(scenes, "sense")), key=lambda numbered: numbered[1].key):
             if line.scene is None:
                 raise InputError(line.error)
             where, scene = line.where, line.scene
+            blind = all(b.source == "seen" for b in scene.objects)  # nobody has told what is in the cabinet
             empty_scene = replace(scene, objects=(), observation=None)
             with blame(where, *UNREADABLE):
                 arm = from_ref(scene.robot, on_step=say)
                 if from_views is None:
+                    if blind:
+                        raise InputError("the scene lists no objects to look at: give recorded frames, --from-views DIR")
                     rng = np.random.default_rng([seed, STAGE, scene.random_word])
                     frames, voxels, reason = look(scene, arm, Limits(share=share, views=max_views), noise, rng)
+                    _, shares = fused(scene, frames, axial_noise(frames, scene.cabinet))
                 else:
-                    recorded = [trusted(f) for f in read_frames(from_views, scene=None if _is_one(from_views) else index)]
-                    if why := misfit(recorded, scene.cabinet):
-                        raise InputError(f"--from-views {from_views}: {why}")
-                    frames = marked(arm, scene.robot.T_world_base, recorded)
-                    voxels, reason = fuse(empty_scene, frames, axial_noise(frames, empty_scene.cabinet)), f"{len(frames)} recorded views"
-                belief = believe(empty_scene, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=box)
+                    frames = recorded(arm, scene, from_views, index)
+                    voxels, shares = fused(scene, frames, axial_noise(frames, scene.cabinet))
+                    reason = f"{len(frames)} recorded views"
+                wanted = box if pixel is None else box_at_pixel(frames, *pixel)
+                belief = believe(empty_scene, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=wanted)
                 if views is not None:
                     write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
-            seen = observation(empty_scene, arm.home, belief)
-            shares = known_after(empty_scene, frames, axial_noise(frames, empty_scene.cabinet))
+            bodies, pieces = seen_bodies(belief, scene) if blind else (belief.bodies, ())
+            unknown = voxels.ranges(unknown_mask(voxels, [*bodies, *pieces]))
             views_known = [(f.T_world_camera, k) for f, k in zip(frames, shares)]
-            unknown = voxels.ranges(unknown_mask(voxels, belief.bodies))
-            document = observation_to_json(seen.boxes, seen.regions, views_known, voxels.known, voxels.state.shape, unknown)
-            found = "" if scene.target in seen.boxes else f", the target {scene.target} not among them"
-            say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(seen.boxes)} objects{found}; {reason}")
-            write(replace(scene, observation=document))
+            regions = region_flags(empty_scene, belief)
+            document = observation_to_json(belief.boxes, regions, views_known, voxels.known, voxels.state.shape, unknown)
+            sensed = with_grasp(arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
+            found = (
+                "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
+            )
+            say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(belief.boxes)} objects{found}; {reason}")
+            if blind and sensed.grasp is not scene.grasp:
+                say(f"{scene.id}: {'the grasp is fitted to' if scene.grasp else 'a grasp is proposed for'} the target as it was seen")
+            write(sensed)
             advance()
     return 0
+
+
+def recorded(arm: Robot, scene: Scene, folder: Path, index: int) -> tuple[Frame, ...]:
+    """The frames of scene number `index` in a folder, without what the camera made up. Raises: InputError where they can't fit."""
+    from perception.frames import read_frames
+    from perception.recorded import misfit, trusted
+    from perception.rendering.synthetic_camera import marked
+
+    frames = [trusted(f) for f in read_frames(folder, scene=None if _is_one(folder) else index)]
+    if why := misfit(frames, scene.cabinet):
+        raise InputError(f"--from-views {folder}: {why}")
+    return marked(arm, scene.robot.T_world_base, frames)
 
 
 def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.Generator) -> tuple[tuple[Frame, ...], Voxels, str]:
@@ -110,25 +139,6 @@ def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.G
     return looked.frames, looked.voxels, looked.reason
 
 
-def fuse(empty_scene: Scene, frames: tuple[Frame, ...], noise: float) -> Voxels:
-    """The map that recorded frames give."""
-    return _maps(empty_scene, frames, noise)[-1]
-
-
-def known_after(empty_scene: Scene, frames: tuple[Frame, ...], noise: float) -> list[float]:
-    """The share known after each frame."""
-    return [voxels.known for voxels in _maps(empty_scene, frames, noise)[1:]]
-
-
-def _maps(empty_scene: Scene, frames: tuple[Frame, ...], noise: float) -> list[Voxels]:
-    from perception.mapping.voxels import unknown_voxels
-
-    maps = [unknown_voxels(empty_scene.cabinet)]
-    for f in frames:
-        maps.append(maps[-1].fuse(f.depth, f.intrinsics, f.T_world_camera, own=f.arm, noise_1m_m=noise))
-    return maps
-
-
 def parse_box(text: str, command: str = "sense") -> Array:
     """Six numbers with commas: centre and size, metres, in the world. Raises InputError."""
     import numpy as np
@@ -140,6 +150,18 @@ def parse_box(text: str, command: str = "sense") -> Array:
     if box.shape != (6,) or not np.isfinite(box).all() or (box[3:] <= 0).any():
         raise InputError(f"{command}: --target-box {text!r}: six numbers are needed, cx,cy,cz,dx,dy,dz: centre and positive size in metres")
     return box
+
+
+def parse_pixel(text: str) -> tuple[int, int, int]:
+    """Frame, column and row; the frame is 0 where only two numbers are given. Raises InputError."""
+    try:
+        numbers = [int(v) for v in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3) or min(numbers) < 0:
+        raise InputError(f"sense: --target-pixel {text!r}: two or three whole numbers are needed, U,V or FRAME,U,V: column and row")
+    frame, u, v = [0, *numbers][-3:]
+    return frame, u, v
 
 
 def _is_one(folder: Path) -> bool:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from kinematics.transforms import Array
-from perception.objects.convexity import edge_weights
 from perception.objects.emptiness import Witness, air_between, convex_hull, outside
 from perception.objects.patches import CELL_M, Cells, Int, Patches, unit
 
@@ -33,11 +32,11 @@ COVERED, COMMON, SECTORS = 0.5, 0.6, 24
 """The parts of a rim fill so much of the circle together, and have no more than the second share of the smaller one in common."""
 ENCLOSED, HULL_SLACK_M = 0.7, 0.004
 """A cluster with such a share of its cells in the hull of a larger one is its inside."""
-SADDLE_M, SMOOTH_SADDLE_M, GROUND_M, SADDLE_WIDTH = 0.007, 0.010, 0.012, 0.25
+SADDLE_M, SMOOTH_SADDLE_M, GROUND_M, SADDLE_WIDTH = 0.007, 0.012, 0.012, 0.25
 """Two parts of one body stand on the same ground: where they meet is no more than the first below the lower one's top, by the second more
 for a smooth edge, at least the third above the feet of both, and as wide as a quarter of the slimmer part."""
-CREASE, WIDE_CREASE = -0.55, -0.40
-"""The edge where they meet weighs more than the first (see `convexity`); where it is as wide as the slimmer part, than the sum of both."""
+BEND_DEG, BESIDE_M = 47.0, 0.025
+"""There the surfaces of either side, so far around, are turned towards each other by less; things that touch meet at steeper angles."""
 GAP_M, AIR = (0.012, 0.15), 0.2
 """Between the visible parts of one body behind another is a gap of this size, and no more air than the second."""
 FACE_CELLS, FACE_DEG, FACE_FLAT_M = 15, 20.0, 0.005
@@ -155,7 +154,7 @@ def enclosed_absorbed(cells: Cells, label: Int) -> Int:
 
 
 def parts_joined(cells: Cells, patches: Patches, label: Int, parted: Iterable[tuple[int, int]]) -> Int:
-    """Parts of one body that is not convex, such as a drill's, are one: see SADDLE_M and CREASE. parted: pairs that are two bodies."""
+    """Parts of one body that is not convex, such as a drill's, are one: see SADDLE_M and BEND_DEG. parted: pairs that are two bodies."""
     clusters = [cells.points[label == k] for k in range(int(label.max(initial=-1)) + 1)]
     top, low = (np.array([np.percentile(p[:, 2], share) for p in clusters]) for share in (97, 3))
     near = cKDTree(cells.points).query_pairs(CONTACT_M, output_type="ndarray")
@@ -163,8 +162,7 @@ def parts_joined(cells: Cells, patches: Patches, label: Int, parted: Iterable[tu
     near_ends = np.sort(label[near], axis=1)
     owner = owners(patches, label)
     ends = np.sort(owner[patches.edges], axis=1)
-    height = patches.centres[patches.edges, 2].max(1)
-    weight, contact = edge_weights(patches), np.sqrt(patches.contacts)
+    beside = cKDTree(patches.centres)
     known, pairs = [(min(p), max(p)) for p in parted], []
     for a, b in np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0).tolist():
         rows = near[(near_ends == (a, b)).all(1)]
@@ -172,16 +170,30 @@ def parts_joined(cells: Cells, patches: Patches, label: Int, parted: Iterable[tu
             continue
         border = cells.points[np.unique(rows)]
         saddle = float(np.percentile(border[:, 2], 90))
-        upper = (ends == (a, b)).all(1) & (height > saddle - 0.015)
-        if saddle < max(low[a], low[b]) + GROUND_M or not upper.any():
+        if saddle < max(low[a], low[b]) + GROUND_M:
             continue
-        crease = float((weight * contact)[upper].sum() / contact[upper].sum())
         slimmer = min(length(clusters[a][:, :2]), length(clusters[b][:, :2]))
-        width = length(border[border[:, 2] > saddle - GROUND_M, :2]) / max(slimmer, CELL_M)
-        high = saddle > min(top[a], top[b]) - SADDLE_M - SMOOTH_SADDLE_M * (1 + min(crease, 0.0))
-        if high and width > SADDLE_WIDTH and crease > CREASE + WIDE_CREASE * min(width, 1.0):
+        width = length(border[border[:, 2] > saddle - GROUND_M, :2])
+        bend = _bend(patches, owner, beside, patches.edges[(ends == (a, b)).all(1)], a, b)
+        smooth = 1 - max(-bend, 0.0) / BEND_DEG
+        if smooth > 0 and saddle > min(top[a], top[b]) - SADDLE_M - SMOOTH_SADDLE_M * smooth and width > SADDLE_WIDTH * slimmer:
             pairs.append((a, b))
     return united(label, pairs, known)
+
+
+def _bend(patches: Patches, owner: Int, beside: cKDTree, edges: Int, a: int, b: int) -> float:
+    """By how many degrees the surfaces of clusters a and b beside their border turn, positive when convex: the mean over `edges`."""
+    out = []
+    for middle in patches.centres[edges].mean(1):
+        around = np.array(beside.query_ball_point(middle, BESIDE_M))
+        sides = [around[owner[around] == k] for k in (a, b)]
+        if all(map(len, sides)):
+            weight = [patches.size[side, None] for side in sides]
+            normal = [unit((patches.normals[side] * w).sum(0)[None])[0] for side, w in zip(sides, weight)]
+            centre = [(patches.centres[side] * w).sum(0) / w.sum() for side, w in zip(sides, weight)]
+            turn = float(np.degrees(np.arccos(np.clip(normal[0] @ normal[1], -1, 1))))
+            out.append(turn if (normal[0] - normal[1]) @ (centre[0] - centre[1]) >= 0 else -turn)
+    return float(np.mean(out)) if out else -180.0
 
 
 def owners(patches: Patches, label: Int) -> Int:

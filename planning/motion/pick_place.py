@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.collision.robot_model import bare_geometry
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, Held, Scene, State
+from kinematics.scene import Body, Grasp, Held, Scene, State, object_box
 from kinematics.transforms import Array
+from perception.objects.settle import LOWEST_M, stands_on
 from planning.motion.obstruction import WAY_IN, WHOLE_WAY, Obstruction, View
 from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
@@ -94,6 +95,9 @@ class Motions:
         self.target_grasps = (scene.x_g,) if target_grasps is None else tuple(target_grasps)
         self._picking = Picking(self.cell)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
+        floor_z, boxes = float(scene.cabinet.T_world_cabinet[2, 3]), {b.name: object_box(b) for b in scene.objects}
+        self._bottoms = {b.name: float(boxes[b.name][2] - boxes[b.name][5] / 2 - b.T_world_body[2, 3]) - floor_z for b in scene.objects}
+        """How far below its origin each object ends, less the floor's height."""
         self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
 
     def start(self) -> State:
@@ -212,6 +216,8 @@ class Motions:
         grasps: by default, those sampled on the object's shape with the scene's approaches.
         """
         found = self._recall(state).picks
+        if name not in found and (upper := self._carried(state, name)):
+            found[name] = [], Blocked("grasp", body=upper, detail=f"{upper} stands on {name} and goes first")
         if name not in found:
             poses, rest, q = state.poses, self._without(state, name), self.robot.arm_q(state.q)
             if grasps is None:
@@ -259,6 +265,14 @@ class Motions:
         if isinstance(found, Done):
             known[question] = found
         return found
+
+    def _carried(self, state: State, name: str) -> str | None:
+        """An object that stands on another, None when nothing does."""
+        off_floor = [n for n, T in state.poses.items() if n != name and T[2, 3] + self._bottoms[n] > LOWEST_M]
+        if not off_floor or name not in state.poses:
+            return None
+        floor_z, standing = float(self.scene.cabinet.T_world_cabinet[2, 3]), {b.name: b for b in state.bodies(self.scene)}
+        return next((n for n in off_floor if stands_on(standing[n], standing[name], floor_z)), None)
 
     def _placing(self, state: State, pick: Pick) -> Placing:
         known, release_query = self._recall(state).placing, self._recall(state).release_query

@@ -1,0 +1,137 @@
+"""Scenes out of recorded frames: bodies, unseen space as obstacles, pixels, grasps; stacked objects go from the top."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_segment import box, can, photograph, placed, without_masks
+
+from kinematics.errors import InputError
+from kinematics.robots.robot import load
+from kinematics.scene import Body, Cabinet, RobotRef, Scene, State, object_box
+from kinematics.transforms import transform
+from perception.camera import realsense_d435i
+from perception.frames import Frame, write_frames
+from perception.observation import is_seen, observe
+from planning.io.files import read_scenes
+from planning.io.results import scene_writer
+from planning.motion.pick_place import Motions
+from planning.plan import Blocked
+from planning.sensing.recording import box_at_pixel, unseen_space
+from retrieve_cli.plan import plan_scene
+from retrieve_cli.sense import parse_pixel, run
+
+CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.3, 0.0, 0.1]), 0.03)
+CAMERA = realsense_d435i(320, 240)
+BODIES = (can("can", 0.2, 0.1, 0.03, 0.15), box("carton", 0.34, -0.15, [0.05, 0.06, 0.2], 0.3))
+
+
+def lifted(body: Body, by_m: float) -> Body:
+    return replace(body, T_world_body=transform(p=[0, 0, by_m]) @ body.T_world_body)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Frame, ...]]:
+    """Seven frames of a can and a carton, without masks."""
+    folder = tmp_path_factory.mktemp("recording")
+    frames = tuple(without_masks(photograph(placed(BODIES, CABINET), CABINET, camera=CAMERA)))
+    write_frames(folder, frames)
+    return folder, frames
+
+
+def blank(file: Path, **more: object) -> Path:
+    """A scene of which nothing is known but robot and cabinet."""
+    scene = Scene("blank", RobotRef(np.eye(4), "ur5e"), CABINET, (), None, None)
+    with scene_writer(file) as write:
+        write(replace(scene, **more))  # type: ignore[arg-type]
+    return file
+
+
+def sensed(scenes: Path, folder: Path, out: Path, **more: object) -> Scene:
+    given = {"views": None, "max_views": 8, "share": 0.97, "noise": False, "by": "geometry", "target_box": None, "seed": 0}
+    run(scenes=scenes, from_views=folder, out=out, **{**given, **more})  # type: ignore[arg-type]
+    ((_, scene),) = read_scenes(out)
+    return scene
+
+
+def test_frames_become_bodies_a_target_and_a_grasp_that_can_be_planned_on(
+    recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path
+) -> None:
+    from retrieve_cli.plan import Job
+
+    true = object_box(placed(BODIES, CABINET)[0])
+    scene = sensed(blank(tmp_path / "a.jsonl", target_box=true), recording[0], tmp_path / "b.jsonl")
+    assert json.loads((tmp_path / "b.jsonl").read_text())["schema"] == "retrieve/scene@2"
+    assert is_seen(scene)
+    assert scene.target == "target"
+    assert len(scene.objects) == 2
+    assert all(b.source == "seen" for b in scene.objects)
+    assert np.abs(object_box(scene.target_body) - true).max() < 0.01
+    assert scene.grasp is not None
+    flags = observe(scene, State(np.zeros(1), scene.poses())).regions[:, 3]
+    assert 0 < flags.mean() < 1
+    plan = plan_scene(Job("local", "deep", 0, None, None, 5), "here", scene)
+    free = plan_scene(Job("local", "deep", 0, None, None, 5, unseen="free"), "here", scene)
+    assert free.success
+    assert plan.success or (plan.reason is not None and (plan.reason.body or "").startswith("unknown_"))
+
+
+def test_a_pixel_says_which_object_is_wanted(recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path) -> None:
+    folder, frames = recording
+    carton = object_box(placed(BODIES, CABINET)[1])
+    near = [np.abs(box_at_pixel(frames, 2, u, v)[:3] - carton[:3]).max() for u in range(0, 320, 8) for v in range(0, 240, 8)]
+    k = int(np.argmin(near))
+    pixel = f"2,{8 * (k // 30)},{8 * (k % 30)}"
+    scene = sensed(blank(tmp_path / "a.jsonl"), folder, tmp_path / "b.jsonl", target_pixel=pixel)
+    assert np.abs(object_box(scene.target_body)[:2] - carton[:2]).max() < 0.01
+    with pytest.raises(ValueError, match="there is no frame 9"):
+        box_at_pixel(frames, 9, 0, 0)
+    with pytest.raises(ValueError, match="no pixel 320, 0"):
+        box_at_pixel(frames, 0, 320, 0)
+    dark = [replace(f, depth=np.zeros_like(f.depth)) for f in frames]
+    with pytest.raises(ValueError, match="measured nothing"):
+        box_at_pixel(dark, 0, 5, 5)
+    assert parse_pixel("3,4") == (0, 3, 4)
+    for text in ("3", "a,b", "1,2,3,4", "-1,2"):
+        with pytest.raises(InputError, match="whole numbers"):
+            parse_pixel(text)
+
+
+def test_unseen_space_is_that_of_the_observation(recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path) -> None:
+    scene = sensed(blank(tmp_path / "a.jsonl"), recording[0], tmp_path / "b.jsonl")
+    assert scene.target is None
+    assert scene.observation is not None
+    boxes = unseen_space(scene)
+    cells = np.array([b.shape.size_m for b in boxes]) / (CABINET.size_m / [56, 86, 50])
+    assert len(boxes)
+    assert np.allclose(cells, np.round(cells))
+    seen = np.array([0.45, 0.1, 0.35])  # over the can, before the back
+    assert not any((np.abs(seen - b.T_world_body[:3, 3]) < b.shape.half).all() for b in boxes)
+    for b in boxes:
+        low, high = object_box(b)[:3] - object_box(b)[3:] / 2, object_box(b)[:3] + object_box(b)[3:] / 2
+        assert (low >= np.array([0.3, -0.43, 0.1]) - 1e-9).all()
+        assert (high <= np.array([0.86, 0.43, 0.6]) + 1e-9).all()
+
+
+def test_without_objects_and_without_frames_nothing_can_be_sensed(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="give recorded frames"):
+        sensed(blank(tmp_path / "a.jsonl"), None, tmp_path / "b.jsonl")  # type: ignore[arg-type]
+
+
+def test_what_carries_something_is_not_picked_before_that() -> None:
+    lower, upper = placed((box("lower", 0.25, 0.0, [0.06, 0.08, 0.1]), lifted(can("upper", 0.25, 0.0, 0.025, 0.1), 0.1007)), CABINET)
+    scene = Scene("stack", RobotRef(np.eye(4), "ur5e"), CABINET, (lower, upper), "upper", None)
+    motions = Motions(load("ur5e"), scene, target_grasps=())
+    state = motions.start()
+    picks, why = motions.picks(state, "lower")
+    assert not picks
+    assert isinstance(why, Blocked)
+    assert why.body == "upper"
+    assert "stands on lower" in str(why.detail)
+    assert motions.picks(state, "upper")[0]
+    alone = State(state.q, {"lower": state.poses["lower"]})
+    assert motions.picks(alone, "lower")[0]

@@ -16,6 +16,7 @@ import numpy as np
 
 from kinematics.robots.robot import Robot, from_ref, load
 from kinematics.scene import Scene
+from perception.observation import is_seen
 from planning.io import files
 from planning.io.results import plan_writer
 from planning.learning.model import Model, ships
@@ -23,6 +24,7 @@ from planning.motion.pick_place import ITERATIONS, Motions
 from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
+from planning.sensing.recording import unseen_space
 from planning.verdict import Fault, judge, judge_grasp
 
 STAGE = 4
@@ -72,6 +74,7 @@ def plan_scene(
     where some ship for the robot, else "local". model: networks of one's own. iterations: of one RRT-Connect; time_budget_s: seconds
     instead, which can't be repeated exactly. on_step: told of each step as it is taken.
 
+    Of a scene out of recorded frames, what no frame has shown is solid.
     The plan says whether it succeeded, or at which stage which link met which body. Raises: ValueError when the robot can't be loaded, or
     can't stand there.
     """
@@ -81,7 +84,8 @@ def plan_scene(
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
     if (wrong := judge_grasp(robot, scene)) is not None:
         return failed(scene.id, wrong, name=name, rule=rule)
-    motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s)
+    unseen = unseen_space(scene) if is_seen(scene) else ()
+    motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen)
     motions.start()
     chooses = make_policy(policy, motions, model=model) if isinstance(policy, str) else policy(motions)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])

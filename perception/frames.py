@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from kinematics.transforms import Array, inverse, transform
 from perception.camera import Depth, Intrinsics, cloud
 from perception.masks import Instances, mask_reader, read_json
 
+MOST_PIXELS = 50_000_000
 DEPTH_SCALE_MM = 0.1
 """What one step of a written depth image means, unless it shows something further away than 6.5 m."""
 SATURATED = 65535
@@ -255,9 +257,13 @@ def _image(file: Path, shape: tuple[int, ...] | None) -> NDArray[Any]:
         what = "a PNG of 16 bits" if shape is None else f"a mask of {shape[1]} × {shape[0]} pixels"
         raise ValueError(f"{file}: no such file; expected is {what}")
     try:
-        with Image.open(file) as opened:
-            image = np.asarray(opened)
-    except OSError as e:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # we have a limit of our own
+            with Image.open(file) as opened:
+                if opened.width * opened.height > MOST_PIXELS:
+                    raise ValueError(f"{file}: has {opened.width} × {opened.height} pixels, and at most {MOST_PIXELS} can be used")
+                image = np.asarray(opened)
+    except (OSError, SyntaxError, Image.DecompressionBombError) as e:
         raise ValueError(f"{file}: is no image that can be read: {e}") from e
     if image.ndim == 3 and shape is not None:
         image = image.max(2)

@@ -26,6 +26,7 @@ from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.verdict import judge_grasp
 
+MOST = 500  # of anything in a spec: metres, objects, rows of regions
 STAGE = 1  # this stage's word in the seeds of random generators
 SPECS = ("paper", "paper-any", "shelf")
 
@@ -69,7 +70,7 @@ def load_spec(which: str) -> Spec:
         raise ValueError(f"unknown spec {which!r}: the specs are {', '.join(SPECS)}; or give a TOML file")
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
+    except (tomllib.TOMLDecodeError, RecursionError) as e:
         raise ValueError(f"{where}: {e}") from e
     given = {f"{section}_{key}": value for section, entries in table.items() if isinstance(entries, dict) for key, value in entries.items()}
     known = {f.name for f in fields(Spec)}
@@ -216,4 +217,4 @@ def _checked(where: str, name: str, value: Any) -> Any:
 
 
 def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MOST  # not so for NaN

@@ -104,6 +104,8 @@ def read(folder: Path) -> tuple[Data, dict[str, Any]]:
         parts = [_arrays(table) for table in tables if table.num_rows]
     except ValueError as e:
         raise ValueError(f"{folder}: {e}") from e
+    except (KeyError, IndexError, TypeError, AttributeError, OverflowError) as e:  # a column of another kind, missing or empty lists
+        raise ValueError(f"{folder}: holds what are no labels ({type(e).__name__}: {e}); label again into a new folder") from e
     if not parts:
         raise ValueError(f"{folder}: there is no state in it; label more scenes")
     robots = sorted({str(r) for table in tables for r in table.column("robot").unique().to_pylist()})

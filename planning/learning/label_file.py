@@ -69,13 +69,13 @@ def read_manifest(folder: Path) -> Manifest:
         raise ValueError(f"{folder}: is no folder of labels, for it has no {MANIFEST}; make one: retrieve label scenes.jsonl -o {folder}")
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as e:
+    except (ValueError, RecursionError) as e:
         raise ValueError(f"{file}: broken JSON: {e}") from e
     _check_schema(file, data.get("schema") if isinstance(data, dict) else None)
     try:
         shards = tuple(Shard(str(s["file"]), int(s.get("rows", 0)), s.get("sha256")) for s in data.get("shards", ()))
         versions = {str(k): str(v) for k, v in data.get("versions", {}).items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as e:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as e:
         raise ValueError(f"{file}: its shards or versions are not what a manifest has ({type(e).__name__}: {e})") from e
     apart = ("schema", "versions", "complete", "shards")
     return Manifest({k: v for k, v in data.items() if k not in apart}, versions, shards, data.get("complete") is True)

@@ -150,6 +150,9 @@ def from_pretrained(folder: str | Path) -> Model:
         for name in sorted(set(shapes) | set(expected)):
             if shapes.get(name) != expected.get(name):
                 raise ValueError(f"{file}: {name}: {shapes.get(name, 'is missing')}, and config.json says {expected.get(name, 'nothing')}")
+        for name, w in weights[net].items():
+            if w.dtype.kind != "f" or not np.isfinite(w).all():
+                raise ValueError(f"{file}: {name}: holds what is no finite number; train it again")
     turned = {net: numpy_inference.turned(w) for net, w in weights.items()}
     return Model(config["form"], config["robot"], int(config["heads"]), turned["osnet"], turned["rpnet"], config)
 
@@ -197,7 +200,7 @@ def _config(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{folder}: {what}; a model folder is what retrieve train labels/ -o model/ writes")
     try:
         config = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as e:
+    except (ValueError, RecursionError) as e:
         raise ValueError(f"{file}: broken JSON: {e}") from e
     schema = config.get("schema") if isinstance(config, dict) else None
     kind, _, version = str(schema).partition("@")
@@ -210,8 +213,14 @@ def _config(folder: Path) -> dict[str, Any]:
             raise ValueError(f"{file}: {key} is missing")
     if config["form"] not in FORMS:
         raise ValueError(f"{file}: form: {config['form']!r} is none of {', '.join(FORMS)}")
-    if config["normalisation"].get("length_m") != LENGTH_M:
-        raise ValueError(
-            f"{file}: normalisation.length_m: {config['normalisation'].get('length_m')} is not {LENGTH_M}, which this version uses"
-        )
+    length_m = config["normalisation"].get("length_m") if isinstance(config["normalisation"], dict) else None
+    if length_m != LENGTH_M:
+        raise ValueError(f"{file}: normalisation.length_m: {length_m} is not {LENGTH_M}, which this version uses")
+    if not isinstance(config["robot"], str):
+        raise ValueError(f"{file}: robot: {config['robot']!r} is no name")
+    if isinstance(config["heads"], bool) or not isinstance(config["heads"], int) or not 1 <= config["heads"] <= 64:
+        raise ValueError(f"{file}: heads: {config['heads']!r} is no whole number from 1 to 64")
+    shapes = config["shapes"]
+    if not isinstance(shapes, dict) or not all(isinstance(shapes.get(net), dict) for net in NETS):
+        raise ValueError(f"{file}: shapes: no table of weights for {' and '.join(NETS)}")
     return config  # type: ignore[no-any-return]

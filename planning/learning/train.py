@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
@@ -179,10 +179,14 @@ def _save(
 
 
 def _resume(file: Path, net: nn.Module, optimizer: torch.optim.Optimizer, settings: Settings) -> tuple[dict[str, Tensor], list[Epoch]]:
-    with safe_open(file, "pt") as f:
-        tensors = {k: f.get_tensor(k) for k in f.keys()}  # noqa: SIM118  (it is no dict)
-        metadata = f.metadata()
-    saved = json.loads(metadata["settings"])
+    try:
+        with safe_open(file, "pt") as f:
+            tensors = {k: f.get_tensor(k) for k in f.keys()}  # noqa: SIM118  (it is no dict)
+            metadata = f.metadata() or {}
+        saved = dict(json.loads(metadata["settings"]))
+        epochs = [Epoch(**e) for e in json.loads(metadata["epochs"])]
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as e:
+        raise ValueError(f"{file}: is no checkpoint, or a damaged one ({type(e).__name__}: {e}); remove it to begin anew") from e
     for key, value in asdict(settings).items():
         if saved.get(key) != value:
             raise ValueError(
@@ -196,4 +200,4 @@ def _resume(file: Path, net: nn.Module, optimizer: torch.optim.Optimizer, settin
     state = optimizer.state_dict()
     state["state"] = {i: under(f"optimizer.{i}.") for i in range(len(state["param_groups"][0]["params"]))}
     optimizer.load_state_dict(state)
-    return under("best."), [Epoch(**e) for e in json.loads(metadata["epochs"])]
+    return under("best."), epochs

@@ -129,6 +129,13 @@ def test_a_damaged_folder_says_what_is_wrong(damage: Callable[[Path], object], s
         ({"schema": "retrieve/plan@1"}, "is not retrieve/model@1"),
         ({"form": "circles"}, "'circles' is none of objects, paper"),
         ({"normalisation": {"length_m": 1.0}}, "length_m: 1.0 is not 0.3"),
+        ({"normalisation": None}, "length_m: None is not 0.3"),
+        ({"heads": None}, "heads: None is no whole number from 1 to 64"),
+        ({"heads": 0}, "heads: 0 is no whole number from 1 to 64"),
+        ({"heads": "4"}, "heads: '4' is no whole number from 1 to 64"),
+        ({"heads": 1e9}, "heads: 1000000000.0 is no whole number"),
+        ({"shapes": []}, "shapes: no table of weights for osnet and rpnet"),
+        ({"robot": 7}, "robot: 7 is no name"),
     ],
 )
 def test_a_config_of_another_kind_is_refused(config: dict[str, Any], says: str, folder: Callable[..., Path]) -> None:
@@ -176,3 +183,12 @@ def test_inference_needs_no_torch(folder: Callable[..., Path]) -> None:
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
+
+
+def test_weights_that_are_no_numbers_are_refused(folder: Callable[..., Path]) -> None:
+    model = folder()
+    weights = load_file(model / "rpnet.safetensors")
+    next(iter(weights.values())).flat[0] = np.nan
+    save_file(weights, model / "rpnet.safetensors")
+    with pytest.raises(ValueError, match=r"rpnet.safetensors: .* holds what is no finite number"):
+        from_pretrained(model)

@@ -307,8 +307,9 @@ class Motions:
         return [*motions, self._motion("transit", path, pick.gripper_open)]
 
     def _way_out(self, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
-        """From the lifted target to a configuration with its centre well outside the cabinet."""
-        goals = self.cell.outside(pick.carrying, pick.held)
+        """From the lifted target to a configuration with all of it outside the cabinet: straight out of it where there is a way."""
+        near = self.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])
+        goals = np.concatenate([near, self.cell.outside(pick.carrying, pick.held)])
         if len(goals) == 0:
             return Blocked("transfer", "hand", pick.held.body, detail="no free configuration holds it outside the cabinet")
         path = self.cell.connect(pick.carrying, pick.lift[-1], goals, rng)

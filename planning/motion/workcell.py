@@ -21,7 +21,7 @@ from kinematics.robots.robot import Robot, check_names
 from kinematics.robots.start import start_q
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import bounds, convex_parts
-from kinematics.transforms import Array
+from kinematics.transforms import Array, transform
 from planning.motion.arm import FINGERS_AT, arm_at
 from planning.motion.connecting import connect
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, with_clearance, without_still
@@ -32,6 +32,9 @@ from planning.motion.upright import Upright, edge_is_upright, is_upright, make_u
 from planning.motion.waiting import LEVEL, looking_in, waiting
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 
+OUTSIDE_M = 0.03  # before the cabinet's front ends what is pulled straight out of it
+LEAST_OUTWARD = 0.5  # a hand that looks in more steeply is not pulled back along its own axis
+PULL_TRIES = 6  # starts of inverse kinematics
 ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
 TILTS = "what is carried would lean too far"
 KEPT = 6  # sets of poses for which the packed bodies are kept
@@ -394,6 +397,21 @@ class Workcell:
                 if len(goals) == most:
                     break
         return np.array(goals).reshape(-1, len(self.home_arm))
+
+    def pulled_out(self, carrying: PlanningQuery, held: Held, q: Array) -> Array:
+        """Free arm configurations (G, A) near q (A,) with the hand as it is there, but so far back that a held object is wholly before the
+        cabinet's front: back along its own z, and straight out of the cabinet. G may be 0."""
+        goals, T_hand, T_cabinet = list[Array](), self.arm.hand_pose(q), self.scene.cabinet.T_world_cabinet
+        out = -T_cabinet[:3, 0]
+        inmost = bounds(self.scene.body(held.body).shape, np.linalg.inv(T_cabinet) @ T_hand @ held.T_hand_body)[1][0]
+        for along in (-T_hand[:3, 2], out):
+            if along @ out > LEAST_OUTWARD:
+                there = transform(T_hand[:3, :3], T_hand[:3, 3] + max(0.0, inmost + OUTSIDE_M) / float(along @ out) * along)
+                for goal in self.ik(there, near=q, tries=PULL_TRIES)[:1]:
+                    upright = is_upright(carrying.task.exact.chain, carrying.task.upright, goal, self.memory.exact)
+                    if upright and self.touch(carrying, goal) is None:
+                        goals.append(goal)
+        return np.array(goals).reshape(-1, len(q))
 
     def _looks(self, upright: Upright, held: Held) -> Array:
         """How the hand looks into the cabinet with an object in it, in the cabinet's frame (3, 3): level, or where the object would then

@@ -10,12 +10,14 @@ from conftest import Handmade
 
 from kinematics.quintic_spline import evaluate
 from kinematics.robots.robot import Robot, load
+from kinematics.shapes import bounds
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
 from planning.motion.pick_place import Done, Motions
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.trajectory import STRAIGHT, Pace, timed
 from planning.motion.verify import hand_poses, verify
+from planning.motion.workcell import OUTSIDE_M
 from planning.plan import Motion
 
 KINDS = ("velocity", "acceleration", "jerk")
@@ -153,3 +155,19 @@ def test_a_motion_that_goes_nowhere_takes_a_moment(ur5e: Robot) -> None:
     (smooth,) = timed(cell, {}, [Motion("transit", ur5e.joint_names, ur5e.home[None], np.zeros(1))], Pace())
     assert smooth.t_s.tolist() == [0.0, 0.001]
     assert np.allclose(smooth.at(np.array([0.0005]))[0], ur5e.home, atol=1e-12)
+
+
+def test_a_target_is_pulled_straight_out_wholly_and_no_further_than_needed(found: tuple[Motions, Done], ur5e: Robot) -> None:
+    motions, done = found
+    scene, out = motions.scene, done.motions[-1]
+    assert out.held is not None
+    T = np.linalg.inv(scene.cabinet.T_world_cabinet) @ hand_poses(ur5e, scene, out.q[-1]) @ out.held.T_hand_body
+    inmost = bounds(scene.body(out.held.body).shape, T)[1][0]
+    assert -0.2 < inmost < 0
+    query = motions.cell.problem({}, float(out.q[0, ur5e.gripper_joint]), held=out.held)
+    near = motions.cell.pulled_out(query, out.held, ur5e.arm_q(out.q[0]))
+    assert len(near)
+    for q in near:
+        assert motions.cell.touch(query, q) is None
+        T = np.linalg.inv(scene.cabinet.T_world_cabinet) @ motions.cell.arm.hand_pose(q) @ out.held.T_hand_body
+        assert bounds(scene.body(out.held.body).shape, T)[1][0] == pytest.approx(-OUTSIDE_M, abs=2e-3)

@@ -15,16 +15,20 @@ from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, TypeVar, cast
 
 import numba
-from numba.core.caching import IndexDataCacheFile
+from numba.core import caching
+
+from kinematics.jit.support import PLAIN
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-_Files: Any = IndexDataCacheFile  # numba's own classes are untyped
+_Files: Any = getattr(caching, "IndexDataCacheFile", object)  # numba's own classes are untyped
 _SIZE = hashlib.sha256().digest_size
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:
-    """`numba.njit` with a checked cache."""
+    """`numba.njit` with a checked cache; without the check where numba's inner parts are not used."""
     compiled: Any = numba.njit(**options)
+    if PLAIN:
+        return cast(Callable[[Function], Function], compiled)
 
     def decorate(function: Function) -> Function:
         dispatcher = compiled(function)

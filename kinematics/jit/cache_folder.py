@@ -1,8 +1,9 @@
 """Where compiled code is kept: settled before numba is imported, as importing `kinematics.jit` or a module in it does.
 
 Numba caches compiled code per file and does not notice a change in a function that it calls in another file, nor what its own settings
-were. So compiled code is kept apart by a hash of the sources, of the CPU's name and features and of numba's settings, under the user's
-cache folder. It is code that runs: a folder that somebody else could write to is not used. What is compiled then lasts for one run.
+were. So compiled code is kept apart by a hash of the sources, of the CPU's name and features, of numba's version and settings, and of the
+way of compiling (`kinematics.jit.support`), under the user's cache folder. It is code that runs: a folder that somebody else could write to
+is not used. What is compiled then lasts for one run.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import os
 import shutil
 import sys
 import tempfile
+from importlib import metadata
 from pathlib import Path
 
 from kinematics import cache
@@ -33,6 +35,7 @@ def name() -> str:
     cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
     features = os.environ.get("NUMBA_CPU_FEATURES") or binding.get_host_cpu_features().flatten()
     settings = [f"{key}={value}" for key, value in sorted(os.environ.items()) if key.startswith("NUMBA_") and key != "NUMBA_CACHE_DIR"]
+    settings += [f"numba={metadata.version('numba')}", f"plain={os.environ.get('RETRIEVE_PLAIN_NUMBA', '0')}"]
     digest = hashlib.sha256("\n".join([cpu, features, sys.version, *settings]).encode(errors="surrogateescape") + sources()).hexdigest()[
         :16
     ]

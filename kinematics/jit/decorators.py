@@ -1,4 +1,4 @@
-"""How functions that own no array are compiled."""
+"""How functions that own no array are compiled: by way of numba's inner parts, or plainly where those are not to be had (`PLAIN`)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from numba.core import types
 from numpy.typing import NDArray
 
 from kinematics.jit.cache_files import njit
-from kinematics.jit.pipeline import BitcodeCompiler
+from kinematics.jit.support import PLAIN
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _COMPILE: Any = njit
 _plain: Any = types.unliteral
-ENTRY_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+PLAIN_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+ENTRY_OPTIONS = {**PLAIN_OPTIONS, "_nrt": False, "no_cfunc_wrapper": True}
 
 
 def jit_entry(function: Function) -> Function:
@@ -26,6 +27,8 @@ def jit_entry(function: Function) -> Function:
     It gets machine code, with all that it calls, when Python first calls it; compiled code makes it
     a part of itself, like `jit_inline` ones.
     """
+    if PLAIN:
+        return cast(Function, _COMPILE(**PLAIN_OPTIONS)(function))
     part: Any = jit_inline(_twin(function))
     entry = _COMPILE(**ENTRY_OPTIONS)(function)
     entry.get_call_template, entry.get_overload = part.get_call_template, part.get_overload
@@ -39,6 +42,10 @@ def jit_inline(function: Function, *, forceinline: bool = False) -> Function:
     They are not compiled anew for a number that is written out where it is called, nor for one of which the compiler has only seen yet
     that it starts at 0.
     """
+    if PLAIN:
+        return cast(Function, _COMPILE(**PLAIN_OPTIONS, forceinline=forceinline)(function))
+    from kinematics.jit.pipeline import BitcodeCompiler
+
     part = _COMPILE(**ENTRY_OPTIONS, forceinline=forceinline, no_cpython_wrapper=True, pipeline_class=BitcodeCompiler)(function)
     usual = part.get_call_template
     part.get_call_template = lambda args, kws: usual([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})

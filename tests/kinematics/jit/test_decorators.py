@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
-from kinematics.jit.decorators import jit_entry, jit_inline
+from kinematics.jit.decorators import PLAIN, jit_entry, jit_inline
 from kinematics.transforms import Array
+
+pytestmark = pytest.mark.skipif(PLAIN is not None, reason="functions are compiled plainly")
 
 
 @jit_inline
@@ -32,7 +35,7 @@ def _all(x: Array) -> float:
 def test_a_number_that_is_written_out_costs_no_second_compilation() -> None:
     x = np.arange(1.0, 5.0)
     assert _all(x) == 2 * x.sum() + 2 * x[0] + x[1]
-    assert len(cast(Any, _nth).overloads) == 1
+    assert len(cast(Any, _nth).overloads) <= 1  # none when `_all` comes from the cache
 
 
 def test_machine_code_is_made_when_python_calls() -> None:

@@ -29,8 +29,8 @@ instructions, again by the extension API (`intrinsic`, `register_model`, `lower_
 Without them
 ------------
 
-The first two groups can go wrong silently with a numba that nobody tried. So they are used only with versions whose parts were shown to work
-by the tests (`support.SHOWN`), and only if all of them are there. Otherwise, and when `RETRIEVE_PLAIN_NUMBA=1` asks for it, both
+The first two groups can go wrong silently with a numba that nobody tried. So they are used only with versions whose parts were shown to
+work by the tests (`support.SHOWN`), and only if all of them are there. Otherwise, and when `RETRIEVE_PLAIN_NUMBA=1` asks for it, both
 decorators are plain `njit`, one line on stderr says why, and everything runs as before, to the same numbers. Measured on one problem of
 RRT-Connect and shortcuts (CPU seconds from nothing, and one query afterwards; numba 0.68.1):
 

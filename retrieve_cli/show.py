@@ -42,6 +42,13 @@ def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
     _write_page(_film(scene, plan), out)
 
 
+def draw_png(scene: Scene, out: Path) -> None:
+    """Write a still of a scene from the side. Raises InputError like `write_png`."""
+    from retrieve_cli.drawing.still import write_png
+
+    write_png(_film(scene, None), out)
+
+
 def _write_page(film: Film, out: Path) -> None:
     from retrieve_cli.drawing.page import page
 

@@ -92,7 +92,8 @@ class Motions:
     ) -> None:
         self.robot, self.scene, self.pace = robot, scene, pace
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
-        self.target_grasps = (scene.x_g,) if target_grasps is None else tuple(target_grasps)
+        given = () if scene.grasp is None else (scene.grasp,)
+        self.target_grasps = given if target_grasps is None else tuple(target_grasps)
         self._picking = Picking(self.cell)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
         floor_z, boxes = float(scene.cabinet.T_world_cabinet[2, 3]), {b.name: object_box(b) for b in scene.objects}

@@ -1,0 +1,122 @@
+"""Grasps x_g for a scene's target: proposed on its shape, or taken from elsewhere and checked; the best first.
+
+A grasp is kept when the hand alone can hold the target with it in the empty cabinet (`planning.verdict.judge_grasp`) and the arm gets
+there. Its score, from 0 to 1, has three parts: how squarely and how near to the middle the pads close, how far the arm stays from its joint
+limits, and whether the way to it is free as things stand.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import APPROACHES, Body, Grasp, Scene
+from kinematics.shapes import bounds
+from kinematics.transforms import Array
+from planning.grasps import FRICTION_ANGLE, line_contacts, sample_grasps
+from planning.motion.pick_place import Motions
+from planning.verdict import judge_grasp
+
+MOST_SAMPLED = 60
+"""So many of the sampled grasps are looked at, the most natural first."""
+SQUARE, REACH, FREE = 0.4, 0.3, 0.3
+"""What the parts of a score weigh."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposals:
+    """grasps: with their scores, the best first. dropped: how many were not kept, by the reason in words."""
+
+    grasps: tuple[tuple[Grasp, float], ...]
+    dropped: tuple[tuple[str, int], ...] = ()
+
+    def __str__(self) -> str:
+        said = [f"{n} {why}" for why, n in self.dropped]
+        return f"{len(self.grasps)} grasps" + (f"; left out: {', '.join(said)}" if said else "")
+
+
+def propose(robot: Robot, scene: Scene, *, most: int = 12) -> Proposals:
+    """Antipodal grasps on the target's shape, from every side that the fingers can close on it, `most` of them at most.
+
+    Raises: InputError for a scene without a target; ValueError when the robot can't stand there.
+    """
+    target, base = scene.target_body, scene.robot.T_world_base[:3, 3]
+    middle = np.sum(bounds(target.shape, target.T_world_body), axis=0) / 2
+    toward = float(np.arctan2(middle[1] - base[1], middle[0] - base[0]))
+    sampled = sample_grasps(target, robot.opening, APPROACHES, float(scene.cabinet.T_world_cabinet[2, 3]), toward)
+    return rank(robot, scene, islice(sampled, MOST_SAMPLED), most=most)
+
+
+def rank(robot: Robot, scene: Scene, grasps: Iterable[Grasp], *, most: int = 12, quality: Sequence[float] | None = None) -> Proposals:
+    """The grasps that hold the target and are in reach, the best first. quality: of each, from 0 to 1; by default measured on the shape."""
+    target = scene.target_body
+    alone = Motions(robot, replace(scene, objects=(target,)), target_grasps=())
+    among = Motions(robot, scene, target_grasps=())
+    begin, crowded = alone.start(), among.start()
+    kept, dropped = list[tuple[Grasp, float]](), Counter[str]()
+    for i, grasp in enumerate(grasps):
+        wrong = judge_grasp(robot, scene, grasp)
+        if wrong is not None:
+            dropped[_in_short(wrong)] += 1
+            continue
+        start = replace(begin)  # a state of its own: what was found for one grasp is not what is found for another
+        picks, _ = alone.picks(start, target.name, [grasp])
+        if not picks:
+            dropped["out of the arm's reach"] += 1
+            continue
+        free = bool(among.picks(replace(crowded), target.name, [grasp])[0])
+        square = squareness(target, grasp) if quality is None else quality[i]
+        kept.append((grasp, SQUARE * square + REACH * _room(robot, picks[0].approach) + FREE * free))
+    kept.sort(key=lambda pair: -pair[1])
+    return Proposals(tuple((grasp, round(score, 4)) for grasp, score in kept[:most]), tuple(dropped.most_common()))
+
+
+def with_grasps(scene: Scene, proposals: Proposals) -> Scene:
+    """The scene with the best of the grasps as x_g, and the others as its alternatives. Raises: ValueError when there is none."""
+    if not proposals.grasps:
+        raise ValueError(f"scene {scene.id}: no grasp of {scene.target_name} can be used: {proposals}")
+    (best, _), *others = proposals.grasps
+    return replace(scene, grasp=best, grasps=tuple(others))
+
+
+def squareness(target: Body, grasp: Grasp) -> float:
+    """How well the pads close on a shape, from 0 to 1: how square its surface is to them, and how near its middle they close."""
+    T, closing = grasp.T_world_hand, grasp.T_world_hand[:3, 1]
+    hit = line_contacts(target.shape, target.T_world_body, T[:3, 3], closing)
+    if hit is None:
+        return 0.0
+    off = np.arccos(np.clip(min(-hit.enter_normal @ closing, hit.leave_normal @ closing), -1, 1))
+    low, high = bounds(target.shape, target.T_world_body)
+    away = np.linalg.norm(np.cross((low + high) / 2 - T[:3, 3], closing)) / (np.linalg.norm(high - low) / 2)
+    return float(max(0.0, 1 - off / (2 * FRICTION_ANGLE)) * max(0.0, 1 - away))
+
+
+def _room(robot: Robot, approach: Array) -> float:
+    """How far the arm stays from its joint limits along an approach (K, A), as a share: 1 in the middle, 0 at a limit."""
+    arm = list(robot.arm_joints)
+    low, high = robot.lower[arm], robot.upper[arm]
+    finite = np.isfinite(low) & np.isfinite(high)
+    if not finite.any():
+        return 1.0
+    half = (high[finite] - low[finite]) / 2
+    away = np.minimum(approach[:, finite] - low[finite], high[finite] - approach[:, finite]) / half
+    return float(np.clip(away.min(), 0.0, 1.0))
+
+
+def _in_short(wrong: str) -> str:
+    """A judge's complaint as a kind, without its figures."""
+    for words, kind in (
+        ("the gripper opens", "too wide for the gripper"),
+        ("the gripper closes", "too narrow for the gripper"),
+        ("would touch the target", "with a part of the hand in the target"),
+        ("does not hold", "that don't hold the target"),
+        ("can't be reached", "with the hand in a wall"),
+    ):
+        if words in wrong:
+            return kind
+    return "that can't be meant"

@@ -1,0 +1,171 @@
+"""`retrieve scene`: a scene file from words, from a YAML of the same words, from a folder of meshes, or from what was observed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kinematics.errors import InputError, blame, did_you_mean
+from planning.io.results import scene_writer
+from retrieve_cli.terminal import announce_first_run, say
+
+if TYPE_CHECKING:
+    from kinematics.robots.robot import Robot
+    from kinematics.scene import Scene
+    from planning.scene_words import Words
+
+YAML_KEYS = (
+    "id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "robot", "hand_frame", "gripper_joint", "base", "approaches",
+)  # fmt: skip
+LISTS = ("objects", "obstacles", "approaches")
+
+
+def run(
+    *,
+    source: Path | None,
+    words: dict[str, Any],
+    n: int,
+    count: int,
+    scale: float,
+    seed: int,
+    grasp: bool,
+    png: Path | None,
+    out: Path | None,
+) -> None:
+    """Write the scene, or the n scenes of a folder of meshes; say what was made, and draw the first one where `png` says.
+
+    source: a YAML file, a folder of meshes or a file of observed scenes; words: the options, which come before what the YAML says.
+    grasp: propose x_g for the target. count, scale, seed: for a folder of meshes.
+    """
+    if png is not None and png.suffix.lower() != ".png":
+        raise InputError(f"scene: {png}: a still is a PNG file; give it a name that ends in .png")
+    announce_first_run()
+    first: Scene | None = None
+    with scene_writer(out) as write:
+        for where, scene in _scenes(source, words, n, count, scale, seed):
+            with blame(where):
+                done = _with_grasp(where, scene) if grasp and scene.grasp is None and scene.target is not None else scene
+            _describe(where, done)
+            write(done)
+            first = first or done
+    if png is not None and first is not None:
+        from retrieve_cli.show import draw_png
+
+        draw_png(first, png)
+
+
+def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scale: float, seed: int) -> Iterator[tuple[str, Scene]]:
+    """Where each scene comes from, and the scene. Raises InputError."""
+    from planning.io.files import read_scenes
+    from planning.io.scene_documents import mesh_loader
+    from planning.scene_sources import from_observation, mesh_files, random_scene
+    from planning.scene_words import scene_from_words
+
+    if source is not None and source.is_dir():
+        with blame(f"scene: {source}"):
+            made, load, files = _words(words, "scene"), mesh_loader(Path.cwd()), mesh_files(source)
+            for index in range(n):
+                yield f"scene {index}", random_scene(made, files, count, scale, load, seed, index, say)
+    elif source is not None and source.suffix.lower() in (".yaml", ".yml"):
+        said = {**_read_yaml(source), **words}
+        yield str(source), _settled(scene_from_words(_words(said, str(source)), mesh_loader(source.resolve().parent), say), str(source))
+    elif source is not None:
+        for where, scene in read_scenes(source, "scene"):
+            with blame(where):
+                yield where, from_observation(scene)
+    else:
+        if not words.get("objects"):
+            raise InputError("scene: name at least one object: --object can:0.03x0.12@0.6,0; or give a YAML file, or a folder of meshes")
+        yield "scene", _settled(scene_from_words(_words(words, "scene"), mesh_loader(Path.cwd()), say), "scene")
+
+
+def _words(said: dict[str, Any], where: str) -> Words:
+    """The words with the robot that they name, standing at its usual place unless they say where. Raises InputError."""
+    from planning.scene_words import Words
+    from retrieve_cli.gen import robot_ref
+
+    robot = _load(said, where)
+    plain = {
+        key: said[key] for key in ("id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "base", "approaches") if key in said
+    }
+    return Words(**plain, robot=robot_ref(robot, said.get("hand_frame")))
+
+
+def _load(said: dict[str, Any], where: str) -> Robot:
+    from kinematics.robots.robot import load
+
+    with blame(where):
+        return load(said.get("robot") or "ur5e", said.get("hand_frame"), said.get("gripper_joint"), on_step=say)
+
+
+def _settled(scene: Scene, where: str) -> Scene:
+    """The scene with its objects standing free. Raises InputError for one that can't be meant."""
+    from planning.settling import settle
+
+    with blame(where):
+        done = settle(scene)
+    for settlement in done.settled:
+        say(f"{where}: {settlement}")
+    return done
+
+
+def _with_grasp(where: str, scene: Scene) -> Scene:
+    """The scene with x_g proposed; without it, which is said, where no grasp can be used."""
+    from kinematics.robots.robot import from_ref
+    from planning.grasp_proposals import propose, with_grasps
+    from retrieve_cli.grasp import tell
+
+    found = propose(from_ref(scene.robot, on_step=say), scene)
+    if not found.grasps:
+        say(f"{where}: no grasp of {scene.target} can be used ({found}); the scene is written without one")
+        return scene
+    tell(where, scene, found)
+    return with_grasps(scene, found)
+
+
+def _describe(where: str, scene: Scene) -> None:
+    """What was made, a line a body, on stderr."""
+    import numpy as np
+
+    from kinematics.scene import object_box
+    from kinematics.transforms import inverse
+
+    size = " × ".join(f"{v:g}" for v in scene.cabinet.size_m)
+    say(f"{where}: scene {scene.id}: cabinet {size} m, robot {scene.robot.name or scene.robot.urdf}, target {scene.target}")
+    for kind, bodies in (("object", scene.objects), ("obstacle", scene.obstacles)):
+        for body in bodies:
+            box = object_box(body)
+            low = (inverse(scene.cabinet.T_world_cabinet) @ np.append(box[:3], 1.0))[2] - box[5] / 2
+            middle, sides = ", ".join(f"{v:.3f}" for v in box[:3]), " × ".join(f"{1000 * v:.0f}" for v in box[3:])
+            stands = " on the floor" if kind == "object" and abs(low) < 1e-3 else ""
+            say(f"  {kind} {body.name}: {sides} mm, middle at {middle}{stands}")
+
+
+def _read_yaml(file: Path) -> dict[str, Any]:
+    """What a YAML file of words says. Raises InputError."""
+    import yaml  # type: ignore[import-untyped]
+
+    try:
+        said = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as e:
+        raise InputError(f"{file}: {(e.strerror or str(e)).lower()}") from e
+    except (yaml.YAMLError, UnicodeDecodeError) as e:
+        raise InputError(f"{file}: is no YAML: {' '.join(str(e).split())}") from e
+    if not isinstance(said, dict):
+        raise InputError(f"{file}: words like `objects:` and `target:` are expected (retrieve schema words)")
+    for key, value in said.items():
+        if key not in YAML_KEYS:
+            raise InputError(f"{file}: unknown word {key!r}{did_you_mean(str(key), YAML_KEYS)}; the words are {', '.join(YAML_KEYS)}")
+        if key in LISTS and not (isinstance(value, list) and all(isinstance(v, str) for v in value)):
+            raise InputError(f"{file}: {key}: a list of texts is expected")
+        if key == "wall_m" and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
+            raise InputError(f"{file}: wall_m: {value!r} is no positive length")
+        if key not in (*LISTS, "wall_m") and not isinstance(value, str):
+            raise InputError(f"{file}: {key}: {value!r} is no text; write it in quotes")
+    return said
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that were given."""
+    return {key: value for key, value in options.items() if value not in (None, [], ())}

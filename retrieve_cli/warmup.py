@@ -1,0 +1,52 @@
+"""`retrieve warmup`: compiles ahead and derives what the named robots need, so that no later command waits for it."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+from kinematics.errors import InputError, blame, choose
+from retrieve_cli.terminal import announce_first_run, progress, say
+
+
+def run(*, robots: list[str]) -> None:
+    """Warm up for some robots, by default for every named one whose package is installed. Raises InputError for unknown ones."""
+    from kinematics.robots.robot import installed, named_robots
+
+    table = named_robots()
+    wanted = [choose("robot", name, table) for name in robots] or [name for name in table if installed(name)]
+    for name in wanted:
+        if not installed(name):
+            raise InputError(f"warmup: the package of {name} ({table[name]['distribution']}) is not installed")
+    announce_first_run()
+    with progress("robots", len(wanted)) as advance:
+        for name in wanted:
+            began = perf_counter()
+            with blame(f"warmup: {name}"):
+                warm(name)
+            say(f"{name}: ready after {perf_counter() - began:.0f} s")
+            advance()
+
+
+def warm(name: str) -> None:
+    """Cover a robot, generate a scene for it, plan and verify it, and look at it: all that is compiled or derived once is used."""
+    import numpy as np
+
+    from kinematics.robots.robot import load
+    from kinematics.scene import RobotRef
+    from kinematics.transforms import transform
+    from perception.rendering.synthetic_camera import synthetic_camera
+    from planning.learning.model import ships
+    from planning.motion.pick_place import Motions
+    from planning.policies import make_policy
+    from planning.retrieval import retrieve
+    from planning.scene_generation import generate, load_spec
+
+    say(f"{name}: meshes and sphere covers")
+    robot = load(name, on_step=say)
+    say(f"{name}: a scene")
+    scene = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), name), 0, 0)
+    motions = Motions(robot, scene)
+    policy = "neural" if ships(name) else "local"
+    say(f"{name}: a plan")
+    retrieve(scene, make_policy(policy, motions), motions, name=policy, rng=np.random.default_rng(0))
+    synthetic_camera(robot, scene, scene.poses())(motions.cell.arm.hand_pose(robot.arm_q(robot.home)), robot.home)

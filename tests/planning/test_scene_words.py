@@ -124,7 +124,7 @@ def test_a_folder_of_meshes_at_random(meshes: Path) -> None:
     again = random_scene(Words(), files, 5, 0.001, load, 3, 1)
     for a, b in zip(scene.objects, again.objects, strict=True):
         np.testing.assert_array_equal(a.T_world_body, b.T_world_body)
-    with pytest.raises(ValueError, match="meshes fit into the cabinet, and .* found no room"):
+    with pytest.raises(ValueError, match=r"meshes fit into the cabinet, and .* found no room"):
         random_scene(Words(cabinet="0.2x0.2x0.2"), files, 9, 0.001, load, 0, 0)
 
 

@@ -144,7 +144,7 @@ def _describe(where: str, scene: Scene) -> None:
 
 def _read_yaml(file: Path) -> dict[str, Any]:
     """What a YAML file of words says. Raises InputError."""
-    import yaml  # type: ignore[import-untyped]
+    import yaml
 
     try:
         said = yaml.safe_load(file.read_text(encoding="utf-8"))

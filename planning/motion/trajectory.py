@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kinematics.robots.robot import Robot
+from kinematics.scene import Held
 from kinematics.transforms import Array
 from planning.motion.edges import Task
 from planning.motion.smoothing.blending import Corners, choose_speeds, make_corners, write_corner, write_rows
@@ -23,7 +24,7 @@ from planning.motion.smoothing.curve_check import WITHIN_M, first_blocked
 from planning.motion.smoothing.hand_speed import along_pieces, along_rows
 from planning.motion.smoothing.spline_rows import chords, keep_limits, slow_down
 from planning.motion.smoothing.straight_line import write_line
-from planning.motion.workcell import Workcell
+from planning.motion.workcell import PlanningQuery, Workcell
 from planning.plan import Gripper, GripperState, Motion
 
 MOST_USED = 1 - 1e-4
@@ -71,6 +72,7 @@ class _Drive:
         self.t, self.rows = np.empty(_ROWS), np.empty((_ROWS, 3, len(arm)))
         self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))
         self.frames = np.empty((len(cell.arm.chain.q_index) + 1, 4, 4))
+        self.asked: tuple[Mapping[str, Array], float, Held | None, PlanningQuery] | None = None
 
     def trajectory(self, poses: Mapping[str, Array], motion: Motion) -> Motion:
         """One motion's trajectory. poses: of the objects that stand meanwhile."""
@@ -109,13 +111,20 @@ class _Drive:
         """What may not touch while a motion lasts, for chords of curves; the memory is ready for it. Free ways keep as clear as their
         waypoints q (K, A) do."""
         cell = self.cell
-        query = cell.problem(poses, float(motion.q[0, cell.robot.gripper_joint]), held=motion.held)
+        query = self._query(poses, float(motion.q[0, cell.robot.gripper_joint]), motion.held)
         for a, b in motion.allowed_contacts:
             if motion.held is None or b != motion.held.body:
                 query = cell.allowing(query, a, b)
         clearance_m = 0.0 if motion.stage in STRAIGHT else cell.clearest(query, q)
         cell.enter(query)
         return cell.for_chords(query, clearance_m, WITHIN_M)
+
+    def _query(self, poses: Mapping[str, Array], gripper: float, held: Held | None) -> PlanningQuery:
+        """The planning query, the last one again where nothing has changed: a lift, a transfer and a lower have it in common."""
+        last = self.asked
+        if last is None or last[0] is not poses or last[1] != gripper or last[2] is not held:
+            last = self.asked = (poses, gripper, held, self.cell.problem(poses, gripper, held=held))
+        return last[3]
 
     def _along_line(self, task: Task, q: Array, hand_speed: float) -> int:
         """The rows of a straight way of the hand; 0 when it is none, or can't be proved free."""
@@ -189,13 +198,13 @@ def _gripper(robot: Robot, motion: Motion) -> Gripper:
 
 def _without_repeats(q: Array) -> Array:
     """Waypoints (K, J) without those that repeat the one before; both ends are kept as they are."""
-    kept = [q[0]]
-    for row in q[1:]:
-        if np.abs(row - kept[-1]).max() > SAME:
-            kept.append(row)
+    new = np.abs(np.diff(q, axis=0)).max(1, initial=0.0) > SAME
+    if new.all():
+        return q
+    kept = q[np.append(True, new)]
     if len(kept) > 1:
         kept[-1] = q[-1]
-    return np.array(kept)
+    return np.asarray(kept)
 
 
 def _from_stop_to_stop(q: Array, velocity: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:

@@ -29,7 +29,8 @@ class Forward:
 
         self.robot = robot
         self._torch = torch
-        self._chain = pytorch_kinematics.build_chain_from_urdf(robot.urdf.encode()).to(dtype=torch.float64)
+        self._urdf = _with_all_limits(robot.urdf)
+        self._chain = pytorch_kinematics.build_chain_from_urdf(self._urdf).to(dtype=torch.float64)
         self._serial: dict[str, Any] = {}
         driven = _driven(robot)
         self._expand, self._offset = self._matrix([driven[n] for n in self._chain.get_joint_parameter_names()])
@@ -52,7 +53,7 @@ class Forward:
         if all(self.robot.tree.kind[i] == FIXED for i in self.robot.tree.path(self.robot.tree.index[link])):
             return q.new_zeros(len(q), 6, len(arm))
         if link not in self._serial:
-            chain = pytorch_kinematics.build_serial_chain_from_urdf(self.robot.urdf.encode(), link).to(dtype=self._torch.float64)
+            chain = pytorch_kinematics.build_serial_chain_from_urdf(self._urdf, link).to(dtype=self._torch.float64)
             driven = _driven(self.robot)
             self._serial[link] = chain, *self._matrix([driven[n] for n in chain.get_joint_parameter_names()])
         chain, expand, offset = self._serial[link]
@@ -67,6 +68,17 @@ class Forward:
         for row, (j, scale, _) in enumerate(driven):
             expand[row, j] = scale
         return expand, self._torch.tensor([offset for _, _, offset in driven], dtype=self._torch.float64)
+
+
+def _with_all_limits(urdf: str) -> bytes:
+    """The URDF with a velocity and an effort at every limit, which pytorch-kinematics insists on and has no use for."""
+    from lxml import etree
+
+    root = etree.fromstring(urdf)
+    for limit in root.iter("limit"):
+        for name in ("velocity", "effort"):
+            limit.set(name, limit.get(name, "1"))
+    return bytes(etree.tostring(root))
 
 
 def _driven(robot: Robot) -> dict[str, tuple[int, float, float]]:

@@ -85,7 +85,8 @@ def test_generated_names_avoid_the_links(ur5e: Robot) -> None:
     hulls = tuple(replace(h, link=clash) if h.link == old else h for h in ur5e.hulls)
     skip = frozenset(frozenset(clash if n == old else n for n in pair) for pair in ur5e.skip)
     fingers = frozenset(clash if n == old else n for n in ur5e.fingers)
-    renamed = generate(spec, replace(ur5e, tree=tree, hulls=hulls, skip=skip, fingers=fingers), ref, 3, 0)
+    urdf = ur5e.urdf.replace(f'"{old}"', f'"{clash}"')
+    renamed = generate(spec, replace(ur5e, urdf=urdf, tree=tree, hulls=hulls, skip=skip, fingers=fingers), ref, 3, 0)
     assert [b.name for b in renamed.objects] == [f"{clash}_object", *(b.name for b in usual.objects[1:])]
     for a, b in zip(usual.objects, renamed.objects):
         np.testing.assert_array_equal(a.T_world_body, b.T_world_body)

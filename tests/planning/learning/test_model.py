@@ -61,7 +61,7 @@ def test_a_model_ranks_all_objects_and_regions(form: str, folder: Callable[..., 
     some = model.see(seen).place(name, [5, 2])
     np.testing.assert_allclose(some.cost, placed.cost[[5, 2]], atol=1e-5)
     assert set(some.ranking) == {2, 5}
-    policy = make_policy("neural", motions(), model=model)
+    policy = make_policy("neural-greedy", motions(), model=model)
     assert list(policy.select(seen, rng)) == chosen.ranking
     expected = set(range(len(seen.regions))) if form == "paper" else set(free_regions(seen, name))
     assert set(policy.place(seen, name, rng)) == expected
@@ -71,7 +71,7 @@ def test_a_model_ranks_all_objects_and_regions(form: str, folder: Callable[..., 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_new_observation_is_looked_at_anew(form: str, folder: Callable[..., Path]) -> None:
     model, rng = from_pretrained(folder(form)), np.random.default_rng(0)
-    policy = make_policy("neural", motions(), model=model)
+    policy = make_policy("neural-greedy", motions(), model=model)
     one, two = observation(0), observation(3)
     name = one.movable[0]
     ranked = {}
@@ -153,7 +153,7 @@ def test_a_robot_without_networks_is_told_what_to_do() -> None:
     with pytest.raises(ValueError, match=says):
         shipped("gen3")
     for name in NETWORKS:
-        form = " of the form paper" if name == "neural-paper" else ""
+        form = " of the form paper" if name.endswith("-paper") else ""
         with pytest.raises(ValueError, match=f"no networks{form} ship for the robot gen3"):
             make_policy(name, motions("gen3"))
         if form:

@@ -6,7 +6,7 @@ plans among them. A plan is carried out on the truth with each object where it t
 that must not. Truth and plans are written for a stranger's replay: benchmarks/replay.py OUT/truth.jsonl OUT/carried_out_solid.jsonl URDF.
 
 Usage: PYTHONPATH=. python benchmarks/from_frames.py [-n 50] [--seed 61] [--spec paper] [--policy local] -o OUT. The last line is one JSON
-object.
+object. A second run into the same folder keeps the recorded frames.
 """
 
 from __future__ import annotations
@@ -43,9 +43,11 @@ STAGE = 9  # this benchmark's own word in the seeds
 
 
 def record(truth: Path, folder: Path) -> None:
-    """Noisy frames of every scene, in folders of their own, without masks of the objects."""
+    """Noisy frames of every scene, in folders of their own, without masks of the objects; those that are there already are kept."""
     robot, noise = load("ur5e"), DepthNoise()
     for index, (_, scene) in enumerate(read_scenes(truth)):
+        if (folder / f"{index:06d}" / "scene_camera.json").is_file():
+            continue
         rng = np.random.default_rng([STAGE, index])
         empty = replace(scene, objects=())
         camera = synthetic_camera(robot, scene, scene.poses(), noise=noise, rng=rng)

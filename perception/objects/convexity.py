@@ -24,14 +24,18 @@ are the two sides of a step."""
 
 
 def edge_angles(patches: Patches) -> tuple[Array, Array]:
-    """For each edge (E,): the angle between the normals, positive when convex; and how steeply one patch lies above the other; degrees."""
+    """For each edge (E,): the angle between the normals, positive when convex; and how steeply one patch lies above the other; degrees.
+
+    Both are 0 where a patch has no normal.
+    """
     i, j = patches.edges.T
     along = unit(patches.centres[i] - patches.centres[j])
     a, b = patches.normals[i], patches.normals[j]
     turn = np.degrees(np.arccos(np.clip((a * b).sum(1), -1, 1)))
     bend = np.where(((a - b) * along).sum(1) >= 0, turn, -turn)
     climb = np.degrees(np.arcsin(np.clip(np.abs((along * unit(a + b)).sum(1)), 0, 1)))
-    return bend, climb
+    told = a.any(1) & b.any(1)
+    return np.where(told, bend, 0.0), np.where(told, climb, 0.0)
 
 
 def edge_weights(patches: Patches) -> Array:

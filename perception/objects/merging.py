@@ -220,6 +220,7 @@ def occluded_joined(cells: Cells, patches: Patches, label: Int, seen: Witness) -
 def _faces(patches: Patches, rows: Int) -> tuple[Array, Array, list[Int]]:
     """The plane faces of a cluster with patches `rows`: middles (F, 3), normals (F, 3), and the patches of each, the largest face first."""
     middles, normals, members = [np.zeros((0, 3))], [np.zeros((0, 3))], []
+    rows = rows[patches.normals[rows].any(1)]
     while patches.size[rows].sum() >= FACE_CELLS:
         centres, size = patches.centres[rows], patches.size[rows]
         fits = _in_plane(patches, rows, centres, patches.normals[rows])

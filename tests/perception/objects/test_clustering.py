@@ -12,9 +12,12 @@ from test_segment import CABINET, best_matches, box, can, photograph, placed, wi
 from kinematics.scene import Body, object_box
 from kinematics.transforms import Array, rotation_about, transform
 from perception.camera import DepthNoise, points_in_camera, realsense_d435i
-from perception.objects.convexity import contracted
-from perception.objects.merging import fitted_circle, united
+from perception.objects.convexity import contracted, edge_angles
+from perception.objects.emptiness import witness
+from perception.objects.merging import fitted_circle, occluded_joined, united
 from perception.objects.normals import surface_normals
+from perception.objects.patches import CELL_M, Cells, surface_patches, touching
+from perception.objects.prepared_frames import prepare
 from perception.objects.segment import segment
 from perception.objects.supports import base_heights
 
@@ -73,6 +76,23 @@ def test_contraction_leaves_no_two_clusters_that_want_to_be_one() -> None:
     assert 1 < len(np.unique(cluster)) < 60
     assert len(np.unique(contracted(60, edges, -np.abs(weights)))) == 60
     assert np.array_equal(cluster, contracted(60, edges, weights))
+
+
+def test_patches_without_a_normal_speak_neither_for_a_crease_nor_for_a_face() -> None:
+    rng = np.random.default_rng(2)
+    points = np.concatenate([rng.uniform([0.2, y, 0.0], [0.24, y + 0.04, 0.05], (200, 3)) for y in (0.0, 0.08)])
+    index = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
+    cells = Cells(
+        (index + 0.5) * CELL_M, np.zeros((len(index), 3)), index - index.min(0), np.arange(len(index)), touching(index - index.min(0))
+    )
+    patches = surface_patches(cells)
+    bend, climb = edge_angles(patches)
+    assert not bend.any()
+    assert not climb.any()
+    frames = photograph([], CABINET, None, eyes=ABOVE, camera=CAMERA)
+    seen = witness(prepare(without_masks(frames), CABINET))
+    label = np.asarray(cells.points[:, 1] > 0.06, np.int64)
+    assert set(occluded_joined(cells, patches, label, seen).tolist()) == {0, 1}
 
 
 def test_what_is_known_to_be_two_is_not_united_by_way_of_a_third() -> None:

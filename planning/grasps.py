@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from kinematics.robots.gripper import Opening
+from kinematics.robots.gripper import ROOM_M, Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, inverse, transform
@@ -22,7 +22,8 @@ CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, be
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
 LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pads' centre above the floor, so that the fingers clear it
 BELOW_TOP_M = 0.015
-BEHIND_M = 0.002  # room between an object and what lies behind the pads: knuckles, palm
+BEHIND_M = ROOM_M  # room between an object and what lies behind the pads: knuckles, palm
+KNUCKLE_M = 0.020  # half of how wide a knuckle is, across the way the fingers close
 LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -128,12 +129,17 @@ def sample_grasps(
     """
     low, high = bounds(body.shape, body.T_world_body)
     middle = (low + high) / 2
-    candidates: list[tuple[float, Array, Array, Array, float]] = []
+    candidates: list[tuple[float, Array, Array, Array, tuple[float, float, float]]] = []
     for yaw in closing_directions(body.shape, body.T_world_body, sampling):
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        across = 2 * float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ u))
+        room = max(opening.depth_at(across) - BEHIND_M, 0.0)
         for kind in approaches:
-            levels = sorted({z for share in sampling.heights if (z := _level(kind, low[2], high[2], floor_z, share)) is not None})
             for pitch in sampling.pitches[kind]:
+                # a round body is no wider than a line where the knuckles are: its top alone has to fit before them
+                least = high[2] - room / np.sin(pitch) if kind == "diagonal" and isinstance(body.shape, Cylinder) else -np.inf
+                heights = (_level(kind, low[2], high[2], floor_z, share, least) for share in sampling.heights)
+                levels = sorted({z for z in heights if z is not None})
                 for side in (1.0, -1.0):
                     ahead = side * np.array([-u[1], u[0], 0.0])
                     R = _level_hand(ahead, pitch)
@@ -141,13 +147,13 @@ def sample_grasps(
                     reach = float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))
                     for rank, z in enumerate(levels):
                         point = np.array([middle[0], middle[1], z])
-                        candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, reach * np.cos(pitch)))
+                        candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, (reach, float(high[2] - z), pitch)))
     hits: dict[tuple[float, float], Contact | None] = {}
-    for _, point, u, R, reach in sorted(candidates, key=lambda c: c[0]):
+    for _, point, u, R, extent in sorted(candidates, key=lambda c: c[0]):
         line = (float(u[0]), float(point[2]))  # hands from both sides, and of all pitches, close along it
         if line not in hits:
             hits[line] = line_contacts(body.shape, body.T_world_body, point, u)
-        grasp = _antipodal(body, opening, hits[line], point, u, R, reach)
+        grasp = _antipodal(body, opening, hits[line], point, u, R, extent)
         if grasp is not None:
             yield grasp
 
@@ -163,11 +169,20 @@ def _level_hand(ahead: Array, pitch: float) -> Array:
     return np.array([[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], 0.0, z[2]]])
 
 
-def _level(kind: str, low: float, high: float, floor_z: float, share: float) -> float | None:
-    """The height of the pads' centre, or None when the body is too low for this approach."""
+def _level(kind: str, low: float, high: float, floor_z: float, share: float, least: float = -np.inf) -> float | None:
+    """The height of the pads' centre, or None when the body is too low for this approach. least: from here on the body's top fits before
+    what lies behind the pads of a pitched hand; where the pads can't be as high as that, they are as high as they can."""
+    highest = high - min(BELOW_TOP_M, 0.3 * (high - low))
     wanted = high - 0.02 if kind == "downward" else low + share * (high - low)
-    z = max(wanted, floor_z + LOWEST_M[kind])
-    return round(z, 6) if z <= high - min(BELOW_TOP_M, 0.3 * (high - low)) else None
+    z = max(wanted, floor_z + LOWEST_M[kind], min(least, highest))
+    return round(z, 6) if z <= highest else None
+
+
+def _behind(reach: float, above: float, pitch: float) -> float:
+    """How far a box reaches behind the pads' middle along the approach of a pitched hand, between its knuckles: `reach` towards the hand
+    and `above` upwards. Its near face ends that, or its top."""
+    by_face = (reach + KNUCKLE_M * np.sin(pitch)) / max(np.cos(pitch), 1e-9)
+    return float(min(by_face, reach * np.cos(pitch) + above * np.sin(pitch)))
 
 
 def set_back(reach: float, width_m: float, opening: Opening) -> float:
@@ -178,12 +193,23 @@ def set_back(reach: float, width_m: float, opening: Opening) -> float:
     return min(max(0.0, reach + BEHIND_M - opening.depth_at(width_m)), max(0.0, reach - LEAST_BITE_M))
 
 
-def _antipodal(body: Body, opening: Opening, hit: Contact | None, point: Array, u: Array, R: Array, reach: float) -> Grasp | None:
+def _set_back_pitched(reach: float, above: float, pitch: float, width_m: float, opening: Opening) -> float:
+    """`set_back` for a pitched hand, which moves upwards with it: the pads stay on the body."""
+    if pitch == 0.0:
+        return set_back(reach, width_m, opening)
+    back = max(0.0, _behind(reach, above, pitch) + BEHIND_M - opening.depth_at(width_m))
+    over = max(0.0, reach - LEAST_BITE_M) / max(np.cos(pitch), 1e-9)
+    return float(min(back, over, max(0.0, above - BELOW_TOP_M) / np.sin(pitch)))
+
+
+def _antipodal(
+    body: Body, opening: Opening, hit: Contact | None, point: Array, u: Array, R: Array, extent: tuple[float, float, float]
+) -> Grasp | None:
     """The grasp with the pads' centre on the line through `point` along u, which meets the body so, or where that is too deep, nearer to
-    the hand; or None."""
+    the hand; or None. extent: the body's, see `_behind`."""
     if hit is None:
         return None
-    back = 0.0 if isinstance(body.shape, Cylinder) else set_back(reach, hit.leave - hit.enter, opening)
+    back = 0.0 if isinstance(body.shape, Cylinder) else _set_back_pitched(*extent, hit.leave - hit.enter, opening)
     if back > 0.0:
         point = point - back * R[:, 2]
         hit = line_contacts(body.shape, body.T_world_body, point, u)

@@ -83,6 +83,7 @@ class Motion:
     qd, qdd: (K, J) velocities and accelerations, rad/s and rad/s² (m for sliding joints); between two rows runs the quintic Hermite spline
     (kinematics.quintic_spline). Without them the rows are waypoints, between which the arm moves straight in joint space.
     held: the object that moves with the hand during the whole motion. allowed_contacts: pairs that may be in contact during it.
+    clearance_m: the least distance that it keeps from anything besides, where that is known, and clearance_between which two bodies.
     """
 
     stage: str
@@ -94,6 +95,8 @@ class Motion:
     qd: Array | None = None
     qdd: Array | None = None
     gripper: Gripper | None = None
+    clearance_m: float | None = None
+    clearance_between: tuple[str, str] | None = None
 
     @property
     def spline(self) -> QuinticSpline | None:
@@ -173,3 +176,8 @@ class Plan:
     def duration_s(self) -> float:
         """How long the robot moves, all motions one after the other."""
         return float(sum(motion.t_s[-1] for motion in self.motions))
+
+    @property
+    def clearance_m(self) -> float | None:
+        """The least distance that any motion keeps outside allowed contacts; None where there is no motion, or nothing was measured."""
+        return min((m.clearance_m for m in self.motions if m.clearance_m is not None), default=None)

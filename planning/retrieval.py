@@ -13,11 +13,14 @@ from typing import TypeVar
 
 import numpy as np
 
+from kinematics.collision.broad_phase import BroadPhase
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
-from planning.motion.verify import hand_poses, verify
+from planning.motion.replay import hand_poses, with_clearances
+from planning.motion.settings import DEFAULTS, MotionSettings
+from planning.motion.verify import verify
 from planning.plan import SCENE, Blocked, Motion, Move, Outlook, Plan
 from planning.verdict import Settings, judge
 
@@ -153,7 +156,9 @@ def retrieve(
     if steps == 0:
         outlook = Outlook(0)
     why = _why(taken, outlook, max_moves) if isinstance(taken, Blocked) else None
-    plan = conclude(motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+    plan = conclude(
+        motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings
+    )
     grasp = None if isinstance(taken, Blocked) else taken.grasp
     return replace(plan, grasp=grasp, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable)
 
@@ -179,8 +184,10 @@ def conclude(
     rule: Rule,
     thinking: Stopwatch,
     moving: Stopwatch,
+    settings: MotionSettings = DEFAULTS,
 ) -> Plan:
-    """The plan that a loop ends with, after the final check and the verdict. reason: why the target was not taken, None when it was."""
+    """The plan that a loop ends with, after the final check and the verdict, with the clearances measured. reason: why the target was not
+    taken, None when it was."""
     success = reason is None
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
@@ -189,9 +196,12 @@ def conclude(
     if not way:
         return plan
     with moving:
-        touch = verify(robot, scene, way)
-        faults = judge(scene, plan, robot, Settings(contact=False)) if touch is None else ()  # contacts were judged just now
-    plan = replace(plan, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=faults)
+        bodies = BroadPhase(robot, scene)
+        touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies)
+        limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
+        faults = judge(scene, plan, robot, limits) if touch is None else ()
+        motions = with_clearances(robot, scene, way, bodies)
+    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=faults)
     if plan.verified:
         return plan
     why = touch or Blocked("verify", detail=str(faults[0]))

@@ -23,6 +23,7 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasps import LOWEST_M, UP, set_back
 from planning.motion.pick_place import Motions
+from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Blocked
 from planning.verdict import judge_grasp
 
@@ -109,13 +110,13 @@ def generate(
 
 
 def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
-    """None for a valid scene, else what it is: "unsolvable" or "free"."""
+    """None for a valid scene, else what it is: "unsolvable" or "free". What motions are to keep does not decide which scenes there are."""
     alone = Scene(**{**vars(scene), "objects": (scene.body(scene.target_name),)})
-    empty = Motions(robot, alone)
+    empty = Motions(robot, alone, settings=UNCONSTRAINED)
     picks, _ = empty.picks(empty.start(), scene.target_name, [scene.x_g])
     if not picks:
         return "unsolvable"
-    cluttered = Motions(robot, scene)
+    cluttered = Motions(robot, scene, settings=UNCONSTRAINED)
     for _ in range(2):  # a search that fails once by chance is no proof
         if not isinstance(cluttered.retrieve_target(cluttered.start(), rng), Blocked):
             return "free"

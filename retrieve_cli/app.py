@@ -332,6 +332,15 @@ def plan(
         str | None,
         typer.Option("--target-box", help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.", metavar="BOX"),
     ] = None,
+    clearance: Annotated[
+        float,
+        typer.Option("--clearance", help="How far motions keep from everything, where the places they join let them, mm.", metavar="MM"),
+    ] = 5.0,
+    clearance_least: Annotated[float, typer.Option("--clearance-least", help="Less than that is refused, mm.", metavar="MM")] = 0.5,
+    max_tilt: Annotated[
+        float,
+        typer.Option("--max-tilt", help="How far what is carried may lean, where the scene does not say; 180 frees it.", metavar="DEG"),
+    ] = 30.0,
     speed: Annotated[float, typer.Option("--speed", help="Share of full speed, 0.01 to 1: at 0.5 all takes twice as long.")] = 1.0,
     hand_speed: Annotated[
         float, typer.Option("--hand-speed", help="How fast the hand may move with an object in it, m/s.", metavar="M/S")
@@ -373,6 +382,9 @@ def plan(
         noise=noise,
         by=by.value,
         target_box=target_box,
+        clearance_mm=clearance,
+        clearance_least_mm=clearance_least,
+        max_tilt_deg=max_tilt,
         speed=speed,
         hand_speed=hand_speed,
         limits=limits,

@@ -24,6 +24,7 @@ from retrieve_cli.version import version
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
+    from planning.motion.settings import MotionSettings
 
 UNSEEN = ("solid", "free")
 STAGE = 4  # this stage's word in the seeds of random generators
@@ -49,6 +50,9 @@ class Job:
     hand_speed: float = 1.0
     limits: str | None = None
     unseen: str = "solid"
+    clearance_mm: float = 5.0
+    clearance_least_mm: float = 0.5
+    max_tilt_deg: float = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +93,9 @@ def run(
     hand_speed: float = 1.0,
     limits: Path | None = None,
     unseen: str = "solid",
+    clearance_mm: float = 5.0,
+    clearance_least_mm: float = 0.5,
+    max_tilt_deg: float = 30.0,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
@@ -96,7 +103,7 @@ def run(
     """
     job = Job(
         policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast,
-        speed, hand_speed, str(limits) if limits else None, unseen,
+        speed, hand_speed, str(limits) if limits else None, unseen, clearance_mm, clearance_least_mm, max_tilt_deg,
     )  # fmt: skip
     _check(job)
     if html is not None and not is_special(html):
@@ -174,6 +181,22 @@ def _check(job: Job) -> None:
     choose("way to take unseen space (--unseen)", job.unseen, UNSEEN)
     if job.unseen == "free":
         say("space that no frame has shown is taken for free, on your word: the plans are only as safe as that")
+    motion_settings(job)
+
+
+def motion_settings(job: Job) -> MotionSettings:
+    """What --clearance, --clearance-least and --max-tilt mean for motions. Raises: InputError for values that can't be kept."""
+    from kinematics.collision.edge_check import MARGIN_M
+    from planning.motion.settings import ClearanceSettings, MotionSettings
+
+    def clearance(mm: float) -> float:
+        """In metres; what is no more than every certified motion keeps is nothing to ask for."""
+        return 0.0 if 0 < mm <= 1000 * MARGIN_M else mm / 1000
+
+    with blame("plan: --clearance, --clearance-least"):
+        clearances = ClearanceSettings(wanted_m=clearance(job.clearance_mm), least_m=clearance(job.clearance_least_mm))
+    with blame("plan: --max-tilt"):
+        return MotionSettings(clearances, max_tilt_deg=job.max_tilt_deg)
 
 
 def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
@@ -232,8 +255,10 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
         if (wrong := judge_grasp(arm, scene)) is not None:
             raise ValueError(f"grasp: {wrong}")
         unseen = unseen_space(scene) if is_seen(scene) and job.unseen == "solid" else ()
-        pace, iterations = Pace(job.speed, job.hand_speed), job.iterations or ITERATIONS
-        motions = Motions(arm, scene, iterations=iterations, time_budget_s=job.time_budget_s, obstacles=unseen, pace=pace)
+        settings, pace, iterations = motion_settings(job), Pace(job.speed, job.hand_speed), job.iterations or ITERATIONS
+        motions = Motions(
+            arm, scene, iterations=iterations, time_budget_s=job.time_budget_s, obstacles=unseen, settings=settings, pace=pace
+        )
         motions.start()
         name = job.policy or _default_policy(arm.name, job.model)
         policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None, max_moves=job.max_moves)
@@ -270,6 +295,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
+            settings=motion_settings(job),
             pace=Pace(job.speed, job.hand_speed),
             rng=np.random.default_rng([job.seed, STAGE, scene.random_word]),
         )

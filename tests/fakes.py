@@ -14,6 +14,7 @@ from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
 from perception.observation import Observation
 from planning.motion.pick_place import Done
+from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.plan import Blocked, Motion
 
 BASE = np.array([-0.5, 0.1, 0.2])
@@ -61,6 +62,7 @@ class FakeMotions:
     graspable: Callable[[tuple[Choice, ...], str], bool] = lambda made, name: True
     at_start: Blocked | None = None
     robot: Any = field(default_factory=stick)
+    settings: MotionSettings = DEFAULTS
     clock: Clock | None = None
     seconds: float = 0.0
     asked: list[tuple[Any, ...]] = field(default_factory=list)

@@ -19,6 +19,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array
 
+KEPT = 16  # sets of what moves: some for each object that a hand takes
+
 
 @dataclass(frozen=True, eq=False)
 class BroadPhaseResult:
@@ -50,7 +52,8 @@ class BroadPhase:
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
-        self._last: tuple[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] | None = None
+        self._placed: tuple[bytes, Solids] | None = None
+        self._known: dict[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] = {}
 
     def judge(
         self, q: Array, poses: Mapping[str, Array], held: Held | None, allowed_contacts: Iterable[tuple[str, str]]
@@ -61,9 +64,9 @@ class BroadPhase:
         everything when a joint that is neither the arm's nor the gripper's is not at home.
         """
         gripper = float(q[0, self.robot.gripper_joint])
-        posed, model, links = self._moving(gripper, held)
+        posed, model, links = self.moving(gripper, held)
         own = len(self.robot_collision_model.links)
-        solids, bodies = self._standing(poses)
+        solids, bodies = self.standing(poses)
         P, names = len(links), links + bodies
         judge = np.zeros((P, len(names)), np.bool_)
         judge[:, P:] = (posed.frame > 0)[:, None]
@@ -87,23 +90,28 @@ class BroadPhase:
         a[~against], b[~against] = pairs[which[~against] - P * B].T
         return BroadPhaseResult(names, judge, rows, a, b)
 
-    def _moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
-        """What moves with the arm, packed, and the name behind each part; kept while the hand holds on to the same."""
+    def moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
+        """What moves with the arm, packed, and the name behind each part; the latest of them are kept."""
         grip = None if held is None else (held.body, held.T_hand_body.tobytes())
-        if self._last is None or self._last[0] != (gripper, grip):
+        if (gripper, grip) not in self._known:
             (posed, model), links = self.robot_collision_model.packed(gripper), self.robot_collision_model.links
             if held is not None:
                 own = self.robot_collision_model.in_hand(self._pieces(held.body), held.T_hand_body)
                 posed, links = join_posed(posed, own), links + (held.body,) * len(own.frame)
                 model = posed_sphere_model(self.robot_collision_model.chain, posed)
-            self._last = (gripper, grip), (posed, model, links)
-        return self._last[1]
+            if len(self._known) == KEPT:
+                self._known.pop(next(iter(self._known)))  # the oldest
+            self._known[gripper, grip] = posed, model, links
+        return self._known[gripper, grip]
 
-    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
+    def standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
         """What stands still and the objects at poses, packed; and the name behind each solid."""
         at = self._fixtures + [(i, T) for name, T in poses.items() for i in self._of[name]]
-        solids = place_solids(self._stock, np.array([i for i, _ in at], np.int64), np.array([T for _, T in at]))
-        return solids, tuple(self._owners[i] for i, _ in at)
+        which, T = np.array([i for i, _ in at], np.int64), np.array([T for _, T in at])
+        key = which.tobytes() + T.tobytes()
+        if self._placed is None or self._placed[0] != key:
+            self._placed = key, place_solids(self._stock, which, T)
+        return self._placed[1], tuple(self._owners[i] for i, _ in at)
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""

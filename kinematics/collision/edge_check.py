@@ -32,8 +32,8 @@ TOLERANCE = 0.05
 """How much of a distance, relative, may be given away for speed; a pair up to 5 % beyond the margin may count as touching."""
 LOOSE = 0.5
 """The tolerance for distances that only say how far an edge is free around a sample."""
-FAR_STEPS = 24
-"""How many rows `path_clearance` may skip at once: distances further off are not measured."""
+BLOCK = 16
+"""Rows that `path_clearance` looks at together first."""
 GJK_PAYS_M = 0.03
 """GJK may prove this much more than the boxes do; where more is asked for, halving the interval is cheaper."""
 
@@ -279,17 +279,44 @@ def path_clearance(problem: Problem, Q: Array, step_m: float, cap_m: float, tole
     """A lower bound of the least distance of any pair at any of configurations Q (N, J), or cap_m if that is less; in which row that is,
     and between which pair, -1 where nothing comes nearer than cap_m.
 
-    step_m: between two rows no point moves further. Rows which that puts too far from everything are skipped. tolerance: how much of the
-    distance, relative, the bound may be low.
+    step_m: from one row to the next no pair comes nearer by more. So rows around one at which a pair is far apart need no look at that
+    pair, and rows without such pairs none at all. tolerance: how much of the distance, relative, the bound may be low.
     """
-    least, row, pair, i = cap_m, -1, -1, 0
-    while i < Q.shape[0]:
-        bound, n = _nearest_pair(problem, Q[i], least + FAR_STEPS * step_m, TOLERANCE, scratch)
+    least, row, pair, n_pairs, N = cap_m, -1, -1, problem.pairs.shape[0], Q.shape[0]
+    for i in range(BLOCK // 2, N, BLOCK):  # a first impression, so that most of the rest is not near enough to matter
+        bound, n = _nearest_pair(problem, Q[i], least, tolerance, scratch)
         if bound < least:
-            bound, n = _nearest_pair(problem, Q[i], least, tolerance, scratch)
-            if bound < least:
-                least, row, pair = bound, i, n
-        i += max(1, int((bound - least) / step_m))
+            least, row, pair = bound, i, n
+    pool, spans, lists = scratch.pool[0], scratch.spans[0], scratch.lists[0]
+    for n in range(n_pairs):
+        pool[n] = n
+    for first in range(0, N, BLOCK):
+        top = 1
+        spans[0, 0], spans[0, 1], lists[0, 0], lists[0, 1] = first, min(first + BLOCK, N), 0, n_pairs
+        while top > 0:
+            top -= 1
+            low, high, begin, end = int(spans[top, 0]), int(spans[top, 1]), lists[top, 0], lists[top, 1]
+            middle, used = (low + high) // 2, end
+            around = step_m * max(middle - low, high - 1 - middle)
+            forward(problem.chain, Q[middle], scratch.poses)
+            scratch.counts[0] += 1
+            for k in range(begin, end):
+                n = pool[k]
+                by = around if problem.pairs[n, 2] != problem.pairs[n, 3] else 0.0
+                bound = _pair_bound(problem, n, least + by, TOLERANCE, scratch)
+                if bound < least:
+                    bound = _pair_bound(problem, n, least, tolerance, scratch)
+                    if bound < least:
+                        least, row, pair = bound, middle, n
+                if bound < least + by:
+                    pool[used] = n
+                    used += 1
+            if used > end:
+                for side in range(2):
+                    spans[top, 0], spans[top, 1] = (low, middle) if side == 0 else (middle + 1, high)
+                    if spans[top, 0] < spans[top, 1]:
+                        lists[top, 0], lists[top, 1] = end, used
+                        top += 1
     return least, row, pair
 
 
@@ -298,17 +325,27 @@ def _nearest_pair(problem: Problem, q: Array, cap_m: float, tolerance: float, sc
     """A lower bound of the least distance of any pair at q (J,), and which pair that is; cap_m and -1 when all are that far apart."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
-    pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
-    work, toward, least, nearest = scratch.work, scratch.toward, cap_m, -1
-    for n in range(pairs.shape[0]):
-        if ball_gap(pairs, boxes, poses, n) < least:
-            scratch.counts[1] += 1
-            bound = pair_bound(pairs, boxes, vertices, groups, poses, work, toward, n, 0.0, least, np.inf, tolerance)
-            if bound < least:
-                least, nearest = bound, n
-                if least <= 0.0:
-                    return 0.0, nearest
+    least, nearest = cap_m, -1
+    for n in range(problem.pairs.shape[0]):
+        bound = _pair_bound(problem, n, least, tolerance, scratch)
+        if bound < least:
+            least, nearest = bound, n
+            if least <= 0.0:
+                return 0.0, nearest
     return least, nearest
+
+
+@jit_inline
+def _pair_bound(problem: Problem, n: int, cap_m: float, tolerance: float, scratch: Scratch) -> float:
+    """A lower bound of pair n's distance at the poses in the scratch, by the tolerance too low at most; cap_m or more when it is that far
+    apart."""
+    pairs, boxes, poses = problem.pairs, problem.boxes, scratch.poses
+    far = ball_gap(pairs, boxes, poses, n)
+    if far >= cap_m:
+        return far
+    scratch.counts[1] += 1
+    work, toward = scratch.work, scratch.toward
+    return float(pair_bound(pairs, boxes, problem.vertices, problem.groups, poses, work, toward, n, 0.0, cap_m, np.inf, tolerance))
 
 
 @jit_entry

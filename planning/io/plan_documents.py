@@ -49,6 +49,8 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
         "verified": None if plan.verified is None else bool(plan.verified),
         **_foresight_to_json(plan),
     }
+    if plan.clearance_m is not None:
+        document["clearance_m"] = float(plan.clearance_m)
     if plan.faults:
         document["faults"] = [fault_to_json(fault) for fault in plan.faults]
     if plan.settled:
@@ -82,6 +84,8 @@ def _motion_to_json(m: Motion) -> dict[str, Any]:
         states = {"before": m.gripper.before, "after": m.gripper.after}
         told = {when: {"value": g.value, "command_m": g.width_m, "force_N": g.force_N} for when, g in states.items()}
         document["gripper"] = {"joint": m.gripper.joint, **told}
+    if m.clearance_m is not None and m.clearance_between is not None:
+        document["clearance_m"], document["clearance_between"] = float(m.clearance_m), list(m.clearance_between)
     return document
 
 
@@ -157,7 +161,7 @@ def _move(node: Node) -> Move:
 
 def _motion(node: Node, version: int) -> Motion:
     words = ("stage", "joint_names", "q", "t_s", "held", "may_touch")
-    f = node.record((*words, "qd", "qdd") if version > 1 else words, ("gripper",), extra=True)
+    f = node.record((*words, "qd", "qdd") if version > 1 else words, ("gripper", "clearance_m", "clearance_between"), extra=True)
     names = tuple(name.text() for name in f["joint_names"].items(least=1))
     q = f["q"].matrix(len(names))
     t_s = f["t_s"].vector(len(q))
@@ -175,13 +179,20 @@ def _motion(node: Node, version: int) -> Motion:
     if f["held"].value is not None:
         h = f["held"].record(("body", "T_hand_body"), extra=True)
         held = Held(h["body"].text(), h["T_hand_body"].pose())
-    pairs = []
-    for pair in f["may_touch"].items():
-        if len(two := [name.text() for name in pair.items(least=2)]) > 2:
-            raise pair.error(f"holds {len(two)} names, and 2 are needed")
-        pairs.append((two[0], two[1]))
+    clearance, between = None, None
+    if "clearance_m" in f and f["clearance_m"].value is not None:
+        clearance = f["clearance_m"].number(least=0)
+        between = _two_names(f["clearance_between"]) if "clearance_between" in f else None
+    pairs = tuple(_two_names(pair) for pair in f["may_touch"].items())
     gripper = _gripper(f["gripper"]) if "gripper" in f and f["gripper"].value is not None else None
-    return Motion(f["stage"].text(STAGES), names, q, t_s, held, tuple(pairs), qd, qdd, gripper)
+    return Motion(f["stage"].text(STAGES), names, q, t_s, held, pairs, qd, qdd, gripper, clearance, between)
+
+
+def _two_names(node: Node) -> tuple[str, str]:
+    names = [name.text() for name in node.items(least=2)]
+    if len(names) > 2:
+        raise node.error(f"holds {len(names)} names, and 2 are needed")
+    return names[0], names[1]
 
 
 def _gripper(node: Node) -> Gripper:

@@ -90,7 +90,7 @@ class Motions:
         target_grasps: Sequence[Grasp] | None = None,
         pace: Pace = FULL,
     ) -> None:
-        self.robot, self.scene, self.pace = robot, scene, pace
+        self.robot, self.scene, self.settings, self.pace = robot, scene, settings, pace
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         given = () if scene.grasp is None else (scene.grasp,)
         self.target_grasps = given if target_grasps is None else tuple(target_grasps)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from kinematics.scene import Body
 from planning.motion.rrt_connect import RRTConnectSettings
 from planning.motion.shortcut import ShortcutSettings
 
@@ -44,6 +45,11 @@ MOST_TILT_DEG, LEAST_TILT_DEG = 180.0, 1.0
 """Half a turn is no limit; a limit below one degree leaves the arm no room for a certified motion."""
 
 
+def tilt_limit_deg(body: Body, max_tilt_deg: float) -> float:
+    """How far a body may lean while it is carried: as far as it says itself, else max_tilt_deg."""
+    return max_tilt_deg if body.max_tilt_deg is None else body.max_tilt_deg
+
+
 @dataclass(frozen=True)
 class MotionSettings:
     """All that may be chosen about motions. max_tilt_deg: how far what is carried may lean from how it stood, where the object itself does
@@ -62,4 +68,4 @@ class MotionSettings:
 
 UNCONSTRAINED = MotionSettings(ClearanceSettings(wanted_m=0.0), max_tilt_deg=MOST_TILT_DEG)
 """Motions touch nothing, and no more is asked of them."""
-DEFAULTS = UNCONSTRAINED
+DEFAULTS = MotionSettings()

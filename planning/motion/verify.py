@@ -16,23 +16,29 @@ from kinematics.quintic_spline import extremes
 from kinematics.robots.joints import WITHIN
 from kinematics.robots.robot import Robot, check_names
 from kinematics.robots.start import start_q
-from kinematics.scene import Scene
+from kinematics.scene import Held, Scene
 from kinematics.transforms import Array, angle_between, inverse
+from planning.motion.replay import hand_poses
 from planning.motion.sampling import samples
+from planning.motion.settings import MOST_TILT_DEG, tilt_limit_deg
 from planning.plan import Blocked, Motion
 
 SAME_M, SAME_RAD = 1e-3, 1e-3  # how far an object may jump when the hand takes it
+SAME_DEG = 0.01  # what a tilt may exceed its limit by, for rounding
 
 
-def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | None:
+def verify(
+    robot: Robot, scene: Scene, motions: Sequence[Motion], *, max_tilt_deg: float = MOST_TILT_DEG, bodies: BroadPhase | None = None
+) -> Blocked | None:
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
-    Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand and kept as they are
-    held, and no contact outside the allowed ones.
+    Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand, kept as they are held and
+    upright, and no contact outside the allowed ones. max_tilt_deg: how far what is carried may lean, where the object itself does not say.
+    bodies: the scene's, packed before.
     Raises: ValueError when two things have one name, for then nobody can tell what may touch what.
     """
     check_names(robot, scene)
-    verdict, sieve = Verdict(robot, scene), BroadPhase(robot, scene)
+    verdict, sieve = Verdict(robot, scene), bodies or BroadPhase(robot, scene)
     poses, start = scene.poses(), start_q(robot, scene.robot)
     if start is not None and len(motions) and np.abs(motions[0].q[0] - start).max() > WITHIN:
         return Blocked("verify", detail=f"motion 0, {motions[0].stage}: it does not begin where the scene says that the arm is")
@@ -51,6 +57,8 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
         rows = samples(robot, scene, motion)
+        if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
+            return Blocked("verify", "hand", motion.held.body, detail=f"{where}: {leans}")
         judged = sieve.judge(rows, poses, motion.held, motion.allowed_contacts)
         found = verdict.first_contacts(rows, poses, motion.held, motion.allowed_contacts, judged)
         if found is not None:
@@ -60,6 +68,12 @@ def verify(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Blocked | N
     return None
 
 
-def hand_poses(robot: Robot, scene: Scene, q: Array) -> Array:
-    """T_world_hand (..., 4, 4) at full configurations q (..., J)."""
-    return np.asarray(scene.robot.T_world_base @ robot.tree.poses(q)[..., robot.tree.index["hand"], :, :])
+def _leans_too_far(robot: Robot, scene: Scene, held: Held, q: Array, max_tilt_deg: float) -> str | None:
+    """How far a held object leans from how it stood, in words, when that is too far at one of configurations q (N, J)."""
+    body = scene.body(held.body)
+    limit = tilt_limit_deg(body, max_tilt_deg)
+    if limit >= MOST_TILT_DEG:
+        return None
+    axis = held.T_hand_body[:3, :3] @ body.T_world_body[2, :3]
+    leans = float(np.degrees(np.arccos(np.clip((hand_poses(robot, scene, q)[:, 2, :3] @ axis).min(), -1.0, 1.0))))
+    return f"it leans by {leans:.1f}°, and {limit:g}° is its limit" if leans > limit + SAME_DEG else None

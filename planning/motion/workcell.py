@@ -27,7 +27,7 @@ from planning.motion.connecting import connect
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, with_clearance, without_still
 from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
 from planning.motion.rrt_connect import reach
-from planning.motion.settings import DEFAULTS, MotionSettings
+from planning.motion.settings import DEFAULTS, LEAST_TILT_DEG, MotionSettings, tilt_limit_deg
 from planning.motion.upright import Upright, edge_is_upright, is_upright, make_upright
 from planning.motion.waiting import LEVEL, looking_in, waiting
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
@@ -90,8 +90,8 @@ class _Bodies(NamedTuple):
 class Workcell:
     """A robot and a scene's cabinet and shapes. Poses, what is held and how far the hand is open come with each query.
 
-    obstacles: more that stands still, besides what the scene has: space that was not seen yet, from which no distance is kept.
-    Raises: ValueError when two things have one name, see `kinematics.robots.robot.check_names`.
+    obstacles: more that stands still, besides what the scene has: space that was not seen yet, from which no distance is kept. Raises:
+    ValueError when two things have one name, see `kinematics.robots.robot.check_names`; and for objects that may hardly lean at all.
     """
 
     def __init__(
@@ -105,6 +105,11 @@ class Workcell:
         settings: MotionSettings = DEFAULTS,
     ) -> None:
         check_names(robot, scene, obstacles)
+        for body in scene.objects:
+            if tilt_limit_deg(body, settings.max_tilt_deg) < LEAST_TILT_DEG:
+                raise ValueError(
+                    f"object {body.name!r}: max_tilt_deg must be at least {LEAST_TILT_DEG:g}: less leaves the arm no way to carry it"
+                )
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.settings, self._unseen = settings, frozenset(b.name for b in obstacles)
         self.arm = arm_at(robot, scene.robot.T_world_base)
@@ -210,7 +215,7 @@ class Workcell:
         """How far a held object may tilt from how it stood."""
         R_stood = self.scene.body(held.body).T_world_body[:3, :3]
         axis = self.arm.T_frame_hand[:3, :3] @ held.T_hand_body[:3, :3] @ R_stood[2]
-        return make_upright(axis, float(np.radians(self.settings.max_tilt_deg)))
+        return make_upright(axis, float(np.radians(tilt_limit_deg(self.scene.body(held.body), self.settings.max_tilt_deg))))
 
     def allowing(self, query: PlanningQuery, a: str, b: str) -> PlanningQuery:
         """The same query, but link or held object a may touch body b."""

@@ -23,8 +23,9 @@ from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
 from perception.objects.clustering import NoSurfaces
 from perception.rendering.synthetic_camera import Camera, synthetic_camera
 from planning.motion.pick_place import ITERATIONS, Motions
+from planning.motion.replay import hand_poses
+from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
-from planning.motion.verify import hand_poses
 from planning.plan import Blocked, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
 from planning.sensing.focus import wanted
@@ -148,6 +149,7 @@ def retrieve_unseen(
     iterations: int = ITERATIONS,
     time_budget_s: float | None = None,
     target_box: Array | None = None,
+    settings: MotionSettings = DEFAULTS,
     pace: Pace = FULL,
     rng: np.random.Generator,
     on_step: Callable[[str], None] = lambda _: None,
@@ -178,7 +180,7 @@ def retrieve_unseen(
             taken: tuple[Motion, ...] | Blocked = Blocked("look", body=truth.target_name, detail=f"the target was not found: {e}")
             break
         with moving:
-            motions, state = _ready(mind, iterations, time_budget_s)
+            motions, state = _ready(mind, iterations, time_budget_s, settings)
             taken = _try_target(mind, looked, motions, state, rng)
         if not isinstance(taken, Blocked):
             names = world.names(mind.belief.bodies)
@@ -226,14 +228,16 @@ def retrieve_unseen(
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
         failed.clear()
     why = taken if isinstance(taken, Blocked) else None
-    return conclude(world.robot, truth, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+    return conclude(world.robot, truth, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving, settings=settings)
 
 
-def _ready(mind: _BeliefState, iterations: int, time_budget_s: float | None) -> tuple[Motions, State]:
+def _ready(mind: _BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings) -> tuple[Motions, State]:
     """Motion planning for what is believed now."""
     bodies = mind.belief.bodies
     scene, walls = replace(mind.empty_scene, objects=bodies), unknown_space(mind.voxels, bodies, blocks=1)
-    motions = Motions(mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls, pace=mind.pace)
+    motions = Motions(
+        mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls, settings=settings, pace=mind.pace
+    )
     return motions, State(mind.q, scene.poses())
 
 

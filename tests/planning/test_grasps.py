@@ -36,7 +36,7 @@ X, Y, Z = np.eye(3)
 def test_the_numbers() -> None:
     """All of them in one place; whoever changes one changes plans."""
     assert pytest.approx(np.radians(10)) == FRICTION_ANGLE
-    assert (CLEARANCE_M, BELOW_TOP_M, BEHIND_M, LEAST_BITE_M) == (0.010, 0.015, 0.002, 0.010)
+    assert (CLEARANCE_M, BELOW_TOP_M, BEHIND_M, LEAST_BITE_M) == (0.010, 0.015, 0.005, 0.010)
     assert {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)} == PITCHES
     assert LOWEST_M == {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
     assert grasps.UP.tolist() == [0.0, 0.0, 1.0]
@@ -464,7 +464,11 @@ def test_the_pads_close_where_their_table_says() -> None:
 
 
 def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
-    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.2 cm before its middle; a can is taken in it."""
+    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.5 cm before its middle; a can is taken in it.
+
+    Of a hand that is pitched by 30° the knuckles would leave 5 mm to its top edge, 5.5 cm behind the pads, when these close 4 cm further
+    back; but they keep a centimetre of it. A hand from above leaves the two centimetres over the pads 5 mm more.
+    """
     opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
     deep = Box(np.array([0.08, 0.05, 0.10]))
     first = found_on(deep, "horizontal", opening=opening)[0]
@@ -476,10 +480,11 @@ def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
     assert first.T_world_hand[:3, 3] == pytest.approx(-(0.04 + BEHIND_M - 0.02) * ahead + [0, 0, 0.01], abs=1e-6)
     assert found_on(Cylinder(0.04, 0.1), "horizontal", opening=opening)[0].T_world_hand[:3, 3] == pytest.approx([0, 0, 0.01])
     steep = next(g for g in found_on(deep, "diagonal", opening=opening))
-    back = 0.04 * np.cos(np.pi / 6) + BEHIND_M - 0.02
+    back = (0.04 - LEAST_BITE_M) / np.cos(np.pi / 6)
+    assert back < 0.04 * np.cos(np.pi / 6) + 0.04 * np.sin(np.pi / 6) + BEHIND_M - 0.02
     assert steep.T_world_hand[:3, 3] == pytest.approx([-back * np.cos(np.pi / 6), 0.0, 0.01 + back * np.sin(np.pi / 6)])
     above = found_on(Box(np.array([0.08, 0.05, 0.30])), "downward", opening=opening, floor_z=-0.15)[0]
-    assert above.T_world_hand[:3, 3] == pytest.approx([0.0, 0.0, 0.13])
+    assert above.T_world_hand[:3, 3] == pytest.approx([0.0, 0.0, 0.13 + BEHIND_M])
 
 
 def test_how_deep_depends_on_the_width() -> None:
@@ -491,7 +496,7 @@ def test_how_deep_depends_on_the_width() -> None:
 
 def test_how_far_a_mesh_reaches_is_measured_on_its_box() -> None:
     """A round mesh reaches further across its box's corners, where the pads would close so far forward that they slip off."""
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.0305))
+    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.0335))
     found = found_on(ConvexMesh((prism(0.03, 0.1, 48),)), "horizontal", opening=opening)
     assert {round(np.degrees(looks(g)[0])) % 360 for g in found} == {0, 90, 180, 270}
 
@@ -504,3 +509,12 @@ def test_a_grasp_that_would_close_beside_a_set_back_mesh_is_left_out() -> None:
     )
     bearings = {looks(g)[0] for g in found_on(post_behind, "horizontal", opening=opening)}
     assert 0.0 not in bearings
+
+
+def test_a_pitched_hand_takes_a_can_near_its_top() -> None:
+    """At 30° the can's top would reach 5 cm behind pads that close at 0.6 of its height; 2 cm less 5 mm of room are left there."""
+    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
+    for pitch, g in ((pitch, g) for g in found_on(Cylinder(0.03, 0.2), "diagonal", opening=opening) for pitch in PITCHES["diagonal"]):
+        if abs(looks(g)[1] - pitch) < 1e-6:
+            over = 0.1 - float((g.T_world_hand[:3, 3] + opening.pad_z_at(0.06) * g.T_world_hand[:3, 2])[2])
+            assert over * np.sin(pitch) <= 0.02 - BEHIND_M + 1e-6

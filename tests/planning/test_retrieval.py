@@ -33,7 +33,9 @@ def ordered(**regions: Sequence[int]) -> Policy:
 def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """The final check and the verdict pass everything here, and note what they were asked."""
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions: asked.append(("verify", robot, scene, tuple(motions))))
+    monkeypatch.setattr(retrieval, "with_clearances", lambda robot, scene, motions, bodies: tuple(motions))
+    monkeypatch.setattr(retrieval, "BroadPhase", lambda robot, scene: None)
+    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions, **_: asked.append(("verify", robot, scene, tuple(motions))))
     monkeypatch.setattr(retrieval, "judge", lambda *about: asked.append(("judge", *about)) or ())
     return asked
 
@@ -344,7 +346,7 @@ def test_the_reason_is_what_blocks_the_target_last() -> None:
 def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch, checked: list[tuple[Any, ...]]) -> None:
     """And the verdict is not asked any more."""
     refused = Blocked("verify", "arm", "floor", 0.002)
-    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions: refused)
+    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions, **_: refused)
     plan = plan_with(FakeMotions(scene_of("a"), opens=[frozenset()]), ordered(a=[3]))
     assert (plan.success, plan.reason, plan.verified, plan.faults) == (False, refused, False, ())
     assert (plan.value, len(plan.motions)) == (0.0, 1)
@@ -369,7 +371,8 @@ def test_the_final_check_and_the_verdict_get_the_plan_and_only_if_it_moves(check
     plan = plan_with(motions, ordered(a=[1]))
     (verify, verify_robot, verify_scene, way), (judge, judge_scene, judged, judge_robot, settings) = checked
     assert (verify, verify_robot, verify_scene, way) == ("verify", motions.robot, motions.scene, plan.motions)
-    assert (judge, judge_scene, judge_robot, settings) == ("judge", motions.scene, motions.robot, Settings(contact=False))
+    limits = Settings(contact=False, max_tilt_deg=30.0)
+    assert (judge, judge_scene, judge_robot, settings) == ("judge", motions.scene, motions.robot, limits)
     assert (judged.success, judged.moves, judged.motions, judged.value) == (True, plan.moves, plan.motions, plan.value)
     assert (judged.verified, plan.verified) == (None, True)
     checked.clear()
@@ -392,8 +395,8 @@ def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: p
     """Select twice at 1 s, place three times at 0.1 s; 3 looks at the target and 3 tries at 10 s; 4000 s of checks."""
     clock = Clock()
     monkeypatch.setattr(retrieval, "perf_counter", clock)
-    monkeypatch.setattr(retrieval, "verify", lambda *_: setattr(clock, "now", clock.now + 1000.0))
-    monkeypatch.setattr(retrieval, "judge", lambda *_: setattr(clock, "now", clock.now + 3000.0) or ())
+    monkeypatch.setattr(retrieval, "verify", lambda *_, **__: setattr(clock, "now", clock.now + 1000.0))
+    monkeypatch.setattr(retrieval, "judge", lambda *_, **__: setattr(clock, "now", clock.now + 3000.0) or ())
     motions = FakeMotions(
         scene_of("a", "b"), opens=[frozenset({("b", 1), ("a", 2)})],
         possible=lambda made, c: c == ("b", 1) or bool(made), clock=clock, seconds=10.0,

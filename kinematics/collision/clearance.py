@@ -1,0 +1,82 @@
+"""How far a motion keeps from everything that it may not touch: the least distance at its samples, and between which two bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.collision import edge_check
+from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.geometry import Query
+from kinematics.scene import Held
+from kinematics.transforms import Array
+
+FARTHEST_M = 1.0
+"""What is further off than this is not measured."""
+FINGERS_AT = 3
+"""At so many places of their way, both ends among them, fingers that move are looked at."""
+TOLERANCE = 1e-3
+"""Share of the distance by which a clearance may be given too low."""
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """The least distance of a motion in metres, never given too large, and the two bodies: a link or what is held, then what it is near
+    to."""
+
+    distance_m: float
+    between: tuple[str, str]
+
+
+def least_clearance(
+    bodies: BroadPhase,
+    q: Array,
+    poses: Mapping[str, Array],
+    held: Held | None,
+    allowed_contacts: Iterable[tuple[str, str]],
+    step_m: float,
+) -> Clearance | None:
+    """The clearance at configurations q (N, J), with objects standing at poses; None where nothing is within a metre.
+
+    It is measured from the moving links and what is held to all that stands, and from what is held to the links that don't hold it; not
+    among the robot's own links, nor between allowed contacts. step_m: from one row to the next no point moves further.
+    """
+    gripper, arm = q[:, bodies.robot.gripper_joint], np.ascontiguousarray(bodies.robot.arm_q(q))
+    if (gripper == gripper[0]).all():
+        return _least(bodies, arm, float(gripper[0]), poses, held, allowed_contacts, step_m)
+    some = np.unique(np.linspace(0, len(q) - 1, FINGERS_AT).round().astype(np.int64))
+    found = (_least(bodies, arm[i : i + 1], float(gripper[i]), poses, held, allowed_contacts, step_m) for i in some)
+    return min((c for c in found if c is not None), key=lambda c: c.distance_m, default=None)
+
+
+def _least(
+    bodies: BroadPhase,
+    arm: Array,
+    gripper: float,
+    poses: Mapping[str, Array],
+    held: Held | None,
+    allowed_contacts: Iterable[tuple[str, str]],
+    step_m: float,
+) -> Clearance | None:
+    """`least_clearance` for one gripper value and the arm's configurations (N, A)."""
+    posed, _, links = bodies.moving(gripper, held)
+    solids, names = bodies.standing(poses)
+    own = len(bodies.robot_collision_model.links)
+    check = np.repeat((posed.frame > 0).astype(np.uint8)[:, None], len(names), 1)
+    for a, b in allowed_contacts:
+        for one, other in ((a, b), (b, a)):
+            against = [i for i, name in enumerate(names) if name == other]
+            for i in (i for i, link in enumerate(links) if link == one):
+                check[i, against] = 0
+    free = [i for i, link in enumerate(links[:own]) if link not in bodies.robot.pads]
+    pairs = np.array([(h, i) for h in range(own, len(links)) for i in free], np.int64).reshape(-1, 2)
+    problem = edge_check.pose(bodies.robot_collision_model.chain, posed, solids, Query(check, pairs), edge_check.MARGIN_M)
+    scratch = edge_check.make_scratch(problem)
+    relative_m = step_m if held is None else 2 * step_m  # of two bodies that both move
+    distance_m, _, pair = edge_check.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, scratch)
+    if pair < 0:
+        return None
+    a, b = problem.pairs[pair, :2]
+    return Clearance(float(distance_m), ((*links, *names)[a], (*links, *names)[b]))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain, forward
+from kinematics.doors import checked
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 
@@ -33,6 +34,7 @@ class Seeds(NamedTuple):
 
 def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
     """A table of n random configurations inside the limits; T_frame_hand (4, 4) is the hand in the last frame of the chain."""
+    T_frame_hand = checked("T_frame_hand", T_frame_hand, 4, 4)
     rng = np.random.default_rng(0)
     q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
     T = np.empty((n, 4, 4))
@@ -47,10 +49,15 @@ def solve(
 
     tries: how many starts. Two solutions are distinct when some joint differs by more than `distinct` rad (or m).
     """
-    J, N = len(near), seeds.T.shape[1]
-    tries = min(tries, N)
+    J, N = len(chain.lower), seeds.T.shape[1]
+    T_frame_hand, T_world_hand = checked("T_frame_hand", T_frame_hand, 4, 4), checked("T_world_hand", T_world_hand, 4, 4)
+    near = checked("near", near, J)
+    if seeds.q.shape != (N, J) or seeds.T.shape[0] != 12:
+        raise ValueError(f"the seeds are for another arm: {seeds.q.shape} for {J} joints")
+    tries = max(0, min(tries, N))
+    if tries == 0:
+        return np.empty((0, J))
     starts, score, far = np.zeros(tries, np.int64), np.zeros(N, np.float32), np.full(tries, np.inf, np.float32)
-    T_world_hand, near = np.ascontiguousarray(T_world_hand, float), np.ascontiguousarray(near, float)
     _nearest(seeds.T, T_world_hand, score, starts, far)
     out, cost, q = np.empty((tries, J)), np.zeros(tries), np.empty(J)
     found = _solve(chain, T_frame_hand, seeds.q, starts, T_world_hand, near, distinct, q, *make_work(chain), out, cost)

@@ -15,6 +15,7 @@ from kinematics.collision.posed_geometry import PosedGeometry, join_posed
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
 from kinematics.collision.sphere_check import make_sphere_scratch, open_pairs
 from kinematics.collision.sphere_model import SphereModel, make_sphere_world, posed_sphere_model
+from kinematics.doors import checked
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array
@@ -63,6 +64,9 @@ class BroadPhase:
         Not judged, but left to FCL: pairs on one frame of the arm, such as the palm and a held object; the fingers when they move; and
         everything when a joint that is neither the arm's nor the gripper's is not at home.
         """
+        q = checked("q", q, -1, len(self.robot.joint_names))
+        if len(q) == 0:
+            raise ValueError("there are no configurations to judge")
         gripper = float(q[0, self.robot.gripper_joint])
         posed, model, links = self.moving(gripper, held)
         own = len(self.robot_collision_model.links)

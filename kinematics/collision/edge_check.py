@@ -104,6 +104,11 @@ def make_problem(chain: Chain, parts: Parts, solids: Solids, query: Query, *, ma
 
 def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margin_m: float) -> Problem:
     """Pack one motion query of posed geometry: the problem that `edge_free` and the others solve."""
+    P, B = len(posed.frame), len(solids.kind)
+    if query.check.shape != (P, B):
+        raise ValueError(f"check {query.check.shape} must say of {P} parts and {B} solids which are asked about")
+    if len(query.pairs) and not (query.pairs.min() >= 0 and query.pairs.max() < P):
+        raise ValueError(f"pairs name parts from {query.pairs.min()} to {query.pairs.max()}, and there are {P}")
     count, J, K = int(np.count_nonzero(query.check)) + len(query.pairs), len(chain.lower), len(chain.q_index)
     problem = Problem(
         chain,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.collision.fcl_solids import Contact, Solid, depth, hull_solid, shape_solids
+from kinematics.doors import checked
 from kinematics.jit.decorators import jit_entry
 from kinematics.scene import Held, Scene, State
 from kinematics.transforms import Array
@@ -63,6 +64,11 @@ class Verdict:
 
         Raises: ValueError when `judged` is about other solids, or about a pair that is not to be tested here.
         """
+        q = checked("q", q, -1, len(self.robot.joint_names))
+        for name, T in poses.items():
+            checked(f"the pose of {name}", T, 4, 4)
+        if held is not None:
+            checked("T_hand_body", held.T_hand_body, 4, 4)
         grip = self._objects[held.body] if held is not None else []
         standing = [*self._fixtures, *((s, pose) for name, pose in poses.items() for s in self._objects[name])]
         solids, movers = [*self._links, *grip, *(s for s, _ in standing)], len(self._links) + len(grip)

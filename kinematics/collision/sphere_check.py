@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.collision.geometry import BOX, CYLINDER
 from kinematics.collision.sphere_model import F32, Index, SphereModel, SphereWorld
+from kinematics.doors import checked
 from kinematics.jit.decorators import Function, jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.jit.simd import WIDTH, below, largest, load, nearest_int, root, size, spread, store
@@ -611,8 +612,14 @@ def _edge(M: SphereModel, Wd: SphereWorld, qa: Array, qb: Array, X: SphereScratc
                 S[_AT + _U(i * cuts + j)] = np.float32(low + (j + 0.5) * width)
 
 
+def _coordinates(model: SphereModel) -> int:
+    """How many joint values an arm has."""
+    return int(model.q_index.max(initial=0)) + 1
+
+
 def configs_free(model: SphereModel, world: SphereWorld, Q: Array, scratch: SphereScratch) -> NDArray[np.uint8]:
     """FREE, UNDECIDED or TOUCHES for each configuration of Q (N, J), as (N,)."""
+    Q = checked("Q", Q, -1, _coordinates(model), finite=False)
     out = np.empty(len(Q), np.uint8)
     _judge_all(model, world, Q, np.zeros(Q.shape[1]), scratch, out)
     return out
@@ -635,6 +642,7 @@ def open_pairs(model: SphereModel, world: SphereWorld, Q: Array, scratch: Sphere
     Pair p · B + b is part p against body b, of those in `check`; pair P · B + i is the i-th of `pairs`. Joint values that `edge_free` would
     not decide leave every pair of their row open.
     """
+    Q = checked("Q", Q, -1, _coordinates(model), finite=False)
     masks = np.zeros((-(-len(Q) // 16), world.check.size + len(world.pairs)), np.uint64)
     _open_batches(model, world, Q, scratch, masks)
     batches, pairs = np.nonzero(masks)

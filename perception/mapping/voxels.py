@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.doors import checked
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, convex_parts
 from kinematics.transforms import Array, apply, inverse, transform
@@ -73,6 +74,10 @@ class Voxels:
         that misses a wall by four of its standard deviations is still the wall's, and one with few like it around marks nothing occupied.
         A pixel that was lost at an edge is taken for as near as those around it.
         """
+        size = (intrinsics.height, intrinsics.width)
+        if depth.shape != size or (own is not None and own.shape != size):
+            raise ValueError(f"depth {depth.shape}, own {None if own is None else own.shape}: the camera's images are {size}")
+        T_world_camera = checked("T_world_camera", T_world_camera, 4, 4)
         state = self.state.copy()
         f = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
         T_grid_camera = inverse(self.T_world_grid) @ T_world_camera

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
+from kinematics.doors import checked
 from kinematics.jit.cache_files import njit
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, inverse
@@ -81,7 +82,7 @@ def surfaces(shapes: Sequence[Shape | Mesh | Array], T: Array) -> Surfaces:
                 rows.append((i, MESH, np.zeros(3), np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int64)))
             case _:
                 rows.append((i, HULL, np.zeros(3), *hull_faces(shape)))
-    return _pack(rows, np.asarray(T, float).reshape(-1, 4, 4))
+    return _pack(rows, checked("T", np.asarray(T, float).reshape(-1, 4, 4), len(shapes), 4, 4))
 
 
 def join(*several: Surfaces) -> Surfaces:
@@ -113,6 +114,7 @@ def moved(s: Surfaces, T: Array) -> Surfaces:
 
 def raycast(s: Surfaces, T_world_camera: Array, intrinsics: Intrinsics, *, normals: bool = False) -> View:
     """What a pinhole camera at T_world_camera (4, 4) sees of the solids. Depth is 0 and the instance -1 where there is nothing."""
+    T_world_camera = checked("T_world_camera", T_world_camera, 4, 4)
     w, primitive = inverse_depth(s, T_world_camera, intrinsics)
     shape = (intrinsics.height, intrinsics.width)
     depth, instance = np.empty(shape, np.float32), np.empty(shape, np.int32)

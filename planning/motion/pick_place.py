@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.collision.robot_model import bare_geometry
+from kinematics.doors import indices
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Held, Scene, State, object_box
 from kinematics.transforms import Array
@@ -115,6 +116,7 @@ class Motions:
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
+        indices("regions", region, self.scene.regions_n**2)
         T = np.empty((4, 4))
         place_on_floor(bare_geometry(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
         return T
@@ -181,7 +183,8 @@ class Motions:
         out = np.zeros(len(regions), np.bool_)
         if not picks:
             return out
-        centres, R = self.scene.regions()[np.asarray(regions, np.int64)], state.poses[name][:3, :3]
+        regions = indices("regions", np.asarray(regions, np.int64) if len(regions) == 0 else regions, self.scene.regions_n**2)
+        centres, R = self.scene.regions()[regions], state.poses[name][:3, :3]
         open_ = np.flatnonzero(self.cell.room_over(name, R, centres, self._without(state, name)))
         for pick in islice((pick for pick in picks if self.reachable(state, pick, rng)), BRIEF_PICKS):
             if not len(open_):

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.collision.edge_check import first_contact
+from kinematics.doors import checked
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.transforms import Array
@@ -141,10 +142,10 @@ def plan(
     Raises: ValueError when the shapes don't fit the task.
     """
     began = time.perf_counter()
-    start, goals = np.ascontiguousarray(start, float), np.ascontiguousarray(goals, float)
     problem, n_q = task.exact, len(task.exact.chain.lower)
-    if start.shape != (n_q,) or goals.ndim != 2 or goals.shape[1] != n_q or len(goals) == 0:
-        raise ValueError(f"start {start.shape} and goals {goals.shape} must be ({n_q},) and (G, {n_q}) with G > 0")
+    start, goals = checked("start", start, n_q), checked("goals", goals, -1, n_q)
+    if len(goals) == 0:
+        raise ValueError(f"goals {goals.shape} must be (G, {n_q}) with G > 0")
     memory = make_memory(task) if memory is None else memory
     scratch = memory.exact
     counts = scratch.counts.copy()
@@ -199,6 +200,8 @@ def reach(
     What one goal is reached by serves the others: edges to goals reached before come first, then one search for all that are left, as
     often as it finds one of them in max_iterations.
     """
+    n_q = len(task.exact.chain.lower)
+    start, goals = checked("start", start, n_q), checked("goals", goals, -1, n_q)
     found, tried = np.zeros(len(goals), np.bool_), np.zeros((len(goals), len(goals) + 1), np.bool_)
     if first_contact(task.exact, start, memory.exact) >= 0:
         return found

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.doors import checked
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
@@ -46,8 +47,8 @@ def shorten(
     The same arguments give the same path. Raises: ValueError when the shape doesn't fit the task.
     """
     began = time.perf_counter()
-    path = np.ascontiguousarray(path, float)
-    if path.ndim != 2 or len(path) < 1 or path.shape[1] != len(task.exact.chain.lower):
+    path = checked("path", path, -1, len(task.exact.chain.lower))
+    if len(path) < 1:
         raise ValueError(f"path {path.shape} must be (K, {len(task.exact.chain.lower)}) with K > 0")
     memory = make_memory(task) if memory is None else memory
     scratch = memory.exact

@@ -16,6 +16,7 @@ from kinematics.collision.geometry import Query, Solids, make_solids, place_soli
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
+from kinematics.doors import checked
 from kinematics.robots.joints import beyond_limits
 from kinematics.robots.robot import Robot, check_names
 from kinematics.robots.start import start_q
@@ -275,10 +276,12 @@ class Workcell:
 
     def touch(self, query: PlanningQuery, q: Array) -> CollisionPair | None:
         """What touches at the arm's configuration q (A,), or None."""
+        q = checked("q", q, len(self.arm.chain.lower))
         return self.name_of(query, edge_check.first_contact(query.task.exact, q, self.enter(query).exact))
 
     def edge(self, query: PlanningQuery, qa: Array, qb: Array) -> CollisionPair | None:
         """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
+        qa, qb = (checked("q", q, len(self.arm.chain.lower)) for q in (qa, qb))
         memory = self.enter(query)
         if connects(query.task, qa, qb, memory):
             return None

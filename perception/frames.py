@@ -241,7 +241,7 @@ def _numbers(entry: dict[str, Any], name: str, count: int | None, where: str) ->
         raise ValueError(f"{where}: {name} is missing{pose}")
     try:
         values = np.atleast_1d(np.array(entry[name], float)).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if len(values) != (count or len(values) or 1) or not np.isfinite(values).all():
         what = "a list of finite numbers" if count is None else f"{count} finite number{'s' if count > 1 else ''}"

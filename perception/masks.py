@@ -27,7 +27,7 @@ def read_json(file: Path) -> Any:
     """The document in a file. Raises: ValueError."""
     try:
         return json.loads(file.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as e:
+    except (ValueError, RecursionError) as e:
         raise ValueError(f"{file}: is no JSON: {e}") from e
 
 

@@ -189,6 +189,17 @@ def test_a_glance_proposes_what_alone_is_in_the_way_where_it_is_not_and_tries_no
     assert world.tried
 
 
+def test_a_glance_proposes_the_cheapest_first() -> None:
+    """Each of two objects blocks a way by itself; of those that cost the same the first by name."""
+    for costs, order in (({"a": 2.0, "b": 1.0}, ["b", "a"]), ({"a": 1.0, "b": 2.0}, ["a", "b"]), ({"a": 1.0, "b": 1.0}, ["a", "b"])):
+        world = WrittenWorld("ab", at_first({"t": ["b", "a"], "a": [""], "b": [""]}))
+        preferences = Preferences(lambda seen, costs=costs: costs.__getitem__, IN_ORDER.regions)  # type: ignore[misc]
+        policy = Lookahead(world, preferences, SOME, lambda state: None, most=5, glance=True)
+        names = policy.select(observe(world.scene, world.state), rng())
+        assert [next(names), next(names)] == order
+        assert not world.tried
+
+
 def test_a_glance_is_not_repeated_where_nothing_changed() -> None:
     world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}))
     policy = look(world, glance=True)

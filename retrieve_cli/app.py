@@ -91,6 +91,9 @@ Address = Annotated[
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on with what an earlier call, which was broken off, has left beside the file of -o.")
 ]
+PoseNoise = Annotated[
+    float, typer.Option("--pose-noise", help="Overlaps and gaps up to so many mm are settled as noise of poses.", min=0.0, max=20.0)
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -360,6 +363,12 @@ def plan(
     fail_fast: Annotated[
         bool, typer.Option("--fail-fast", help="End at a scene that can't be meant, instead of saying so in its plan.")
     ] = False,
+    pose_noise_mm: Annotated[
+        float,
+        typer.Option(
+            "--pose-noise", help="Overlaps and gaps up to so many mm are settled as noise of the objects' poses.", min=0.0, max=20.0
+        ),
+    ] = 2.0,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Plans, JSON Lines; stdout if left out.", metavar="FILE")] = None,
 ) -> Job:
     """Plan moves and motions that take the target out, or say why there are none."""
@@ -393,6 +402,7 @@ def plan(
         strict=strict,
         resume=resume,
         fail_fast=fail_fast,
+        pose_noise_mm=pose_noise_mm,
         out=out,
         workers=workers,
         engine=engine.value,
@@ -413,6 +423,7 @@ def verify(
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
     workers: Workers = None,
+    pose_noise_mm: PoseNoise = 2.0,
 ) -> Job:
     """Judge plans from anywhere by their scenes alone: holds, contacts, limits, and whether each plan does what it says."""
     from retrieve_cli import verify as command
@@ -428,6 +439,7 @@ def verify(
         hand_frame=hand_frame,
         gripper_joint=gripper_joint,
         workers=workers,
+        pose_noise_mm=pose_noise_mm,
     )
 
 

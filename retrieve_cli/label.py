@@ -17,7 +17,7 @@ from planning.io.files import read_scenes
 from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.gen import robot_ref, spec_hash
-from retrieve_cli.terminal import announce_first_run, say
+from retrieve_cli.terminal import announce_first_run, say, say_settled
 
 if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
@@ -139,6 +139,7 @@ def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
     """The scenes of a file or of stdin, and what the manifest says of them."""
     items, digest, robots = list[Item](), hashlib.sha256(), set[str]()
     for index, (where, scene) in enumerate(read_scenes(scenes, "label")):
+        say_settled(where, scene)
         items.append(Item(index, where, scene))
         digest.update(json.dumps(scene_to_json(scene), sort_keys=True).encode())
         robots.add(scene.robot.name or str(scene.robot.urdf))

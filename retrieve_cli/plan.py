@@ -18,7 +18,7 @@ from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.sense import parse_box
-from retrieve_cli.terminal import announce_first_run, progress, say
+from retrieve_cli.terminal import announce_first_run, progress, say, say_settled
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ def run(
     clearance_mm: float = 5.0,
     clearance_least_mm: float = 0.5,
     max_tilt_deg: float = 30.0,
+    pose_noise_mm: float = 2.0,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
@@ -116,12 +117,15 @@ def run(
         "version": version(),
         "robot": override,
         "networks": _digest(model),
+        "pose_noise_mm": pose_noise_mm,
     }
     drawable: list[SceneLine] = []  # until one is found to be drawn
     picture: tuple[Scene, Plan] | None = None
 
     def lines() -> Iterator[SceneLine]:
-        for line in read_scene_lines(scenes):
+        for line in read_scene_lines(scenes, noise_m=pose_noise_mm / 1000):
+            if line.scene is not None:
+                say_settled(line.where, line.scene)
             line = _overridden(line, *override)
             if html is not None and picture is None:
                 drawable.append(line)
@@ -252,6 +256,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
         return sense_and_plan(job, where, scene)
     with blame(where, *UNREADABLE):
         arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
+        _ = scene.target_body, scene.x_g  # said now if there is none
         if (wrong := judge_grasp(arm, scene)) is not None:
             raise ValueError(f"grasp: {wrong}")
         unseen = unseen_space(scene) if is_seen(scene) and job.unseen == "solid" else ()

@@ -10,7 +10,7 @@ from kinematics.errors import InputError, blame, choose
 from planning.io.files import UNREADABLE, read_scene_lines
 from planning.io.observation_documents import observation_to_json
 from planning.io.results import scene_writer
-from retrieve_cli.terminal import announce_first_run, progress, say
+from retrieve_cli.terminal import announce_first_run, progress, say, say_settled
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ def run(
             if line.scene is None:
                 raise InputError(line.error)
             where, scene = line.where, line.scene
+            say_settled(where, scene)
             blind = all(b.source == "seen" for b in scene.objects)  # nobody has told what is in the cabinet
             empty_scene = replace(scene, objects=(), observation=None)
             with blame(where, *UNREADABLE):

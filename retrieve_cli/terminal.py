@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from kinematics.scene import Scene
+
 
 def say(line: str) -> None:
     """One line of words, on stderr. Nobody's work is lost because nobody can read them."""
     with suppress(OSError):
         print(line, file=sys.stderr, flush=True)
+
+
+def say_settled(where: str, scene: Scene) -> None:
+    """Which objects were moved a little when a scene was read, a line each."""
+    for settlement in scene.settled:
+        say(f"{where}: {settlement}")
 
 
 def announce_first_run() -> None:

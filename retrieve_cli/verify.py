@@ -35,6 +35,7 @@ def run(
     hand_frame: str | None,
     gripper_joint: str | None,
     workers: int | None = None,
+    pose_noise_mm: float = 2.0,
 ) -> int:
     """Judge every plan; 1 when one of them is false."""
     from planning.verdict import Settings
@@ -42,7 +43,7 @@ def run(
     if str(scenes) == "-" and (plans is None or str(plans) == "-"):
         raise InputError("verify: scenes and plans can't both come from stdin; give one of them as a file")
     announce_first_run()
-    known = by_id(scenes)
+    known = by_id(scenes, pose_noise_mm / 1000)
 
     def items() -> Any:
         for where, plan in read_plans(plans, "verify"):
@@ -63,12 +64,12 @@ def run(
     return UNSOLVED if wrong else DONE
 
 
-def by_id(file: Path) -> Mapping[str, Scene]:
-    """The scenes of a file by their ids. Raises: InputError for two of one id that differ."""
+def by_id(file: Path, noise_m: float) -> Mapping[str, Scene]:
+    """The scenes of a file by their ids, settled as they were for planning. Raises: InputError for two of one id that differ."""
     from planning.io.scene_documents import scene_to_json
 
     found: dict[str, Scene] = {}
-    for where, scene in read_scenes(file, "verify"):
+    for where, scene in read_scenes(file, "verify", noise_m=noise_m):
         if scene.id in found and scene_to_json(found[scene.id]) != scene_to_json(scene):
             raise InputError(f"{where}: another scene is called {scene.id}, too, and plans say no more; verify them one after the other")
         found[scene.id] = scene

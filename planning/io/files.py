@@ -20,6 +20,7 @@ from planning.io.documents import kind_and_version
 from planning.io.plan_documents import plan_from_node
 from planning.io.scene_documents import mesh_loader, scene_from_node
 from planning.plan import Plan
+from planning.settling import NOISE_M
 
 T = TypeVar("T")
 
@@ -44,18 +45,20 @@ class SceneLine:
     error: str = ""
 
 
-def read_scenes(source: Path | None, command: str = "plan") -> Iterator[tuple[str, Scene]]:
+def read_scenes(source: Path | None, command: str = "plan", *, noise_m: float = NOISE_M) -> Iterator[tuple[str, Scene]]:
     """Yield (where, scene) for every line of a file, or of stdin (None or "-"), as they arrive; where is "scenes.jsonl:7".
 
+    noise_m: how much overlap is taken for noise of the objects' poses (see `planning.settling`).
     Raises: InputError (where, what, how to mend) for a line that is no valid scene, and when there is none at all.
     """
     folder, load = folder_of(source), mesh_loader(folder_of(source))
-    yield from _read(source, partial(scene_from_node, folder=folder, load=load), _SCENES_FROM.format(command=command))
+    decode = partial(scene_from_node, folder=folder, load=load, noise_m=noise_m)
+    yield from _read(source, decode, _SCENES_FROM.format(command=command))
 
 
-def read_scene_lines(source: Path | None, command: str = "plan") -> Iterator[SceneLine]:
+def read_scene_lines(source: Path | None, command: str = "plan", *, noise_m: float = NOISE_M) -> Iterator[SceneLine]:
     """Yield every line like `read_scenes`, those that are no valid scenes, too. Raises: InputError when there is no line at all."""
-    decode = partial(scene_from_node, folder=folder_of(source), load=mesh_loader(folder_of(source)))
+    decode = partial(scene_from_node, folder=folder_of(source), load=mesh_loader(folder_of(source)), noise_m=noise_m)
     how, empty = _SCENES_FROM.format(command=command), True
     for where, raw in _lines(source, how):
         empty = False

@@ -20,7 +20,9 @@ from retrieve_cli.errors import BUG, guarded
 
 ROOT = Path(__file__).resolve().parents[2]
 RETRIEVE = (sys.executable, "-W", "error", "-m", "retrieve_cli")
-COMMANDS = ("gen", "sense", "label", "train", "plan", "verify", "export", "report", "show", "robots", "demo")
+COMMANDS = (
+    "gen", "sense", "label", "train", "plan", "verify", "export", "report", "show", "robots", "scene", "grasp", "schema", "warmup", "demo",
+)  # fmt: skip
 
 Spoken = tuple[int, str, str]
 

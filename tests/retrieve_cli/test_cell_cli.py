@@ -1,0 +1,176 @@
+"""A cell of one's own at the command line: from words to a plan, starts and pose noise in a batch, grasps from a file, schemas."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import documents
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+
+from kinematics.robots.robot import installed, named_robots
+from kinematics.transforms import rotation_from_wxyz, transform
+from retrieve_cli import warmup
+from retrieve_cli.__main__ import main
+from retrieve_cli.schema import KINDS
+
+Spoken = tuple[int, str, str]
+CAN = "can:0.025x0.12@0.6,0.05"
+TABLE = "table:box:1.6x1.2x0.04@-0.55,0,top=0"
+
+
+@pytest.fixture
+def retrieve(capsys: pytest.CaptureFixture[str]) -> Callable[..., Spoken]:
+    """Run the program in this process: (exit code, stdout, stderr)."""
+
+    def call(*args: str | Path) -> Spoken:
+        code = main([str(a) for a in args])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def lines(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_from_words_to_a_plan(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
+    """The scene comes with x_g and alternatives, obeys its schema and is planned; a YAML of the same words is the same scene."""
+    file = tmp_path / "cell.jsonl"
+    words = ("--object", CAN, "--object", "box:0.06x0.06x0.15@0.45,-0.15", "--target", "can", "--obstacle", TABLE)
+    code, _, err = retrieve("scene", *words, "-o", file)
+    assert code == 0
+    assert "object can: 50 × 50 × 120 mm, middle at 0.600, 0.050, 0.160 on the floor" in err
+    (scene,) = lines(file.read_text())
+    jsonschema.validate(scene, json.loads((documents.SCHEMAS / "scene.schema.json").read_text()))
+    assert scene["grasps"]
+    scores = [g["score"] for g in scene["grasps"]]
+    assert scores == sorted(scores, reverse=True)
+    (tmp_path / "cell.yaml").write_text(
+        yaml.safe_dump({"objects": [CAN, "box:0.06x0.06x0.15@0.45,-0.15"], "target": "can", "obstacles": [TABLE]})
+    )
+    code, out, _ = retrieve("scene", tmp_path / "cell.yaml")
+    assert (code, lines(out)) == (0, [scene])
+    code, out, _ = retrieve("plan", file, "--policy", "local")
+    (plan,) = lines(out)
+    assert (code, plan["success"], plan["verified"]) == (0, True, True)
+
+
+def test_wrong_words_are_one_line(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text("objcts: []\n")
+    for args, says in (
+        (("scene",), "scene: name at least one object: --object can:0.03x0.12@0.6,0"),
+        (("scene", "--object", "can:0.03x0.12@0.1,0"), "scene: 'can' stands outside: its middle is 200 mm in front of the cabinet"),
+        (("scene", tmp_path / "bad.yaml"), f"{tmp_path}/bad.yaml: unknown word 'objcts' (did you mean 'objects'?)"),
+        (("grasp", tmp_path / "none.jsonl"), f"{tmp_path}/none.jsonl: no such file"),
+        (("schema", "sene"), "unknown kind of file 'sene' (did you mean 'scene'?)"),
+        (("warmup", "ur6e"), "unknown robot 'ur6e' (did you mean 'ur5e'?)"),
+    ):
+        code, out, err = retrieve(*args)
+        assert (code, out) == (2, "")
+        assert says in err
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> Callable[..., Path]:
+    """Writes scenes of a can in the cabinet, one for each change."""
+
+    def write(*changes: Callable[[dict[str, Any]], object]) -> Path:
+        out = []
+        for i, change in enumerate(changes):
+            scene = documents.scene(f"s{i}") | {"schema": "retrieve/scene@2", "target": "can", "approaches": ["horizontal"]}
+            shape = {"type": "cylinder", "radius_m": 0.025, "height_m": 0.12}
+            scene["objects"] = [{"name": "can", "shape": shape, "T_world_object": documents.pose(0.6, 0.0, 0.16)}]
+            hand = documents.pose(0.6, 0.0, 0.17, q_wxyz=(0.0, 0.7071067811865475, 0.0, 0.7071067811865475))
+            scene["grasp"] = {"T_world_hand": hand, "width_m": 0.05}
+            change(scene)
+            out.append(scene)
+        file = tmp_path / "scenes.jsonl"
+        file.write_text(documents.lines(*out))
+        return file
+
+    return write
+
+
+def test_pose_noise_does_not_end_a_batch(retrieve: Callable[..., Spoken], scenes: Callable[..., Path]) -> None:
+    """A can 1.5 mm in the floor is lifted, which stderr and the plan say; one 15 mm deep is a plan that failed at stage `scene`."""
+
+    def at(z: float) -> Callable[[dict[str, Any]], object]:
+        return lambda scene: scene["objects"][0].update(T_world_object=documents.pose(0.6, 0.0, z))
+
+    file = scenes(at(0.16), at(0.1585), at(0.145), at(0.16))
+    code, out, err = retrieve("plan", file, "--policy", "local")
+    plans = lines(out)
+    assert (code, [p["success"] for p in plans]) == (0, [True, True, False, True])
+    assert f"{file}:2: can was moved by 1.5 mm: it stood 1.5 mm in the floor" in err
+    (settled,) = plans[1]["settled"]
+    assert (settled["object"], settled["reason"]) == ("can", "it stood 1.5 mm in the floor")
+    assert settled["by_m"] == pytest.approx([0, 0, 0.0015], abs=1e-6)
+    assert plans[2]["reason"]["stage"] == "scene"
+    assert "'can' overlaps the cabinet's wall 'floor' by 15.0 mm" in plans[2]["reason"]["detail"]
+    code, out, _ = retrieve("plan", file, "--policy", "local", "--pose-noise", "16")
+    assert [p["success"] for p in lines(out)] == [True] * 4
+
+
+def test_the_plan_begins_at_q_start(retrieve: Callable[..., Spoken], scenes: Callable[..., Path]) -> None:
+    def start(**q: float) -> Callable[[dict[str, Any]], object]:
+        return lambda scene: scene["robot"].update(q_start=q)
+
+    file = scenes(start(shoulder_pan_joint=0.8), start(elbow_joint=4.0), lambda scene: scene.update(grasp=None))
+    code, out, _ = retrieve("plan", file, "--policy", "local")
+    begun, beyond, without = lines(out)
+    assert (code, begun["success"], beyond["success"]) == (0, True, False)
+    motion = begun["motions"][0]
+    assert motion["q"][0][motion["joint_names"].index("shoulder_pan_joint")] == pytest.approx(0.8)
+    assert (beyond["reason"]["stage"], beyond["motions"]) == ("transit", [])
+    assert "joint elbow_joint is at 4, outside its limits" in beyond["reason"]["detail"]
+    assert without["reason"]["stage"] == "scene"
+    assert "has no grasp for its target: retrieve grasp proposes one" in without["reason"]["detail"]
+
+
+def test_grasps_from_a_network(retrieve: Callable[..., Spoken], scenes: Callable[..., Path], tmp_path: Path) -> None:
+    """Contact-GraspNet's poses in a camera's frame come out as hand poses, the network's best first, those beside the can left out."""
+    T_camera = transform(rotation_from_wxyz(np.array([0.5, -0.5, 0.5, -0.5])), [0.1, 0.0, 0.3])
+    hand = transform(rotation_from_wxyz(np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])), [0.6, 0.0, 0.17])
+    lower = transform(p=[0.0, 0.0, -0.01]) @ hand
+    beside = transform(p=[0.0, 0.0, 0.2]) @ hand
+    network = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, -0.1034], [0, 0, 0, 1]], float)  # its gripper in a hand: y from x
+    poses = np.linalg.inv(T_camera) @ np.array([beside, lower, hand]) @ network
+    np.savez(tmp_path / "g.npz", pred_grasps_cam=poses, scores=np.array([0.9, 0.2, 0.8]))
+    frame = "0.1,0,0.3,0.5,-0.5,0.5,-0.5"
+    file = scenes(lambda scene: scene.update(grasp=None))
+    code, out, err = retrieve("grasp", file, "--from", tmp_path / "g.npz", "--convention", "contact-graspnet", "--frame", frame)
+    assert (code, "1 that miss the target" in err) == (0, True)
+    (scene,) = lines(out)
+    assert len(scene["grasps"]) == 1
+    assert scene["grasp"]["T_world_hand"]["p"][2] == pytest.approx(0.17, abs=1e-6)
+    assert scene["grasps"][0]["T_world_hand"]["p"][2] == pytest.approx(0.16, abs=1e-6)
+    assert scene["grasp"]["width_m"] == pytest.approx(0.05, abs=1e-6)
+    code, _, err = retrieve("grasp", file, "--from", tmp_path / "g.npz")
+    assert (code, "--from and --convention go together" in err) == (2, True)
+
+
+def test_schemas_are_schemas(retrieve: Callable[..., Spoken]) -> None:
+    for kind in KINDS:
+        code, out, err = retrieve("schema", kind)
+        assert (code, err) == (0, "")
+        jsonschema.Draft202012Validator.check_schema(json.loads(out))
+    jsonschema.validate(documents.observed()["observation"], json.loads(retrieve("schema", "observation")[1]))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({}, json.loads(retrieve("schema", "observation")[1]))
+
+
+def test_warm_up_is_for_robots_that_are_there(retrieve: Callable[..., Spoken], monkeypatch: pytest.MonkeyPatch) -> None:
+    warmed: list[str] = []
+    monkeypatch.setattr(warmup, "warm", warmed.append)
+    code, out, err = retrieve("warmup")
+    assert (code, out, "ur5e: ready after" in err) == (0, "", True)
+    assert warmed == [name for name in named_robots() if installed(name)]
+    warmed.clear()
+    assert retrieve("warmup", "ur5e")[0] == 0
+    assert warmed == ["ur5e"]

@@ -17,7 +17,7 @@ from fakes import BASE, HEIGHT_M, Choice, Clock, FakeMotions, motion, scene_of, 
 from kinematics.transforms import Array, rotation_about, transform
 from perception.observation import Observation
 from planning import retrieval
-from planning.plan import Blocked, Fault, Move, Plan
+from planning.plan import Blocked, Fault, Move, Outlook, Plan, Unsolvable
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, failed, hand_travel, objective, proposals, retrieve
 from planning.verdict import Settings
 
@@ -341,6 +341,33 @@ def test_the_reason_is_what_blocks_the_target_last() -> None:
     assert plan.reason == Blocked("approach", "hand", "can", detail="target blocked after 2 moves")
     assert [m.stage for m in plan.motions] == ["transit", "transfer"] * 2
     assert plan.verified
+
+
+@pytest.mark.parametrize(
+    ("outlook", "limit", "reason"),
+    [
+        (Outlook(), 1, Blocked("approach", "hand", "can", detail="target blocked after 0 moves")),
+        (Outlook(1), 1, Blocked("approach", "hand", "can", detail="target blocked after 0 moves")),
+        (Outlook(2), 1, Blocked("moves", "hand", "can", detail="at least 2 moves are needed, 1 are allowed")),
+        (
+            Outlook(7, Unsolvable(("a", "b"), ("another grasp",))), 1,
+            Blocked("unsolvable", "hand", "can", detail="none of a, b can be picked while the others of them stand"),
+        ),
+    ],
+)  # fmt: skip
+def test_a_policy_that_looks_ahead_knows_why(outlook: Outlook, limit: int, reason: Blocked) -> None:
+    """A proof goes before a lower bound beyond the limit, and that before what blocks the target; the plan carries both."""
+    policy = replace(ordered(a=[1]), outlook=lambda: outlook)
+    plan = plan_with(FakeMotions(scene_of("a", "b"), opens=[NEVER]), policy, max_moves=limit)
+    assert plan.reason == reason
+    assert (plan.least_moves, plan.unsolvable) == (outlook.least_moves, outlook.unsolvable)
+
+
+def test_what_is_free_at_once_needs_no_move_whatever_the_policy_says() -> None:
+    policy = replace(ordered(a=[1]), outlook=lambda: Outlook(3))
+    assert plan_with(FakeMotions(scene_of("a"), opens=[frozenset()]), policy).least_moves == 0
+    moved = FakeMotions(scene_of("a"), opens=[frozenset({("a", 1)})], possible=lambda made, c: True)
+    assert plan_with(moved, policy).least_moves == 3
 
 
 def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch, checked: list[tuple[Any, ...]]) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -111,6 +111,7 @@ def generate(
 
 def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
     """None for a valid scene, else what it is: "unsolvable" or "free". What motions are to keep does not decide which scenes there are."""
+    scene = replace(scene, robot=replace(scene.robot, mount=False))
     alone = Scene(**{**vars(scene), "objects": (scene.body(scene.target_name),)})
     empty = Motions(robot, alone, settings=UNCONSTRAINED)
     picks, _ = empty.picks(empty.start(), scene.target_name, [scene.x_g])

@@ -16,6 +16,7 @@ from kinematics.collision.robot_model import robot_collision_model, shape_geomet
 from kinematics.collision.sphere_check import make_sphere_scratch, open_pairs
 from kinematics.collision.sphere_model import SphereModel, make_sphere_world, posed_sphere_model
 from kinematics.doors import checked
+from kinematics.mount import standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array
@@ -45,9 +46,9 @@ class BroadPhase:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
         self.robot_collision_model = robot_collision_model(robot, scene.robot.T_world_base)
-        self._stock, owners = make_solids([*scene.fixtures(), *scene.objects])
+        self._stock, owners = make_solids([*standing_still(scene), *scene.objects])
         self._owners = tuple(owners)
-        still = {b.name: b.T_world_body for b in scene.fixtures()}
+        still = {b.name: b.T_world_body for b in standing_still(scene)}
         self._fixtures = [(i, still[owner]) for i, owner in enumerate(owners) if owner in still]
         self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name] for b in scene.objects}
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))

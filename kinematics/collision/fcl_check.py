@@ -17,6 +17,7 @@ from kinematics.chain import Int
 from kinematics.collision.fcl_solids import Contact, Solid, depth, hull_solid, shape_solids
 from kinematics.doors import checked
 from kinematics.jit.decorators import jit_entry
+from kinematics.mount import MOUNT, standing_still
 from kinematics.scene import Held, Scene, State
 from kinematics.transforms import Array
 
@@ -34,8 +35,8 @@ class Verdict:
         self.robot, self.scene = robot, scene
         self.T_world_base = scene.robot.T_world_base
         self._links = [solid.twin() for solid in _link_solids(robot)]
-        self._fixtures = [(s, b.T_world_body) for b in scene.fixtures() for s in shape_solids(b.name, b.shape)]
-        self._obstacles = {b.name for b in scene.obstacles}
+        self._fixtures = [(s, b.T_world_body) for b in standing_still(scene) for s in shape_solids(b.name, b.shape)]
+        self._obstacles = {MOUNT, *(b.name for b in scene.obstacles)}
         self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._pairs = _self_pairs(robot)
         self._carriers, self._on_way = _ways(robot)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from kinematics import cache
 from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import Parts, make_parts
+from kinematics.mount import MOUNT, mount
 from kinematics.robots import urdf
 from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.joints import beyond_limits, with_joints
@@ -194,7 +195,9 @@ def check_names(robot: Robot, scene: Scene, obstacles: Sequence[Body] = ()) -> N
     obstacles: more that stands still, besides what the scene has; several may have one name, unless it is a link's or an object's.
     Raises: ValueError that says which name to change.
     """
-    links, obstacles = set(robot.tree.names), (*scene.obstacles, *obstacles)
+    links, under, obstacles = set(robot.tree.names), mount(scene), (*scene.obstacles, *obstacles)
+    if under is not None and any(body.name == MOUNT for body in (*obstacles, *scene.objects)):
+        raise ValueError(f"{MOUNT!r} is what the robot stands on; call the body something else, or say robot.mount false")
     objects = [body.name for body in scene.objects]
     for i, name in enumerate(objects):
         if name in links:

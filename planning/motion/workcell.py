@@ -17,6 +17,7 @@ from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
 from kinematics.doors import checked
+from kinematics.mount import standing_still
 from kinematics.robots.joints import beyond_limits
 from kinematics.robots.robot import Robot, check_names
 from kinematics.robots.start import start_q
@@ -114,7 +115,7 @@ class Workcell:
         self.robot, self.scene, self.iterations, self.time_budget_s = robot, scene, iterations, time_budget_s
         self.settings, self._unseen = settings, frozenset(b.name for b in obstacles)
         self.arm = arm_at(robot, scene.robot.T_world_base)
-        self.walls = [*scene.fixtures(), *obstacles]
+        self.walls = [*standing_still(scene), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
         self._solutions: dict[tuple[bytes, int], Array] = {}

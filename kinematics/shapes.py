@@ -6,6 +6,9 @@ file. Every solid is convex or a union of convex parts, because only for those c
 
 from __future__ import annotations
 
+import io
+import subprocess
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +18,9 @@ import numpy as np
 
 from kinematics.transforms import Array
 
+LARGEST_M = 100.0
+PATIENCE_S = 15.0
+"""How long the decomposition of a mesh may take."""
 CYLINDER_SIDES = 48
 """Sides of the prism that stands for a cylinder where only a polyhedron will do (meshcat, URDF exchange); it contains the cylinder."""
 
@@ -119,6 +125,9 @@ def load_mesh(file: Path, scale: float = 1.0, name: str = "") -> ConvexMesh:
     if len(mesh.vertices) < 4:
         raise ValueError(f"mesh file {file} holds no solid")
     mesh.apply_scale(scale)
+    points = np.asarray(mesh.vertices, float)
+    if not np.isfinite(points).all() or np.ptp(points, axis=0).max() > LARGEST_M or np.abs(points).max() > LARGEST_M:
+        raise ValueError(f"mesh file {file} reaches beyond {LARGEST_M:g} m at scale {scale:g}; is it in millimetres? then scale is 0.001")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     try:
         hull = mesh.convex_hull
@@ -128,6 +137,34 @@ def load_mesh(file: Path, scale: float = 1.0, name: str = "") -> ConvexMesh:
         raise ValueError(f"mesh file {file} is flat: it has no volume")
     parts: tuple[Array, ...] = (np.asarray(hull.vertices, float),)
     if mesh.is_watertight and mesh.volume < 0.98 * hull.volume:
-        pieces = trimesh.decomposition.convex_decomposition(mesh, maxConvexHulls=16)
-        parts = tuple(np.asarray(trimesh.Trimesh(p["vertices"], p["faces"]).convex_hull.vertices, float) for p in pieces)
+        parts = _decomposed(points=np.asarray(mesh.vertices, float), faces=np.asarray(mesh.faces, np.int64), file=file)
     return ConvexMesh(parts, name or str(file), scale)
+
+
+_DECOMPOSE = """
+import io, sys
+import numpy as np
+import trimesh
+mesh = np.load(io.BytesIO(sys.stdin.buffer.read()))
+pieces = trimesh.decomposition.convex_decomposition(trimesh.Trimesh(mesh["points"], mesh["faces"]), maxConvexHulls=16)
+parts = [np.asarray(trimesh.Trimesh(p["vertices"], p["faces"]).convex_hull.vertices, float) for p in pieces]
+np.savez(sys.stdout.buffer, *parts)
+"""
+
+
+def _decomposed(points: Array, faces: Array, file: Path) -> tuple[Array, ...]:
+    """Convex parts (V, 3) of a mesh by V-HACD, in a process of its own: there are meshes on which it never ends, or takes its process down.
+
+    Raises: ValueError then.
+    """
+    given, found = io.BytesIO(), io.BytesIO()
+    np.savez(given, points=points, faces=faces)
+    try:
+        words = [sys.executable, "-P", "-c", _DECOMPOSE]
+        done = subprocess.run(words, input=given.getvalue(), capture_output=True, check=True, timeout=PATIENCE_S)
+        found.write(done.stdout)
+        found.seek(0)
+        with np.load(found) as parts:
+            return tuple(np.asarray(parts[name], float) for name in parts.files)
+    except (subprocess.SubprocessError, OSError, ValueError) as e:
+        raise ValueError(f"mesh file {file} can't be taken apart into convex parts; repair or simplify it, or use its hull") from e

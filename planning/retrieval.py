@@ -21,7 +21,7 @@ from planning.motion.pick_place import Motions
 from planning.motion.replay import hand_poses, with_clearances
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.verify import verify
-from planning.plan import SCENE, Blocked, Motion, Move, Outlook, Plan
+from planning.plan import SCENE, Blocked, Fault, Motion, Move, Outlook, Plan
 from planning.verdict import Settings, judge
 
 MAX_MOVES = 5
@@ -185,9 +185,12 @@ def conclude(
     thinking: Stopwatch,
     moving: Stopwatch,
     settings: MotionSettings = DEFAULTS,
+    faults: Sequence[Fault] = (),
 ) -> Plan:
-    """The plan that a loop ends with, after the final check and the verdict, with the clearances measured. reason: why the target was not
-    taken, None when it was."""
+    """The plan that a loop ends with, after the final check and the verdict, with the clearances measured.
+
+    reason: why the target was not taken, None when it was. faults: what has been found wrong already.
+    """
     success = reason is None
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
@@ -198,10 +201,11 @@ def conclude(
     with moving:
         bodies = BroadPhase(robot, scene)
         touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies)
-        limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
-        faults = judge(scene, plan, robot, limits) if touch is None else ()
+        if touch is None:
+            limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
+            faults = (*faults, *judge(scene, plan, robot, limits))
         motions = with_clearances(robot, scene, way, bodies)
-    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=faults)
+    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=tuple(faults))
     if plan.verified:
         return plan
     why = touch or Blocked("verify", detail=str(faults[0]))

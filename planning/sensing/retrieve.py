@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Held, Scene, State
+from kinematics.scene import Body, Grasp, Held, Scene, State
 from kinematics.transforms import Array, inverse
 from perception.belief import Belief, believe, observation, without_bodies, without_objects
 from perception.camera import DepthNoise
@@ -26,10 +26,11 @@ from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.replay import hand_poses
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
-from planning.plan import Blocked, Motion, Move, Plan
+from planning.plan import Blocked, Fault, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
 from planning.sensing.focus import wanted
 from planning.sensing.look_around import BODY_MARGIN_M, Limits, Looked, look_around, skin, unknown_space
+from planning.verdict import Settings, judge_motions
 
 FIRST = Limits(0.99, 0.001, 10)
 AGAIN = Limits(1.0, 0.0004, 5, 0.001)  # after a move: what was hidden behind the object
@@ -158,12 +159,13 @@ def retrieve_unseen(
 
     policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
     pace: how fast the arm is driven.
-    The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are checked against the
-    truth at the end: `verified` and the reason "verify" tell.
+    The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
+    was seen when they were planned, and by the truth at the end; `verified` and the reason "verify" tell.
     """
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
     moves: list[Move] = []
     way: list[Motion] = []
+    doubts: list[Fault] = []
     truth = world.scene
     mind, limits, focus, patience = _BeliefState(world, rng, target_box, pace), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
@@ -184,6 +186,8 @@ def retrieve_unseen(
             taken = _try_target(mind, looked, motions, state, rng)
         if not isinstance(taken, Blocked):
             names = world.names(mind.belief.bodies)
+            with moving:
+                doubts += _as_seen(mind, state, taken, settings.max_tilt_deg, truth.grasp)
             way += world.move(taken, names)[0]
             if names[truth.target_name] != truth.target_name:
                 taken = Blocked("verify", body=names[truth.target_name], detail=f"it was taken for the target {truth.target_name}")
@@ -204,7 +208,10 @@ def retrieve_unseen(
                     hindered.append((object_name, done))
                     continue
                 on_step(f"moved {object_name} to region {region}")
-                carried, world = world.move(motions.trajectories(state, done.motions), names)
+                with moving:
+                    driven = motions.trajectories(state, done.motions)
+                    doubts += _as_seen(mind, state, driven, settings.max_tilt_deg)
+                carried, world = world.move(driven, names)
                 way += carried
                 moves.append(Move(its, region, T_from, world.poses[its], True))
                 mind.moved(object_name, done.after.poses[object_name], done.after.q)
@@ -228,7 +235,18 @@ def retrieve_unseen(
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
         failed.clear()
     why = taken if isinstance(taken, Blocked) else None
-    return conclude(world.robot, truth, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving, settings=settings)
+    return conclude(
+        world.robot, truth, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, faults=doubts
+    )  # fmt: skip
+
+
+def _as_seen(
+    mind: _BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None
+) -> list[Fault]:
+    """What the verdict finds wrong with motions in the world as it was seen: what was not seen is left to the planner."""
+    scene = replace(mind.empty_scene, objects=tuple(replace(b, T_world_body=state.poses[b.name]) for b in mind.belief.bodies))
+    found = judge_motions(scene, motions, mind.robot, Settings(max_tilt_deg=max_tilt_deg), grasp=grasp)
+    return [replace(fault, detail=f"as it was seen: {fault.detail}") for fault in found]
 
 
 def _ready(mind: _BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings) -> tuple[Motions, State]:

@@ -2,6 +2,6 @@
 
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.grasp import judge_grasp
-from planning.verdict.judge import Verdict, examine, judge
+from planning.verdict.judge import Verdict, examine, judge, judge_motions
 
-__all__ = ["Fault", "Settings", "Verdict", "examine", "judge", "judge_grasp"]
+__all__ = ["Fault", "Settings", "Verdict", "examine", "judge", "judge_grasp", "judge_motions"]

@@ -19,6 +19,10 @@ MOST = 1e4
 """No joint value, time or rate in a plan is larger than this; what is, was not meant."""
 
 
+LONGEST = 500.0
+"""rad or m: no joint goes further in one motion."""
+
+
 @dataclass(frozen=True, eq=False)
 class Course:
     """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline.
@@ -111,6 +115,9 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
     largest = max(float(np.abs(np.asarray(t, float)).max()) for t in (*tables, motion.t_s))
     if not largest <= MOST:
         return fault(f"has a number as large as {largest:.3g}", largest)
+    way = np.abs(np.diff(np.asarray(motion.q, float), axis=0)).sum(0).max(initial=0.0)
+    if not way <= LONGEST:
+        return fault(f"turns a joint by {way:.3g} in all, and none goes that far", float(way))
     if motion.t_s[0] < 0 or (np.diff(motion.t_s) < 0).any() or (qd is not None and (np.diff(motion.t_s) <= 0).any()):
         return fault("has times that don't rise")
     return None

@@ -79,7 +79,7 @@ def _span(shape: Shape, T: Array) -> Array:
     return np.stack([points.min(0), points.max(0)])
 
 
-def grasp_faults(scene: Scene, ledger: Ledger, hand: Hand, allowed: Sequence[Grasp], settings: Settings) -> list[Fault]:
+def grasp_faults(scene: Scene, ledger: Ledger, allowed: Sequence[Grasp], settings: Settings) -> list[Fault]:
     """The target is taken with one of the grasps that were asked for."""
     taken = next((c for c in reversed(ledger.carries) if c.body == scene.target and not c.put), None)
     if taken is None or not allowed:

@@ -14,7 +14,7 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.transforms import inverse
-from planning.plan import Plan
+from planning.plan import Motion, Plan
 from planning.verdict.arm import poses
 from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course, courses
@@ -89,10 +89,41 @@ def _without_motions(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
     return (Fault("moves", (done[0],), f"{done[0]} is called moved, and there are no motions"),) if done else ()
 
 
+def judge_motions(
+    scene: Scene, motions: Sequence[Motion], robot: Robot, settings: Settings | None = None, *, grasp: Grasp | None = None
+) -> tuple[Fault, ...]:
+    """What is wrong with motions alone, be they a whole plan or a part of one, from a scene's first state on.
+
+    grasp: how the target is to be taken, by default in any way that holds it. What floats at the start is no fault of theirs.
+    """
+    hand = hand_of(robot)
+    with np.errstate(all="ignore"):
+        done = _replay(scene, motions, robot, hand, settings or Settings(), [] if grasp is None else [grasp])
+    return tuple(f for f in done.faults if f.stage != SCENE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Replayed:
+    """Motions in numbers and what happens in them; ledger: None where they make no sense."""
+
+    faults: list[Fault]
+    notes: list[Fault]
+    run: list[Course]
+    ledger: Ledger | None
+
+
 def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Settings) -> tuple[list[Fault], list[Fault]]:
-    run, faults = courses(hand.arm, plan.motions)
-    if faults:
-        return faults, []
+    done = _replay(scene, plan.motions, robot, hand, settings, _allowed(scene, plan))
+    if done.ledger is None:
+        return done.faults, done.notes
+    said = move_faults(scene, plan, done.ledger, settings) + goal_faults(scene, plan, done.ledger)
+    return done.faults + said + figure_faults(scene, plan, done.run, hand), done.notes
+
+
+def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, settings: Settings, grasps: Sequence[Grasp]) -> _Replayed:
+    run, faults = courses(hand.arm, motions)
+    if faults or not run:
+        return _Replayed(faults, [], run, None)
     acceleration = np.asarray(getattr(robot, "acceleration", robot.velocity / ACCELERATION_S), float)
     order = [robot.joint_names.index(name) for name in hand.arm.joints]
     faults += limit_faults(hand.arm, run, acceleration[order])
@@ -100,22 +131,16 @@ def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Setti
     ledger = keep(hand, scene, run, settings)
     faults += ledger.faults
     if len(ledger.standing) < len(run):
-        return faults, []
+        return _Replayed(faults, [], run, None)
     at_start, rests = _standing(scene, ledger, settings)
     faults += at_start
-    faults += _holding(scene, ledger, run, hand, settings)
-    faults += grasp_faults(scene, ledger, hand, _allowed(scene, plan), settings)
+    faults += _holding(scene, ledger, hand, settings)
+    faults += grasp_faults(scene, ledger, grasps, settings)
     tilts = {b.name: settings.max_tilt_deg if b.max_tilt_deg is None else b.max_tilt_deg for b in scene.objects}
     limits = {name: most for name, most in tilts.items() if most is not None}
     faults += tilt_faults(run, ledger, hand, scene.robot.T_world_base, limits)
-    notes: list[Fault] = []
-    if settings.contact:
-        found, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings)
-        faults += found
-    faults += move_faults(scene, plan, ledger, settings)
-    faults += goal_faults(scene, plan, ledger)
-    faults += figure_faults(scene, plan, run, hand)
-    return faults, notes
+    touching, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings) if settings.contact else ([], [])
+    return _Replayed(faults + touching, notes, run, ledger)
 
 
 def _start(scene: Scene, run: Sequence[Course], hand: Hand) -> list[Fault]:
@@ -134,7 +159,7 @@ def _allowed(scene: Scene, plan: Plan) -> Sequence[Grasp]:
     return [own] if own is not None else [g for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
 
 
-def _holding(scene: Scene, ledger: Ledger, run: Sequence[Course], hand: Hand, settings: Settings) -> list[Fault]:
+def _holding(scene: Scene, ledger: Ledger, hand: Hand, settings: Settings) -> list[Fault]:
     """Whether the pads hold each object that is taken."""
     if not ledger.carries:
         return []

@@ -15,7 +15,7 @@ import numpy as np
 
 from kinematics.collision.broad_phase import BroadPhase
 from kinematics.robots.robot import Robot
-from kinematics.scene import Scene
+from kinematics.scene import Grasp, Scene
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
 from planning.motion.replay import hand_poses, with_clearances
@@ -156,11 +156,12 @@ def retrieve(
     if steps == 0:
         outlook = Outlook(0)
     why = _why(taken, outlook, max_moves) if isinstance(taken, Blocked) else None
-    plan = conclude(
-        motions.robot, scene, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings
-    )
     grasp = None if isinstance(taken, Blocked) else taken.grasp
-    return replace(plan, grasp=grasp, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable)
+    plan = conclude(
+        motions.robot, scene, why, moves, way,
+        name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp,
+    )  # fmt: skip
+    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable)
 
 
 def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
@@ -185,16 +186,18 @@ def conclude(
     thinking: Stopwatch,
     moving: Stopwatch,
     settings: MotionSettings = DEFAULTS,
+    grasp: Grasp | None = None,
     faults: Sequence[Fault] = (),
 ) -> Plan:
     """The plan that a loop ends with, after the final check and the verdict, with the clearances measured.
 
-    reason: why the target was not taken, None when it was. faults: what has been found wrong already.
+    reason: why the target was not taken, None when it was. grasp: how it was taken, by default the scene's x_g. faults: what has been found
+    wrong already.
     """
     success = reason is None
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        hand_travel(robot, scene, way), objective(scene, moves, success), None, settled=scene.settled,
+        hand_travel(robot, scene, way), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled,
     )  # fmt: skip
     if not way:
         return plan

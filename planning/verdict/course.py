@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from kinematics.quintic_spline import QuinticSpline, evaluate, extremes, hermite
+from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
 from kinematics.scene import Held
 from kinematics.transforms import Array
 from planning.plan import Motion
@@ -42,11 +42,10 @@ class Course:
 
     @cached_property
     def reach(self) -> tuple[Array, Array]:
-        """The least and the greatest position (J,) of every joint on the way."""
-        if self.spline is None or len(self.q) < 2:
+        """Positions (J,) that no joint leaves on its way, the low ones and the high ones; those of a joint that stands still are equal."""
+        if self.spline is None:
             return self.q.min(0), self.q.max(0)
-        low, high = extremes(self.spline)
-        return low.min(0), high.max(0)
+        return self.spline.control.min((0, 1)), self.spline.control.max((0, 1))
 
     def dense(self, step: float) -> tuple[Array, Array]:
         """Where on the way (N,), in rows, and configurations (N, J), such that no joint moves by much more than `step` between two."""
@@ -85,7 +84,7 @@ def courses(arm: Arm, motions: Sequence[Motion]) -> tuple[list[Course], list[Fau
         order = [motion.joint_names.index(name) for name in arm.joints]
         q = np.asarray(motion.q, float)[:, order]
         spline = None
-        qd, qdd = _rates(motion)
+        qd, qdd = motion.qd, motion.qdd
         if qd is not None and qdd is not None and len(q) > 1:
             spline = hermite(motion.t_s, q, np.asarray(qd, float)[:, order], np.asarray(qdd, float)[:, order])
         pairs = frozenset(frozenset(pair) for pair in motion.allowed_contacts)
@@ -106,7 +105,7 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
         return fault(f"moves {strange[0]!r}, which is no actuated joint of this robot; these are {known}")
     if missing := [n for n in arm.joints if n not in names]:
         return fault(f"does not say where {missing[0]!r} is; the robot's actuated joints are {known}")
-    qd, qdd = _rates(motion)
+    qd, qdd = motion.qd, motion.qdd
     tables = [motion.q, *(t for t in (qd, qdd) if t is not None)]
     if (qd is None) != (qdd is None):
         return fault("has one of qd and qdd, and a spline takes both")
@@ -121,8 +120,3 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
     if motion.t_s[0] < 0 or (np.diff(motion.t_s) < 0).any() or (qd is not None and (np.diff(motion.t_s) <= 0).any()):
         return fault("has times that don't rise")
     return None
-
-
-def _rates(motion: Motion) -> tuple[Array | None, Array | None]:
-    """Velocities and accelerations at the rows of a plan@2."""
-    return getattr(motion, "qd", None), getattr(motion, "qdd", None)

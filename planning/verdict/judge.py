@@ -22,7 +22,7 @@ from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings
 from planning.verdict.figures import figure_faults, goal_faults, grasp_faults, move_faults, tilt_faults
 from planning.verdict.hand import Hand, hand_of
 from planning.verdict.ledger import Ledger, keep
-from planning.verdict.limits import ACCELERATION_S, GAP, limit_faults
+from planning.verdict.limits import GAP, limit_faults
 from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
 from planning.verdict.standing import Placed, Stand, placed, stand
@@ -124,9 +124,8 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
     run, faults = courses(hand.arm, motions)
     if faults or not run:
         return _Replayed(faults, [], run, None)
-    acceleration = np.asarray(getattr(robot, "acceleration", robot.velocity / ACCELERATION_S), float)
     order = [robot.joint_names.index(name) for name in hand.arm.joints]
-    faults += limit_faults(hand.arm, run, acceleration[order])
+    faults += limit_faults(hand.arm, run, robot.acceleration[order])
     faults += _start(scene, run, hand)
     ledger = keep(hand, scene, run, settings)
     faults += ledger.faults
@@ -155,8 +154,7 @@ def _start(scene: Scene, run: Sequence[Course], hand: Hand) -> list[Fault]:
 
 def _allowed(scene: Scene, plan: Plan) -> Sequence[Grasp]:
     """The grasps that the target may be taken with: the one that the plan says it takes, else the scene's."""
-    own = getattr(plan, "grasp", None)
-    return [own] if own is not None else [g for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
+    return [plan.grasp] if plan.grasp is not None else [g for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
 
 
 def _holding(scene: Scene, ledger: Ledger, hand: Hand, settings: Settings) -> list[Fault]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.quintic_spline import extremes
+from kinematics.quintic_spline import coefficients, extremes
 from kinematics.transforms import Array
 from planning.verdict.arm import Arm
 from planning.verdict.course import Course
@@ -15,8 +15,6 @@ from planning.verdict.faults import Fault
 POSITION = 1e-6  # rad or m, by which files may round
 GAP = 1e-6
 RATE = 1e-4  # of a limit, by which a rate may be above it; and the rate, in rad/s or rad/s², that still is rest
-ACCELERATION_S = 0.35
-"""Where nothing says how fast a joint may speed up: it reaches its full speed in so many seconds."""
 
 
 def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> list[Fault]:
@@ -36,6 +34,9 @@ def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> li
 def _positions(arm: Arm, course: Course) -> list[Fault]:
     low, high = course.reach
     beyond = np.maximum(high - arm.upper, arm.lower - low)
+    if beyond.max() > POSITION and course.spline is not None:  # the bounds may be too wide
+        lows, highs = extremes(course.spline)
+        beyond = np.maximum(highs.max(0) - arm.upper, arm.lower - lows.min(0))
     worst = int(np.argmax(beyond))
     if not beyond[worst] > POSITION:
         return []
@@ -53,8 +54,11 @@ def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
         return _above(arm, course, speed, arm.velocity, "velocity", "/s")
     out = []
     for order, limit, what, unit in ((1, arm.velocity, "velocity", "/s"), (2, acceleration, "acceleration", "/s²")):
-        low, high = extremes(course.spline, order, 1e-6)
-        out += _above(arm, course, np.maximum(high, -low).max(0), limit, what, unit)
+        reached = np.abs(coefficients(course.spline, order)).max((0, 1))
+        if (reached > limit).any():  # the bounds may be too wide
+            low, high = extremes(course.spline, order, 1e-6)
+            reached = np.maximum(high, -low).max(0)
+        out += _above(arm, course, reached, limit, what, unit)
         ends = np.abs(_ends(course, order)).max(0)
         if ends.max() > RATE * max(1.0, float(limit[np.isfinite(limit)].max(initial=1.0))):
             worst = int(np.argmax(ends))

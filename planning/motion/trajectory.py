@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kinematics.quintic_spline import hermite
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held
 from kinematics.transforms import Array
@@ -69,6 +70,7 @@ class _Drive:
         self.cell, self.pace = cell, pace
         robot, arm = cell.robot, list(cell.robot.arm_joints)
         self.limits = robot.velocity[arm], robot.acceleration[arm], robot.jerk[arm]
+        self.positions = robot.lower[arm], robot.upper[arm]
         self.t, self.rows = np.empty(_ROWS), np.empty((_ROWS, 3, len(arm)))
         self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))
         self.frames = np.empty((len(cell.arm.chain.q_index) + 1, 4, 4))
@@ -165,7 +167,11 @@ class _Drive:
         return self._free(task, int(write_corner(*corners, i, self.t, self.rows)))
 
     def _free(self, task: Task, count: int) -> bool:
-        """Whether the curve of the first rows is free, for certain."""
+        """Whether the curve of the first rows is free, for certain, and no joint leaves its limits on it."""
+        control = hermite(self.t[:count], *np.swapaxes(self.rows[:count], 0, 1)).control  # the curve stays within these
+        low, high = self.positions
+        if (control < low - SAME).any() or (control > high + SAME).any():
+            return False
         n = chords(self.t, self.rows, count, task.exact.weight, WITHIN_M, self.ends, self.points)
         return bool(n > 0 and first_blocked(task, self.points, n, self.cell.memory) < 0)
 

@@ -240,9 +240,7 @@ def retrieve_unseen(
     )  # fmt: skip
 
 
-def _as_seen(
-    mind: _BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None
-) -> list[Fault]:
+def _as_seen(mind: _BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:
     """What the verdict finds wrong with motions in the world as it was seen: what was not seen is left to the planner."""
     scene = replace(mind.empty_scene, objects=tuple(replace(b, T_world_body=state.poses[b.name]) for b in mind.belief.bodies))
     found = judge_motions(scene, motions, mind.robot, Settings(max_tilt_deg=max_tilt_deg), grasp=grasp)

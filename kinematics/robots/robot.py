@@ -386,14 +386,14 @@ def _assemble(
     try:
         data = _derive(text, name, srdf, renamed)
         robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N)
+        if _fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
+            if on_step:
+                on_step(f"comparing the kinematics of {title} with pytorch-kinematics")
+            check_kinematics(robot)
     except ValueError:
         raise
     except Exception as e:  # readers of URDFs and meshes raise many kinds, all of them "this is no robot"
         raise ValueError(f"robot {name}: its URDF can't be understood ({type(e).__name__}: {e})") from e
-    if _fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
-        if on_step:
-            on_step(f"comparing the kinematics of {title} with pytorch-kinematics")
-        check_kinematics(robot)
     cache.store(name_in_cache, data)  # only what passed the check is kept
     return robot
 

@@ -366,10 +366,10 @@ def other_robot(scene: RobotRef, robot: str | None, hand_frame: str | None, grip
     from kinematics.scene import RobotRef
 
     if robot is None and scene.urdf is not None:
-        return RobotRef(scene.T_world_base, None, scene.urdf, hand_frame or scene.hand_frame, gripper_joint or scene.gripper_joint)
+        return replace(scene, hand_frame=hand_frame or scene.hand_frame, gripper_joint=gripper_joint or scene.gripper_joint)
     name = robot or scene.name
     if name not in named_robots():
-        return RobotRef(scene.T_world_base, None, name, hand_frame, gripper_joint)
+        return RobotRef(scene.T_world_base, None, name, hand_frame, gripper_joint, mount=scene.mount)
     if hand_frame or gripper_joint:
         raise InputError(f"{where}: --hand-frame and --gripper-joint are for a URDF of one's own; the robot {name} has its own")
-    return RobotRef(scene.T_world_base, name)
+    return scene if name == scene.name else RobotRef(scene.T_world_base, name, mount=scene.mount)

@@ -46,7 +46,7 @@ def in_the_way(robot: Robot, free: Plan, scene: Scene) -> Body:
     way = next(m for m in free.motions if m.stage == "transit" and len(m.q) > 1 and np.ptp(m.q, axis=0).max() > 0.1)
     rows = samples(robot, scene, way)
     p = robot.link_poses(rows[len(rows) // 3])["hand"][:3, 3]
-    return Body("post", Box(np.array([0.04, 0.04, 0.5])), transform(p=p))
+    return Body("post", Box(np.array([0.04, 0.04, 0.1])), transform(p=p))
 
 
 @pytest.mark.parametrize("mesh", [False, True])
@@ -57,8 +57,8 @@ def test_obstacles_are_avoided(ur5e: Robot, scene: Scene, mesh: bool) -> None:
     assert free.success
     post = in_the_way(ur5e, free, scene)
     if mesh:  # of two parts
-        half = box_corners(np.array([0.02, 0.02, 0.125]))
-        post = replace(post, shape=ConvexMesh((half + np.array([0, 0, 0.125]), half - np.array([0, 0, 0.125]))))
+        half = box_corners(np.array([0.02, 0.02, 0.025]))
+        post = replace(post, shape=ConvexMesh((half + np.array([0, 0, 0.025]), half - np.array([0, 0, 0.025]))))
     cell = replace(scene, obstacles=(TABLE, post))
     found = verify(ur5e, cell, free.motions)
     assert found is not None

@@ -614,7 +614,7 @@ def _edge(M: SphereModel, Wd: SphereWorld, qa: Array, qb: Array, X: SphereScratc
 
 def _coordinates(model: SphereModel) -> int:
     """How many joint values an arm has."""
-    return int(model.q_index.max(initial=0)) + 1
+    return int(model.q_index.max(initial=-1)) + 1
 
 
 def configs_free(model: SphereModel, world: SphereWorld, Q: Array, scratch: SphereScratch) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.collision.fcl_solids import Solid, depth, hull_solid, shape_solids
+from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
@@ -77,7 +78,7 @@ class _Checker:
         self.T_world_base = scene.robot.T_world_base
         self.links = link_solids(robot)
         self.at = [self.arm.links[s.name] for s in self.links]
-        self.fixed = [(s, w.T_world_body) for w in (*scene.cabinet.walls(), *scene.obstacles) for s in shape_solids(w.name, w.shape)]
+        self.fixed = [(s, w.T_world_body) for w in standing_still(scene) for s in shape_solids(w.name, w.shape)]
         self.objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self.pairs = pairs_of(robot)
 
@@ -95,7 +96,9 @@ class _Checker:
         movers = n + len(grip)
         against, around_all = np.divmod(np.arange(movers * len(around)), max(1, len(around)))
         holding, held_all = np.divmod(np.arange(len(grip) * n), n)
-        tables = [np.stack([holding + n, held_all], -1), np.stack([against, around_all + movers], -1)]
+        stands_on = np.array([s.name == MOUNT for s, _ in around], np.bool_)
+        apart = ~(stands_on[around_all] & (carrier[against] == 0))  # what is fixed to the world stands on the mount
+        tables = [np.stack([holding + n, held_all], -1), np.stack([against, around_all + movers], -1)[apart]]
         pairs = np.concatenate([self.pairs.checked, self.pairs.switched_off, *tables])
         still = self._still(course, carrier, pairs)
         found = self._found(course, samples, solids, pairs, still, at_hand)

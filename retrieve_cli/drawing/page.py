@@ -60,7 +60,7 @@ Command = dict[str, Any]
 Int = NDArray[np.int64]
 MOST_TURN = 1.5
 """Radians between two keys at most: the viewer takes the shorter way round."""
-FRAME_S = 0.03
+FRAME_S = 0.02
 """Seconds between two keys at most: the viewer goes straight from the one to the other."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -30,17 +31,18 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Sampling:
-    """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces; off_square: by how much (rad) they
-    may be off a box's faces, within the friction cone. heights: of the pads, in shares of the object's. pitches: by approach, in rad."""
+    """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
+    than the middle, or than the gripper's depth lets it, a box may be taken. heights: of the pads, in shares of the object's. pitches: by
+    approach, in rad."""
 
     yaws: int = 12
-    off_square: tuple[float, ...] = (0.0,)
+    backs_m: tuple[float, ...] = (0.0,)
     heights: tuple[float, ...] = (0.6, 0.85)
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
 
 
 USUAL = Sampling()
-DENSE = Sampling(36, (0.0, 0.12, -0.12), (0.3, 0.45, 0.6, 0.72, 0.85, 0.95), {**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)})
+DENSE = Sampling(36, (0.0, 0.01, 0.02), (0.3, 0.45, 0.6, 0.72, 0.85, 0.95), {**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)})
 """All of the usual ones and many more: where a grasp that was not sampled would matter, as for proofs that there is none."""
 
 
@@ -113,7 +115,7 @@ def closing_directions(shape: Shape, T: Array, sampling: Sampling = USUAL) -> li
     match shape:
         case Box():
             axes = T[:3, :3].T
-            yaws = [float(np.arctan2(a[1], a[0])) + off for a in axes if abs(a[2]) < 0.2 for off in sampling.off_square]
+            yaws = [float(np.arctan2(a[1], a[0])) for a in axes if abs(a[2]) < 0.2]
         case _:
             yaws = list(np.arange(sampling.yaws) * np.pi / sampling.yaws)
     return sorted({round(y % np.pi, 6) % round(np.pi, 6) for y in yaws})
@@ -129,7 +131,7 @@ def sample_grasps(
     """
     low, high = bounds(body.shape, body.T_world_body)
     middle = (low + high) / 2
-    candidates: list[tuple[float, Array, Array, Array, tuple[float, float, float]]] = []
+    candidates: list[tuple[float, Array, Array, Array, tuple[float, float, float], float]] = []
     for yaw in closing_directions(body.shape, body.T_world_body, sampling):
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         across = 2 * float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ u))
@@ -145,15 +147,17 @@ def sample_grasps(
                     R = _level_hand(ahead, pitch)
                     turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
                     reach = float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))
-                    for rank, z in enumerate(levels):
+                    backs = sampling.backs_m if isinstance(body.shape, Box) and pitch == 0.0 else (0.0,)
+                    for (rank, z), back in product(enumerate(levels), backs):
                         point = np.array([middle[0], middle[1], z])
-                        candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, (reach, float(high[2] - z), pitch)))
+                        extent = (reach, float(high[2] - z), pitch)
+                        candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, extent, back))
     hits: dict[tuple[float, float], Contact | None] = {}
-    for _, point, u, R, extent in sorted(candidates, key=lambda c: c[0]):
+    for _, point, u, R, extent, back in sorted(candidates, key=lambda c: c[0]):
         line = (float(u[0]), float(point[2]))  # hands from both sides, and of all pitches, close along it
         if line not in hits:
             hits[line] = line_contacts(body.shape, body.T_world_body, point, u)
-        grasp = _antipodal(body, opening, hits[line], point, u, R, extent)
+        grasp = _antipodal(body, opening, hits[line], point, u, R, extent, back)
         if grasp is not None:
             yield grasp
 
@@ -190,26 +194,38 @@ def set_back(reach: float, width_m: float, opening: Opening) -> float:
 
     reach: how far the object extends from its middle towards the hand; its shape is taken for a box.
     """
-    return min(max(0.0, reach + BEHIND_M - opening.depth_at(width_m)), max(0.0, reach - LEAST_BITE_M))
+    return min(max(0.0, reach + BEHIND_M - opening.depth_at(width_m)), _most_back(reach))
 
 
-def _set_back_pitched(reach: float, above: float, pitch: float, width_m: float, opening: Opening) -> float:
-    """`set_back` for a pitched hand, which moves upwards with it: the pads stay on the body."""
+def _most_back(reach: float) -> float:
+    """The most that a grasp may be set back."""
+    return max(0.0, reach - LEAST_BITE_M)
+
+
+def _set_back_pitched(reach: float, above: float, pitch: float, width_m: float, opening: Opening, more: float) -> float:
+    """`set_back`, for a level hand by so much more; for a pitched one, which moves upwards with it, so that the pads stay on the body."""
     if pitch == 0.0:
-        return set_back(reach, width_m, opening)
+        return min(set_back(reach, width_m, opening) + more, _most_back(reach))
     back = max(0.0, _behind(reach, above, pitch) + BEHIND_M - opening.depth_at(width_m))
-    over = max(0.0, reach - LEAST_BITE_M) / max(np.cos(pitch), 1e-9)
+    over = _most_back(reach) / max(np.cos(pitch), 1e-9)
     return float(min(back, over, max(0.0, above - BELOW_TOP_M) / np.sin(pitch)))
 
 
 def _antipodal(
-    body: Body, opening: Opening, hit: Contact | None, point: Array, u: Array, R: Array, extent: tuple[float, float, float]
+    body: Body,
+    opening: Opening,
+    hit: Contact | None,
+    point: Array,
+    u: Array,
+    R: Array,
+    extent: tuple[float, float, float],
+    back: float,
 ) -> Grasp | None:
     """The grasp with the pads' centre on the line through `point` along u, which meets the body so, or where that is too deep, nearer to
-    the hand; or None. extent: the body's, see `_behind`."""
+    the hand; or None. extent: the body's, see `_behind`. back: how much nearer still (m), where the body reaches so far."""
     if hit is None:
         return None
-    back = 0.0 if isinstance(body.shape, Cylinder) else _set_back_pitched(*extent, hit.leave - hit.enter, opening)
+    back = 0.0 if isinstance(body.shape, Cylinder) else _set_back_pitched(*extent, hit.leave - hit.enter, opening, back)
     if back > 0.0:
         point = point - back * R[:, 2]
         hit = line_contacts(body.shape, body.T_world_body, point, u)

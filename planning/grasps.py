@@ -25,6 +25,7 @@ LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pa
 BELOW_TOP_M = 0.015
 BEHIND_M = ROOM_M  # room between an object and what lies behind the pads: knuckles, palm
 KNUCKLE_M = 0.020  # half of how wide a knuckle is, across the way the fingers close
+SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
 LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -233,7 +234,7 @@ def _antipodal(
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
         return None
     width = hit.leave - hit.enter
-    if width + 0.004 > opening.max_m:
+    if width + SPARE_M > opening.max_m:
         return None
     centre = point + 0.5 * (hit.enter + hit.leave) * u
     return Grasp(transform(R, centre - opening.pad_z_at(width) * R[:, 2]), float(width))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,9 @@ from kinematics.collision.fcl_solids import apart
 from kinematics.robots.gripper import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
-from kinematics.shapes import Box, Cylinder
+from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasps import LOWEST_M, UP, set_back
+from planning.grasps import LOWEST_M, SPARE_M, UP, set_back
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Blocked
@@ -29,7 +29,7 @@ from planning.verdict import judge_grasp
 
 MOST = 500  # of anything in a spec: metres, objects, rows of regions
 STAGE = 1  # this stage's word in the seeds of random generators
-SPECS = ("paper", "paper-any", "shelf")
+SPECS = ("paper", "paper-any", "shelf", "hard", "hard-any", "lab-s", "lab-l")
 
 
 class NoScene(Exception):
@@ -37,25 +37,55 @@ class NoScene(Exception):
 
 
 @dataclass(frozen=True, eq=False)
+class Kind:
+    """A kind of household object: its name, and its size (3,), along x, y and z, or of a cylinder (2,), radius and height, in metres."""
+
+    name: str
+    size_m: tuple[float, ...]
+
+    def body(self, T_floor: Array, scale: float) -> Body:
+        """One of its kind, upright, on the floor at T_floor (4, 4)."""
+        size = scale * np.array(self.size_m)
+        shape: Shape = Box(size) if len(size) == 3 else Cylinder(float(size[0]), float(size[1]))
+        return Body(self.name, shape, T_floor @ transform(p=[0.0, 0.0, size[-1] / 2]))
+
+
+@dataclass(frozen=True, eq=False)
 class Spec:
-    """What scenes look like; the fields of a spec file, section by section. Pairs are ranges, sampled evenly."""
+    """What scenes look like; the fields of a spec file, section by section. Pairs are ranges, sampled evenly.
+
+    cabinet_size_to_m: the largest size of a cabinet, where it is not always the same. target_depth_share: the target's depth in shares of
+    the cabinet's, instead of metres. objects_household: kinds of objects, instead of boxes and cylinders of any size; objects_scale: how
+    much larger or smaller each of them may be.
+    """
 
     cabinet_size_m: Array
     cabinet_front_m: float
     cabinet_floor_m: float
     cabinet_wall_m: float
     objects_count: tuple[int, int]
-    objects_box_share: float
-    objects_half_width_m: tuple[float, float]
-    objects_height_m: tuple[float, float]
     objects_gap_m: float
-    target_half_width_m: tuple[float, float]
-    target_depth_m: tuple[float, float]
     grasp_bearing_share: float
     grasp_yaw_spread: float
     grasp_height_share: float
     moves_approaches: tuple[str, ...]
     regions_n: int
+    objects_box_share: float = 0.0
+    objects_half_width_m: tuple[float, float] = (0.0, 0.0)
+    objects_height_m: tuple[float, float] = (0.0, 0.0)
+    target_half_width_m: tuple[float, float] = (0.0, 0.0)
+    target_depth_m: tuple[float, float] = (0.0, 0.0)
+    cabinet_size_to_m: Array | None = None
+    target_depth_share: tuple[float, float] | None = None
+    objects_household: tuple[Kind, ...] = ()
+    objects_scale: tuple[float, float] = (1.0, 1.0)
+
+
+INSTEAD = {
+    "objects_household": ("objects_box_share", "objects_half_width_m", "objects_height_m", "target_half_width_m"),
+    "target_depth_share": ("target_depth_m",),
+}
+"""A field, and those that a spec has instead: either the one or all the others."""
 
 
 def load_spec(which: str) -> Spec:
@@ -75,10 +105,21 @@ def load_spec(which: str) -> Spec:
         raise ValueError(f"{where}: {e}") from e
     given = {f"{section}_{key}": value for section, entries in table.items() if isinstance(entries, dict) for key, value in entries.items()}
     known = {f.name for f in fields(Spec)}
-    for name in [*(n for n in given if n not in known), *(n for n in (f.name for f in fields(Spec)) if n not in given)]:
+    needed = [f.name for f in fields(Spec) if f.default is MISSING]
+    needed += [name for other, names in INSTEAD.items() if other not in given for name in names]
+    for name in [*(n for n in given if n not in known), *(n for n in needed if n not in given)]:
         what = "is missing" if name in known else "is no field of a spec"
-        raise ValueError(f"{where}: {name.replace('_', '.', 1)} {what} (planning/specs/paper.toml shows them all)")
+        raise ValueError(f"{where}: {_field(name)} {what} (planning/specs/paper.toml and lab-s.toml show them all)")
+    for other, names in INSTEAD.items():
+        for name in names if other in given else ():
+            if name in given:
+                raise ValueError(f"{where}: {_field(name)} says what {_field(other)} says otherwise: leave one of them out")
     return Spec(**{name: _checked(where, name, value) for name, value in given.items()})
+
+
+def _field(name: str) -> str:
+    """A field as spec files name it."""
+    return name.replace("_", ".", 1)
 
 
 def generate(
@@ -127,7 +168,8 @@ def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
 def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int, int], rng: np.random.Generator) -> Scene | None:
     """One scene as it comes, valid or not; None when the objects did not fit."""
     T_cabinet = transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m])
-    cabinet = Cabinet(spec.cabinet_size_m, T_cabinet, spec.cabinet_wall_m)
+    size = spec.cabinet_size_m if spec.cabinet_size_to_m is None else rng.uniform(spec.cabinet_size_m, spec.cabinet_size_to_m)
+    cabinet = Cabinet(size, T_cabinet, spec.cabinet_wall_m)
     count = int(rng.integers(spec.objects_count[0], spec.objects_count[1] + 1))
     bodies: list[Body] = []
     for i in range(count):
@@ -140,7 +182,7 @@ def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int,
             return None
     target = bodies[0]
     order = rng.permutation(count)  # the target has no fixed place in the list
-    names = {bodies[i].name: _name(bodies[i].name.split("_")[0], rank, robot.tree.names) for rank, i in enumerate(order)}
+    names = {bodies[i].name: _name(bodies[i].name.rsplit("_", 1)[0], rank, robot.tree.names) for rank, i in enumerate(order)}
     objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
     grasp = _grasp(spec, robot.opening, target, ref.T_world_base[:3, 3], rng)
     return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
@@ -155,18 +197,30 @@ def _name(kind: str, number: int, links: Collection[str]) -> str:
 
 
 def _object(spec: Spec, cabinet: Cabinet, i: int, rng: np.random.Generator) -> Body:
-    """An upright box or cylinder somewhere on the floor; number 0 is the target, at a target's depth."""
+    """An upright object somewhere on the floor; number 0 is the target, at a target's depth."""
     low, high = spec.target_half_width_m if i == 0 else spec.objects_half_width_m
-    depth, width, _ = spec.cabinet_size_m
+    depth, width, _ = cabinet.size_m
     height = float(rng.uniform(*spec.objects_height_m))
-    near, far = spec.target_depth_m if i == 0 else (high, depth - low)
+    near, far = _target_depths(spec, depth) if i == 0 else (high, depth - low)
     x, y = rng.uniform(near, far), rng.uniform(-width / 2 + low, width / 2 - low)
     yaw = rng.uniform(-np.pi / 2, np.pi / 2)
+    if spec.objects_household:
+        kind = spec.objects_household[rng.integers(len(spec.objects_household))]
+        floor = cabinet.T_world_cabinet @ transform(rotation_about(UP, yaw), [x, y, 0.0])
+        body = kind.body(floor, float(rng.uniform(*spec.objects_scale)))
+        return Body(f"{body.name}_{i}", body.shape, body.T_world_body)
     half = rng.uniform(low, high, 2)
     T = cabinet.T_world_cabinet @ transform(rotation_about(UP, yaw), [x, y, height / 2])
     if rng.random() < spec.objects_box_share:
         return Body(f"box_{i}", Box(np.array([2 * half[0], 2 * half[1], height])), T)
     return Body(f"can_{i}", Cylinder(float(half[0]), height), T)
+
+
+def _target_depths(spec: Spec, depth_m: float) -> tuple[float, float]:
+    """The range of the target's depth in a cabinet of some depth."""
+    if spec.target_depth_share is None:
+        return spec.target_depth_m
+    return spec.target_depth_share[0] * depth_m, spec.target_depth_share[1] * depth_m
 
 
 def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.random.Generator) -> Grasp:
@@ -178,6 +232,8 @@ def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.rand
     if isinstance(target.shape, Box):
         own = np.arctan2(target.T_world_body[1, 0], target.T_world_body[0, 0])
         quarter = round((yaw - own) / (np.pi / 2))
+        if 2 * half[1 if quarter % 2 == 0 else 0] + SPARE_M > opening.max_m:  # too wide from here
+            quarter += 1 if (yaw - own) / (np.pi / 2) > quarter else -1
         yaw, width = own + quarter * np.pi / 2, 2 * float(half[1 if quarter % 2 == 0 else 0])
     approach = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     reach = float(half[0]) if isinstance(target.shape, Cylinder) else float(half[0 if quarter % 2 == 0 else 1])
@@ -191,12 +247,14 @@ def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.rand
 
 def _checked(where: str, name: str, value: Any) -> Any:
     """A spec's value in the type of its field. Raises ValueError."""
-    label = f"{where}: {name.replace('_', '.', 1)}"
+    label = f"{where}: {_field(name)}"
+    if name == "objects_household":
+        return _kinds(label, value)
     if name == "moves_approaches":
         if not value or not isinstance(value, list) or any(a not in APPROACHES for a in value):
             raise ValueError(f"{label}: {value!r} is no list of {', '.join(APPROACHES)}")
         return tuple(value)
-    if name == "cabinet_size_m":
+    if name in ("cabinet_size_m", "cabinet_size_to_m"):
         if not isinstance(value, list) or len(value) != 3 or not all(_number(v) and v > 0 for v in value):
             raise ValueError(f"{label}: {value!r} is not three positive lengths")
         return np.array(value, float)
@@ -216,6 +274,16 @@ def _checked(where: str, name: str, value: Any) -> Any:
     if name in ("objects_gap_m", "grasp_yaw_spread") and value < 0:
         raise ValueError(f"{label}: {value!r} is below 0")
     return value
+
+
+def _kinds(label: str, value: Any) -> tuple[Kind, ...]:
+    """Kinds of household objects. Raises ValueError."""
+    if not isinstance(value, dict) or not value:
+        raise ValueError(f"{label}: {value!r} is no table of kinds, NAME = [x, y, z] or [radius, height]")
+    for name, size in value.items():
+        if not isinstance(size, list) or len(size) not in (2, 3) or not all(_number(v) and v > 0 for v in size):
+            raise ValueError(f"{label}.{name}: {size!r} is neither the sides [x, y, z] of a box nor [radius, height] of a cylinder")
+    return tuple(Kind(name, tuple(map(float, size))) for name, size in value.items())
 
 
 def _number(value: object) -> bool:

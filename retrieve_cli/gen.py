@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,9 +62,11 @@ def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
 
 
 def spec_hash(spec: Spec) -> str:
-    """What tells a spec from any other."""
-    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(spec).items()}
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+    """What tells a spec from any other: the fields that it gives."""
+    optional = [f.name for f in fields(spec) if f.default is not MISSING and getattr(spec, f.name) is f.default]
+    given = {name: value for name, value in vars(spec).items() if name not in optional}
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in given.items()}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True, default=vars).encode()).hexdigest()
 
 
 def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:

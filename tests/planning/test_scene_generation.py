@@ -238,7 +238,10 @@ def own_spec(tmp_path: Path) -> Callable[..., Spec]:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ([("[target]", "[objects.household]\ncup = [0.03, 0.1]\n\n[target]")], r"objects.box_share says what objects.household says otherwise"),
+        (
+            [("[target]", "[objects.household]\ncup = [0.03, 0.1]\n\n[target]")],
+            r"objects.box_share says what objects.household says otherwise",
+        ),
         ([("box_share = 0.5", "")], r"objects.box_share is missing"),
         ([("depth_m", "depth_share")], r"target.depth_share: \[0.16, 0.46\] is"),
     ],

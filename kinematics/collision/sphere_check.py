@@ -614,7 +614,7 @@ def _edge(M: SphereModel, Wd: SphereWorld, qa: Array, qb: Array, X: SphereScratc
 
 def _coordinates(model: SphereModel) -> int:
     """How many joint values an arm has."""
-    return int(model.q_index.max(initial=-1)) + 1
+    return int(model.q_index.max()) + 1 if len(model.q_index) else 0
 
 
 def configs_free(model: SphereModel, world: SphereWorld, Q: Array, scratch: SphereScratch) -> NDArray[np.uint8]:

@@ -243,7 +243,6 @@ def own_spec(tmp_path: Path) -> Callable[..., Spec]:
             r"objects.box_share says what objects.household says otherwise",
         ),
         ([("box_share = 0.5", "")], r"objects.box_share is missing"),
-        ([("depth_m", "depth_share")], r"target.depth_share: \[0.16, 0.46\] is"),
     ],
 )
 def test_a_spec_says_things_in_one_way_only(own_spec: Callable[..., Spec], changes: list[tuple[str, str]], says: str) -> None:

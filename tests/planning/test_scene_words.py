@@ -70,7 +70,7 @@ def test_a_mesh_stands_up_and_says_so(meshes: Path) -> None:
     lying = made("bottle.stl@0.5,0,scale=0.001,up=x", folder=meshes).objects[0]
     assert np.ptp(bounds(lying.shape, lying.T_world_body), axis=0)[2] == pytest.approx(0.06, abs=2e-3)
     assert settle(scene).target == "bottle"
-    with pytest.raises(ValueError, match="long: is the mesh in millimetres"):
+    with pytest.raises(ValueError, match="is it in millimetres"):
         settle(made("bottle.stl@0.5,0", folder=meshes))
 
 

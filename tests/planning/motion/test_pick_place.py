@@ -199,7 +199,7 @@ def test_what_was_found_once_is_found_again(ur5e: Robot) -> None:
         regions = np.flatnonzero(motions.placeable(state, name, np.arange(100), np.random.default_rng(0)))
         done = motions.thorough.relocate(state, name, int(regions[0]), np.random.default_rng(1))
         again = motions.relocate(state, name, int(regions[0]), np.random.default_rng(2))
-        assert done is again
+        assert done is again or isinstance(done, Blocked)  # what failed may be tried again with other random numbers
         assert motions.state is state
         found += isinstance(done, Done)
     assert found

@@ -129,6 +129,17 @@ def test_numbers_that_are_none_are_outside_the_limits(engines: Engines, value: f
     assert engines.asked == []
 
 
+def test_a_spline_keeps_the_limits_between_its_waypoints(engines: Engines, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its extremes count, to 1e-10, not its waypoints alone."""
+    asked: list[tuple[int, float]] = []
+    monkeypatch.setattr(module, "extremes", lambda spline, order, exactly: asked.append((order, exactly)) or spline)
+    for low, high, well in (([-1, -2, -9], [1, 2, 9], True), ([-1.1, 0, 0], [0, 0, 0], False), ([0, 0, 0], [0, 2.1, 0], False)):
+        spline: Any = np.array([low]), np.array([high])
+        said = says(SimpleNamespace(stage="transit", q=np.zeros((1, 3)), spline=spline, held=None, allowed_contacts=()))  # type: ignore[arg-type]
+        assert said == (None if well else Blocked("verify", detail="motion 0, transit: a joint leaves its limits"))
+    assert set(asked) == {(0, 1e-10)}
+
+
 def test_motions_follow_one_another_without_a_gap(engines: Engines) -> None:
     first = move([0, 0, 0], [0.5, 0.5, 0.5])
     for gap, well in ((0.0, True), (0.9e-9, True), (1.1e-9, False), (0.5, False)):
@@ -229,6 +240,28 @@ def test_one_object_after_another_without_a_motion_between(engines: Engines) -> 
     assert says(move([0.2, 0.1, 0.0], there, held=first), move(there, [0, 0, 0], held=second)) is None
     assert [sorted(a.poses) for a in engines.asked] == [["b", "target"], ["a", "target"]]
     assert np.allclose(engines.asked[1].poses["a"], hand_poses(slider(), SCENE, np.array(there)) @ first.T_hand_body)
+
+
+def leaning(degrees: float) -> Held:
+    """Object a, leaning by so much from how it stood, about an axis that is neither x nor y."""
+    return Held("a", transform(rotations_about((0.6, 0.8, 0.0), np.radians(degrees))))
+
+
+def test_what_is_carried_may_lean_as_far_as_is_said(engines: Engines, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the plan's limit, or by the object's own; to a hundredth of a degree; at the worst of all samples."""
+    turns = np.array([[0, 0, 0], [0, 0, 1.0]])
+    for degrees, limit, well in ((30.0, 30.0, True), (30.005, 30.0, True), (30.02, 30.0, False), (170.0, 180.0, True)):
+        said = module._leans_too_far(slider(), SCENE, leaning(degrees), turns, limit)
+        assert said == (None if well else f"it leans by {degrees:.1f}°, and {limit:g}° is its limit")
+    own = replace(SCENE, objects=(replace(SCENE.objects[0], max_tilt_deg=10.0), *SCENE.objects[1:]))
+    assert module._leans_too_far(slider(), own, leaning(12.0), turns, 30.0) == "it leans by 12.0°, and 10° is its limit"
+    lying = replace(SCENE, objects=(replace(SCENE.objects[0], T_world_body=leaning(90.0).T_hand_body), *SCENE.objects[1:]))
+    assert module._leans_too_far(slider(), lying, leaning(90.0), turns, 5.0) is None  # as it lay
+    assert module._leans_too_far(slider(), lying, leaning(80.0), turns, 5.0) == "it leans by 10.0°, and 5° is its limit"
+    monkeypatch.setattr(module, "_leans_too_far", lambda robot, scene, held, rows, most: f"{held.body} {rows} {most:g}")
+    q = [0.2, 0.1, 0.0]
+    said = verify(slider(), SCENE, [move(q), move(q, stage="lift", held=holding("a", q))], max_tilt_deg=20.0)
+    assert said == Blocked("verify", "hand", "a", detail="motion 1, lift: a ('rows of', 'lift') 20")
 
 
 def test_an_object_may_not_slip_in_the_hand(engines: Engines) -> None:

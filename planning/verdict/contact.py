@@ -156,8 +156,8 @@ class _Checker:
                     return self.settings.depth_m
             elif a == held and b in self.rests.get(a, ()):
                 return self.settings.depth_m
-        if a_is_link and self.arm.links[a][0] == 0:
-            return self.settings.depth_m  # the base stands on something
+        if a_is_link and self.arm.links[a][0] == 0:  # the base stands on something
+            return np.inf if b == MOUNT else self.settings.depth_m
         return TOUCH_M
 
     def _arm_stands(self, course: Course) -> bool:

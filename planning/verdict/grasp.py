@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from kinematics.collision.fcl_solids import Solid, depth, shape_solids
+from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import WALLS, Body, Grasp, Scene
 from kinematics.transforms import Array, inverse
@@ -58,11 +59,10 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
             if deep > (asked.depth_m if link in hand.fingers else TOUCH_M):
                 return f"x_g does not hold {target.name}: {link} would touch the target itself, {1000 * deep:.1f} mm deep"
     T_hand_world = inverse(x_g.T_world_hand)
-    around = (*scene.cabinet.walls(), *scene.obstacles)
-    walls = [Body(w.name, w.shape, T_hand_world @ w.T_world_body) for w in around]
+    walls = [Body(w.name, w.shape, T_hand_world @ w.T_world_body) for w in standing_still(scene)]
     for link, wall, deep in _touching(robot, hand, frames, walls):
         if deep > TOUCH_M:
-            return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in WALLS else ''}{wall}"
+            return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in (*WALLS, MOUNT) else ''}{wall}"
     return None
 
 

@@ -78,7 +78,7 @@ def test_contacts_are_those_of_many_samples(robot: Robot) -> None:
         us, them = found_by_us(robot, scene, motion), found_densely(robot, scene, motion)
         outside = {p: d for p, d in them.items() if not p <= set(names) or p in ours}
         base = {n for n in names if hand.arm.links[n][0] == 0}
-        must = {p for p, d in outside.items() if d > 0.0015 and not p & base}
+        must = {p for p, d in outside.items() if d > 0.0015 and not p & base}  # what the base stands on, and how deep, is its own matter
         assert must <= set(us), (seed, must - set(us))
         assert set(us) <= set(them), (seed, set(us) - set(them))
         assert all(us[p] == pytest.approx(them[p], rel=0.5, abs=0.003) for p in must if them[p] < 0.01)

@@ -21,6 +21,8 @@ from planning.io import files
 from planning.io.results import plan_writer
 from planning.learning.model import Model, ships
 from planning.motion.pick_place import ITERATIONS, Motions
+from planning.motion.settings import DEFAULTS, MotionSettings
+from planning.motion.trajectory import FULL, Pace
 from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
@@ -66,28 +68,34 @@ def plan_scene(
     max_moves: int = MAX_MOVES,
     iterations: int = ITERATIONS,
     time_budget_s: float | None = None,
+    robot: Robot | None = None,
+    settings: MotionSettings = DEFAULTS,
+    pace: Pace = FULL,
+    unseen_is_solid: bool = True,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan one scene: moves of other objects, then the grasp x_g and the way out. The same seed gives the same plan.
 
     policy: a name (`planning.policies` lists them), or a function that makes one from the scene's `Motions`; by default the networks
-    where some ship for the robot, else "local". model: networks of one's own. iterations: of one RRT-Connect; time_budget_s: seconds
-    instead, which can't be repeated exactly. on_step: told of each step as it is taken.
+    where some ship for the robot, else "lookahead". model: networks of one's own. iterations: of one RRT-Connect; time_budget_s: seconds
+    instead, which can't be repeated exactly. robot: the scene's own by default. settings: clearance and tilt that motions keep; pace: how
+    fast they are. unseen_is_solid: whether, in a scene out of recorded frames, what no frame has shown is an obstacle. on_step: told of
+    each step as it is taken.
 
-    Of a scene out of recorded frames, what no frame has shown is solid.
-    The plan says whether it succeeded, or at which stage which link met which body. Raises: ValueError when the robot can't be loaded, or
-    can't stand there.
+    The plan says whether it succeeded, or at which stage which link met which body; stage `scene` when x_g can't hold the target.
+    Raises: ValueError when the robot can't be loaded, or can't stand there, or the scene has no target.
     """
-    robot, rule = from_ref(scene.robot), Rule(rule)
+    robot, rule = robot or from_ref(scene.robot), Rule(rule)
     if policy is None:
         policy = default_policy(robot.name, model)
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
+    _ = scene.target_body, scene.x_g  # said now if there is none
     if (wrong := judge_grasp(robot, scene)) is not None:
-        return failed(scene.id, wrong, name=name, rule=rule)
-    unseen = unseen_space(scene) if is_seen(scene) else ()
-    motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen)
+        return failed(scene.id, f"grasp: {wrong}", name=name, rule=rule)
+    unseen = unseen_space(scene) if is_seen(scene) and unseen_is_solid else ()
+    motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen, settings=settings, pace=pace)
     motions.start()
-    chooses = make_policy(policy, motions, model=model) if isinstance(policy, str) else policy(motions)
+    chooses = make_policy(policy, motions, model=model, max_moves=max_moves) if isinstance(policy, str) else policy(motions)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])
     return retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
 
@@ -98,5 +106,5 @@ def verify_plan(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
 
 
 def default_policy(robot: str, model: Model | None = None) -> str:
-    """The policy when none is asked for: "neural" where there are networks for the robot, else "local"."""
-    return "neural" if model is not None or ships(robot) else "local"
+    """The policy when none is asked for: "neural" where there are networks for the robot, else the look ahead alone."""
+    return "neural" if model is not None or ships(robot) else "lookahead"

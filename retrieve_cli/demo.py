@@ -99,10 +99,10 @@ def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:
     """Just what `retrieve plan` does with the scene alone in its file."""
     import numpy as np
 
+    from planning.library import STAGE
     from planning.motion.pick_place import Motions
     from planning.policies import make_policy
     from planning.retrieval import retrieve
-    from retrieve_cli.plan import STAGE
 
     motions = Motions(arm, scene)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from planning.motion.settings import MotionSettings
 
 UNSEEN = ("solid", "free")
-STAGE = 4  # this stage's word in the seeds of random generators
 
 
 @dataclass(frozen=True)
@@ -239,36 +238,34 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
 
 
 def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
-    """The plan of one scene. Raises: InputError, beginning with `where`, when the robot can't be loaded, or can't stand there."""
-    import numpy as np
-
+    """The plan of one scene. Raises: InputError, beginning with `where`, when the scene can't be meant: its robot, its target, its x_g."""
     from kinematics.robots.robot import from_ref
-    from perception.observation import is_seen
+    from planning import library
     from planning.learning.model import once_loaded
-    from planning.motion.pick_place import ITERATIONS, Motions
+    from planning.motion.pick_place import ITERATIONS
     from planning.motion.trajectory import Pace
-    from planning.policies import make_policy
-    from planning.retrieval import Rule, retrieve
-    from planning.sensing.recording import unseen_space
-    from planning.verdict import judge_grasp
 
     if job.sense:
         return sense_and_plan(job, where, scene)
     with blame(where, *UNREADABLE):
         arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
-        _ = scene.target_body, scene.x_g  # said now if there is none
-        if (wrong := judge_grasp(arm, scene)) is not None:
-            raise ValueError(f"grasp: {wrong}")
-        unseen = unseen_space(scene) if is_seen(scene) and job.unseen == "solid" else ()
-        settings, pace, iterations = motion_settings(job), Pace(job.speed, job.hand_speed), job.iterations or ITERATIONS
-        motions = Motions(
-            arm, scene, iterations=iterations, time_budget_s=job.time_budget_s, obstacles=unseen, settings=settings, pace=pace
+        plan = library.plan_scene(
+            scene,
+            job.policy or _default_policy(arm.name, job.model),
+            model=once_loaded(job.model) if job.model else None,
+            rule=job.rule,
+            seed=job.seed,
+            max_moves=job.max_moves,
+            iterations=job.iterations or ITERATIONS,
+            time_budget_s=job.time_budget_s,
+            robot=arm,
+            settings=motion_settings(job),
+            pace=Pace(job.speed, job.hand_speed),
+            unseen_is_solid=job.unseen == "solid",
         )
-        motions.start()
-        name = job.policy or _default_policy(arm.name, job.model)
-        policy = make_policy(name, motions, model=once_loaded(job.model) if job.model else None, max_moves=job.max_moves)
-    rng = np.random.default_rng([job.seed, STAGE, scene.random_word])
-    return retrieve(scene, policy, motions, name=name, rule=Rule(job.rule), max_moves=job.max_moves, rng=rng)
+    if plan.reason is not None and plan.reason.stage == SCENE:
+        raise InputError(f"{where}: {plan.reason.detail}")
+    return plan
 
 
 def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
@@ -277,6 +274,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
 
     from kinematics.robots.robot import from_ref
     from perception.camera import DepthNoise
+    from planning import library
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.motion.trajectory import Pace
@@ -302,20 +300,22 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
             settings=motion_settings(job),
             pace=Pace(job.speed, job.hand_speed),
-            rng=np.random.default_rng([job.seed, STAGE, scene.random_word]),
+            rng=np.random.default_rng([job.seed, library.STAGE, scene.random_word]),
         )
 
 
 def _default_policy(robot: str, model: str | None) -> str:
     """The policy when none is asked for: the networks, or for a robot without them the look ahead alone, which is said."""
-    from planning.learning.model import ships
+    from planning.learning.model import once_loaded
+    from planning.library import default_policy
 
-    if model is not None or ships(robot):
-        return "neural"
-    _say_once(
-        f"no networks ship for the robot {robot}: planning with --policy lookahead (networks of your own: retrieve label, retrieve train)"
-    )
-    return "lookahead"
+    policy = default_policy(robot, once_loaded(model) if model else None)
+    if policy != "neural":
+        _say_once(
+            f"no networks ship for the robot {robot}: planning with --policy {policy} "
+            "(networks of your own: retrieve label, retrieve train)"
+        )
+    return policy
 
 
 _say_once = lru_cache(say)

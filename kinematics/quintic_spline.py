@@ -7,10 +7,10 @@ found to any accuracy by cutting the interval in halves (de Casteljau). Source: 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 
+from kinematics.doors import checked
 from kinematics.transforms import Array
 
 DEGREE = 5
@@ -30,24 +30,14 @@ def hermite(t_s: Array, q: Array, qd: Array, qdd: Array) -> QuinticSpline:
 
     Raises: ValueError when the shapes differ, K < 1, or the times do not rise.
     """
-    t, q, qd, qdd = (np.asarray(a, float) for a in (t_s, q, qd, qdd))
+    t, q, qd, qdd = (np.ascontiguousarray(a, float) for a in (t_s, q, qd, qdd))
     if q.ndim != 2 or not len(q) or t.shape != (len(q),) or qd.shape != q.shape or qdd.shape != q.shape:
         raise ValueError(f"t_s {t.shape}, q {q.shape}, qd {qd.shape}, qdd {qdd.shape}: (K,) and three times (K, J) are needed")
-    h = np.diff(t)[:, None]
-    if not (h > 0).all():
+    from kinematics.spline_kernel import hermite_control  # here, for who only reads plans needs no compiled code
+
+    control = np.empty((len(q) - 1, DEGREE + 1, q.shape[1]))
+    if not hermite_control(t, q, qd, qdd, control):
         raise ValueError("t_s: the times of a spline's rows must rise")
-    first, last = (q[:-1], qd[:-1], qdd[:-1]), (q[1:], qd[1:], qdd[1:])
-    control = np.stack(
-        [
-            first[0],
-            first[0] + h / 5 * first[1],
-            first[0] + 2 * h / 5 * first[1] + h**2 / 20 * first[2],
-            last[0] - 2 * h / 5 * last[1] + h**2 / 20 * last[2],
-            last[0] - h / 5 * last[1],
-            last[0],
-        ],
-        axis=1,
-    )
     return QuinticSpline(t, control)
 
 
@@ -62,16 +52,19 @@ def coefficients(spline: QuinticSpline, order: int = 0) -> Array:
 def evaluate(spline: QuinticSpline, t_s: Array, order: int = 0) -> Array:
     """Position (order 0), velocity (1) or acceleration (2) at times t_s (N,): (N, J). Times outside the spline are moved to its ends.
 
-    Raises: ValueError when the spline has one row only.
+    A joint that rests in a piece of the spline has the very same position all along it: rounding moves nothing.
+    Raises: ValueError when the spline has one row only, or for another order.
     """
     if len(spline.t_s) < 2:
         raise ValueError("a spline of one row has no pieces to evaluate")
-    t = np.clip(np.asarray(t_s, float), spline.t_s[0], spline.t_s[-1])
-    piece = np.clip(np.searchsorted(spline.t_s, t, side="right") - 1, 0, len(spline.t_s) - 2)
-    u = (t - spline.t_s[piece]) / (spline.t_s[piece + 1] - spline.t_s[piece])
-    n = DEGREE - order
-    basis = np.stack([comb(n, k) * u**k * (1 - u) ** (n - k) for k in range(n + 1)], axis=1)
-    return np.asarray(np.einsum("nk,nkj->nj", basis, coefficients(spline, order)[piece]))
+    if not 0 <= order < DEGREE:
+        raise ValueError(f"a spline has derivatives of order 0 to {DEGREE - 1}, not {order}")
+    from kinematics.spline_kernel import evaluate_rows
+
+    t, J = checked("t_s", t_s, -1, finite=False), spline.control.shape[2]
+    out = np.empty((len(t), J))
+    evaluate_rows(spline.t_s, spline.control, t, order, np.empty((DEGREE + 1, J)), out)
+    return out
 
 
 def extremes(spline: QuinticSpline, order: int = 0, tolerance: float = 1e-9) -> tuple[Array, Array]:

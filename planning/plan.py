@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -98,7 +99,7 @@ class Motion:
     clearance_m: float | None = None
     clearance_between: tuple[str, str] | None = None
 
-    @property
+    @cached_property
     def spline(self) -> QuinticSpline | None:
         """What runs between the rows; None where these are waypoints."""
         return None if self.qd is None or self.qdd is None else hermite(self.t_s, self.q, self.qd, self.qdd)

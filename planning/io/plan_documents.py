@@ -21,7 +21,7 @@ RULES = ("deep", "region", "strict")
 
 def plan_to_json(plan: Plan) -> dict[str, Any]:
     """A plan as schema/plan.schema.json has it; as version 1 when its motions are waypoints."""
-    timed = all(m.spline is not None for m in plan.motions)
+    timed = all(m.qd is not None and m.qdd is not None for m in plan.motions)
     document = {
         "schema": PLAN if timed else WAYPOINT_PLAN,
         "scene": plan.scene,

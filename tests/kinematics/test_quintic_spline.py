@@ -25,6 +25,15 @@ def test_it_meets_every_row_and_its_derivatives(seed: int) -> None:
 
 
 @given(st.integers(0, 10**6))
+def test_a_joint_that_rests_has_the_very_same_position_everywhere(seed: int) -> None:
+    """Whoever looks for joints that move looks for any difference, and rounding must not be one."""
+    t, q, qd, qdd = random_rows(seed)
+    q[:, 1], qd[:, 1], qdd[:, 1] = q[0, 1], 0.0, 0.0
+    at = np.random.default_rng(seed).uniform(t[0], t[-1], 50)
+    assert (evaluate(hermite(t, q, qd, qdd), at)[:, 1] == q[0, 1]).all()
+
+
+@given(st.integers(0, 10**6))
 def test_derivatives_are_slopes(seed: int) -> None:
     t, q, qd, qdd = random_rows(seed)
     spline = hermite(t, q, qd, qdd)

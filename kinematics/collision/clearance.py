@@ -47,7 +47,9 @@ def least_clearance(
     if (gripper == gripper[0]).all():
         return _least(bodies, arm, float(gripper[0]), poses, held, allowed_contacts, step_m)
     some = np.unique(np.linspace(0, len(q) - 1, FINGERS_AT).round().astype(np.int64))
-    found = (_least(bodies, arm[i : i + 1], float(gripper[i]), poses, held, allowed_contacts, step_m) for i in some)
+    stands = (arm == arm[0]).all()
+    at = arm[:1] if stands else arm  # where the arm moves as well, at each of these openings on all of its way
+    found = (_least(bodies, at, float(gripper[i]), poses, held, allowed_contacts, step_m) for i in some)
     return min((c for c in found if c is not None), key=lambda c: c.distance_m, default=None)
 
 

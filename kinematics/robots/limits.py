@@ -1,6 +1,7 @@
 """Limits of velocity, acceleration and jerk: from the URDF, from a robot's data sheet (robots.toml), from a file of one's own.
 
-A URDF gives velocities at most. What nobody gives is assumed, and said: full speed after ACCELERATION_S, full acceleration after JERK_S.
+A URDF gives velocities at most. What nobody gives is assumed, and said: full speed after ACCELERATION_S, full acceleration after JERK_S; of
+the fingers, which weigh little, after GRIPPER_ACCELERATION_S and GRIPPER_JERK_S.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from kinematics.transforms import Array
 
 ACCELERATION_S = 0.35
 JERK_S = 0.15
+GRIPPER_ACCELERATION_S = 0.1
+GRIPPER_JERK_S = 0.05
 VELOCITY = 1.0
 """Assumed where a URDF gives none, rad/s or m/s."""
 KINDS = ("velocity", "acceleration", "jerk")
@@ -37,10 +40,13 @@ class JointLimits:
     assumed: str
 
 
-def joint_limits(urdf: etree._Element, joints: Sequence[str], arm: Sequence[int], sheet: Mapping[str, Any] | None = None) -> JointLimits:
-    """The limits of a cleaned URDF's actuated joints (J,), where its data sheet says more with that.
+def joint_limits(
+    urdf: etree._Element, joints: Sequence[str], arm: Sequence[int], gripper: int, sheet: Mapping[str, Any] | None = None
+) -> JointLimits:
+    """The limits of a cleaned URDF's actuated joints (J,), where data sheets say more with that.
 
-    arm: which of them the sheet's lists are about, in their order; sheet: `source` and lists by `KINDS`.
+    arm: which of them the sheet's lists are about, in their order; gripper: which of them opens the fingers. sheet: `source`, lists by
+    `KINDS` for the arm, and `gripper`, one number by kind.
     """
     given = {name: _urdf_velocity(urdf, name) for name in joints}
     values = {kind: np.full(len(joints), np.nan) for kind in KINDS}
@@ -48,7 +54,9 @@ def joint_limits(urdf: etree._Element, joints: Sequence[str], arm: Sequence[int]
     for kind in KINDS:
         if sheet and kind in sheet:
             values[kind][list(arm)] = sheet[kind]
-    return _completed(joints, values, str(sheet["source"]) if sheet else "the URDF")
+        if sheet and kind in sheet.get("gripper", {}):
+            values[kind][gripper] = sheet["gripper"][kind]
+    return _completed(joints, gripper, values, str(sheet["source"]) if sheet else "the URDF")
 
 
 def read_tables(file: Path) -> dict[str, Any]:
@@ -92,16 +100,18 @@ def _urdf_velocity(urdf: etree._Element, name: str) -> float | None:
     return float(value) if value is not None and float(value) > 0 else None
 
 
-def _completed(joints: Sequence[str], values: dict[str, Array], source: str) -> JointLimits:
+def _completed(joints: Sequence[str], gripper: int, values: dict[str, Array], source: str) -> JointLimits:
     """Fill in what is not known, nan so far, and say so."""
     said = list[str]()
-    rules = (("velocity", lambda: np.full(len(joints), VELOCITY), f"{VELOCITY:g} rad/s or m/s"),
-             ("acceleration", lambda: values["velocity"] / ACCELERATION_S, f"full speed in {ACCELERATION_S:g} s"),
-             ("jerk", lambda: values["acceleration"] / JERK_S, f"full acceleration in {JERK_S:g} s"))  # fmt: skip
-    for kind, rule, words in rules:
+    slow, quick = (np.full(len(joints), seconds) for seconds in (ACCELERATION_S, JERK_S))
+    slow[gripper], quick[gripper] = GRIPPER_ACCELERATION_S, GRIPPER_JERK_S
+    rules = (("velocity", lambda: np.full(len(joints), VELOCITY), f"{VELOCITY:g} rad/s or m/s", ""),
+             ("acceleration", lambda: values["velocity"] / slow, f"full speed in {ACCELERATION_S:g} s", f"{GRIPPER_ACCELERATION_S:g} s"),
+             ("jerk", lambda: values["acceleration"] / quick, f"full acceleration in {JERK_S:g} s", f"{GRIPPER_JERK_S:g} s"))  # fmt: skip
+    for kind, rule, words, fingers in rules:
         missing = np.isnan(values[kind])
         if missing.any():
             values[kind][missing] = rule()[missing]
             which = "every joint" if missing.all() else ", ".join(name for name, m in zip(joints, missing) if m)
-            said.append(f"{kind} of {which}: {words}")
+            said.append(f"{kind} of {which}: {words}" + (f" ({joints[gripper]} {fingers})" if fingers and missing[gripper] else ""))
     return JointLimits(values["velocity"], values["acceleration"], values["jerk"], source, "; ".join(said))

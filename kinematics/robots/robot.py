@@ -480,7 +480,7 @@ def _robot(
     opening, pads = measure(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
-    limits = joint_limits(etree.fromstring(text), joints, arm, sheet)
+    limits = joint_limits(etree.fromstring(text), joints, arm, g, sheet)
     return Robot(
         name, title, text, joints, lower, upper, limits, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
         has_camera=any(h.link == "camera" for h in hulls), grip_force_N=grip_force_N,

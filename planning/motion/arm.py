@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +13,29 @@ from numpy.typing import NDArray
 from kinematics import inverse
 from kinematics.chain import Int, forward
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed, make_geometry_model
-from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel
+from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, link_covers
+from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
 
 FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
+APART_M = 0.003  # where the arm moves meanwhile: they are looked at so often that no point of theirs moves further in between
+MOST_OPENINGS = 12
+BENDS = 1.05  # a finger's point strays from where two openings have it by so much more than half of what lies between them
+
+
+class AnyOpening(NamedTuple):
+    """The arm with its fingers at several openings at once, for the compiled core.
+
+    links: behind each part; pairs (S, 2): of parts that may not touch, no two of them at different openings. within_m: at any opening in
+    between, no point of a finger is further than that from where one of these has it.
+    """
+
+    posed: PosedGeometry
+    model: SphereModel
+    links: tuple[str, ...]
+    pairs: Int
+    within_m: float
 
 
 class Arm(RobotCollisionModel):
@@ -25,8 +46,10 @@ class Arm(RobotCollisionModel):
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
         self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))
-        self._finger_pieces = make_geometry_model([robot.hulls[i].vertices for i in self.fingers])
+        hulls, covers = [robot.hulls[i].vertices for i in self.fingers], [link_covers(robot)[i] for i in self.fingers]
+        self._finger_pieces = make_geometry_model(hulls, covers)
         self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
+        self._any_opening: dict[tuple[float, float], AnyOpening | None] = {}
 
     def moving_fingers(self, opened: float, closed: float) -> tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]:
         """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: the posed geometry, its links,
@@ -35,17 +58,43 @@ class Arm(RobotCollisionModel):
         if key not in self._moving:
             if len(self._moving) == OPENINGS:
                 self._moving.pop(next(iter(self._moving)))  # the oldest
-            *before, last = (opened + share * (closed - opened) for share in FINGERS_AT)
-            own, posed, links = self.fingers, self.posed(last), self.links
-            pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
-            for gripper in before:
-                posed = join_posed(posed, self.posed_links(own, self._finger_pieces, gripper))
-                copies = np.arange(len(self.links))
-                copies[own] = len(links) + np.arange(len(own))
-                links += tuple(self.links[i] for i in own)
-                pairs.append(copies[pairs[0]])
-            self._moving[key] = posed, links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
+            posed, links, pairs = self._at_all([opened + share * (closed - opened) for share in FINGERS_AT])
+            self._moving[key] = posed, links, pairs, np.isin(links, sorted(self.robot.fingers))
         return self._moving[key]
+
+    def any_opening(self, first: float, last: float) -> AnyOpening | None:
+        """The arm with its fingers anywhere between two gripper values; None where these are too far apart for that to pay."""
+        key = (min(first, last), max(first, last))
+        if key not in self._any_opening:
+            if len(self._any_opening) == OPENINGS:
+                self._any_opening.pop(next(iter(self._any_opening)))  # the oldest
+            self._any_opening[key] = self._between(*key)
+        return self._any_opening[key]
+
+    def _between(self, first: float, last: float) -> AnyOpening | None:
+        fingers = [self.posed_links(self.fingers, self._finger_pieces, g).vertices for g in np.linspace(first, last, MOST_OPENINGS)]
+        steps = [float(np.linalg.norm(b - a, axis=0).max()) for a, b in pairwise(fingers)]
+        parts = int(np.ceil(sum(steps) / APART_M))
+        if parts >= MOST_OPENINGS:
+            return None
+        posed, links, pairs = self._at_all(np.linspace(first, last, parts + 1).tolist())
+        own = self.self_pairs[~np.isin(self.self_pairs, self.fingers).any(1)]
+        within_m = BENDS / 2 * max(steps) * (MOST_OPENINGS - 1) / parts
+        return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, np.concatenate([own, pairs]), within_m)
+
+    def _at_all(self, openings: Sequence[float]) -> tuple[PosedGeometry, tuple[str, ...], Int]:
+        """The arm with its fingers at several gripper values at once: the posed geometry, with the last of them first, its links, and the
+        pairs (S, 2) in which a finger takes part."""
+        *others, last = openings
+        own, posed, links = self.fingers, self.posed(last), self.links
+        pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
+        for gripper in others:
+            posed = join_posed(posed, self.posed_links(own, self._finger_pieces, gripper))
+            copies = np.arange(len(self.links))
+            copies[own] = len(links) + np.arange(len(own))
+            links += tuple(self.links[i] for i in own)
+            pairs.append(copies[pairs[0]])
+        return posed, links, np.concatenate(pairs)
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""

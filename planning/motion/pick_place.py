@@ -291,7 +291,7 @@ class Motions:
         return known[pick]
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> list[Motion] | Blocked:
-        """From where the arm is to the beginning of a pick's approach, the fingers set to its opening first."""
+        """From where the arm is to the beginning of a pick's approach, the fingers moving to its opening on the way, or first."""
         known = self._recall(state).transits
         q, gripper = self.robot.arm_q(state.q), float(state.q[self.robot.gripper_joint])
         if pick not in known:
@@ -305,10 +305,14 @@ class Motions:
         path = known[pick]
         if isinstance(path, Blocked):
             return path
-        motions = []
-        if abs(gripper - pick.gripper_open) > 1e-9:
-            motions.append(self._motion("transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open))
-        return [*motions, self._motion("transit", path, pick.gripper_open)]
+        if abs(gripper - pick.gripper_open) <= 1e-9:
+            return [self._motion("transit", path, pick.gripper_open)]
+        if self.cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
+            return [self._motion("transit", path, gripper, to_gripper=pick.gripper_open)]
+        return [
+            self._motion("transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open),
+            self._motion("transit", path, pick.gripper_open),
+        ]
 
     def _way_out(self, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
         """From the lifted target to a configuration with all of it outside the cabinet: straight out of it where there is a way."""

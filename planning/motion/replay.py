@@ -12,7 +12,7 @@ from kinematics.collision.clearance import least_clearance
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
-from planning.motion.sampling import RESOLUTION_M, samples
+from planning.motion.sampling import RESOLUTION_M, samples, while_fingers_move
 from planning.plan import Motion
 
 
@@ -37,7 +37,11 @@ def with_clearances(robot: Robot, scene: Scene, motions: Sequence[Motion], bodie
     bodies, out = bodies or BroadPhase(robot, scene), list[Motion]()
     for motion, poses in replay(robot, scene, motions):
         rows = samples(robot, scene, motion)
-        found = least_clearance(bodies, rows, poses, motion.held, motion.allowed_contacts, RESOLUTION_M)
+        measured = (
+            least_clearance(bodies, some, poses, motion.held, motion.allowed_contacts, RESOLUTION_M)
+            for some in while_fingers_move(robot, rows)
+        )
+        found = min((c for c in measured if c is not None), key=lambda c: c.distance_m, default=None)
         distance, between = (None, None) if found is None else (found.distance_m, found.between)
         out.append(replace(motion, clearance_m=distance, clearance_between=between))
     return tuple(out)

@@ -39,6 +39,16 @@ def samples(robot: Robot, scene: Scene, motion: Motion) -> Array:
     return _fine(q, pieces, robot.tree.poses(rows), link, middle, half, RESOLUTION_M / SLACK)
 
 
+def while_fingers_move(robot: Robot, q: Array) -> list[Array]:
+    """Configurations q (N, J) in two parts, one as a rule: up to where the gripper's joint stays as it is, and from there on. Covers can
+    speak for fingers that don't move."""
+    g = robot.gripper_joint
+    moves = np.flatnonzero(q[:, g] != q[-1, g])
+    if len(moves) == 0 or (robot.arm_q(q) == robot.arm_q(q[0])).all():
+        return [q]
+    return [q[: moves[-1] + 2], q[moves[-1] + 1 :]]
+
+
 def _along_spline(robot: Robot, spline: QuinticSpline, link: Int, middle: Array, half: Array) -> Array:
     """The samples of a spline. Where a piece of it is at most COARSE long its speed is greatest at an end of it, and so much is it cut."""
     travel = np.abs(np.diff(spline.control, axis=1)).sum(1).max(1)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.quintic_spline import hermite
+from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held
 from kinematics.transforms import Array
@@ -83,13 +83,17 @@ class _Drive:
         if len(q) == 1:  # nothing moves
             still = np.zeros((2, q.shape[1]))
             return replace(motion, q=np.repeat(q, 2, 0), t_s=np.array([0.0, LEAST_S]), qd=still, qdd=still)
-        if (np.ptp(np.delete(q, arm, axis=1), axis=0) > 0).any():
+        if (np.ptp(q[:, arm], axis=0) == 0).all():
             t, rows = _from_stop_to_stop(q, robot.velocity, robot.acceleration, robot.jerk)
         else:
             count = self._drive(poses, motion, np.ascontiguousarray(q[:, arm]))
             t, rows = self.t[:count].copy(), np.zeros((count, 3, q.shape[1]))
             rows[:, 0] = q[0]
             rows[:, :, arm] = self.rows[:count]
+            g = robot.gripper_joint
+            if q[0, g] != q[-1, g]:
+                limits = (limit[[g]] for limit in (robot.velocity, robot.acceleration, robot.jerk))
+                t, rows = _beside(t, rows, g, *_from_stop_to_stop(q[[0, -1]][:, [g]], *limits))
         if self.pace.speed < 1:
             slow_down(1 / self.pace.speed, len(t), t, rows)
         return replace(motion, q=rows[:, 0].copy(), t_s=t, qd=rows[:, 1].copy(), qdd=rows[:, 2].copy())
@@ -113,7 +117,9 @@ class _Drive:
         """What may not touch while a motion lasts, for chords of curves; the memory is ready for it. Free ways keep as clear as their
         waypoints q (K, A) do."""
         cell = self.cell
-        query = self._query(poses, float(motion.q[0, cell.robot.gripper_joint]), motion.held)
+        first, last = (float(motion.q[i, cell.robot.gripper_joint]) for i in (0, -1))
+        moving = None if first == last else cell.any_opening(poses, first, last)
+        query = self._query(poses, first, motion.held) if moving is None else moving
         for a, b in motion.allowed_contacts:
             if motion.held is None or b != motion.held.body:
                 query = cell.allowing(query, a, b)
@@ -220,3 +226,18 @@ def _from_stop_to_stop(q: Array, velocity: Array, acceleration: Array, jerk: Arr
     count = int(write_rows(*corners, t, rows))
     keep_limits(velocity, acceleration, jerk, MOST_USED, count, t, rows)
     return t[:count].copy(), rows[:count]
+
+
+def _beside(t: Array, rows: Array, joint: int, t_joint: Array, rows_joint: Array) -> tuple[Array, Array]:
+    """A trajectory, times t (R,) and rows (R, 3, J), with one joint moving at the same time, rows_joint (S, 3, 1), from its beginning on;
+    whichever is done first waits for the other. The joint is slowed down a little where its rows would lie too near to the others."""
+    for slower in np.linspace(1, 1.5, 101):
+        gaps = np.abs(slower * t_joint[1:, None] - t)
+        if gaps.min() > LEAST_S:
+            break
+    t_joint, rows_joint = t_joint * slower, rows_joint / np.array([1, slower, slower**2])[:, None]
+    every = np.unique(np.concatenate([t, t_joint]))
+    splines = [hermite(when, *np.swapaxes(what, 0, 1)) for when, what in ((t, rows), (t_joint, rows_joint))]
+    whole, alone = (np.stack([evaluate(spline, every, order) for order in range(3)], axis=1) for spline in splines)
+    whole[:, :, joint] = alone[:, :, 0]
+    return every, whole

@@ -19,7 +19,7 @@ from kinematics.robots.start import start_q
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array, angle_between, inverse
 from planning.motion.replay import hand_poses
-from planning.motion.sampling import samples
+from planning.motion.sampling import samples, while_fingers_move
 from planning.motion.settings import MOST_TILT_DEG, tilt_limit_deg
 from planning.plan import Blocked, Motion
 
@@ -59,11 +59,12 @@ def verify(
         rows = samples(robot, scene, motion)
         if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
             return Blocked("verify", "hand", motion.held.body, detail=f"{where}: {leans}")
-        judged = sieve.judge(rows, poses, motion.held, motion.allowed_contacts)
-        found = verdict.first_contacts(rows, poses, motion.held, motion.allowed_contacts, judged)
-        if found is not None:
-            worst = found[1][0]
-            return Blocked("verify", worst.a, worst.b, worst.depth_m, where)
+        for some in while_fingers_move(robot, rows):
+            judged = sieve.judge(some, poses, motion.held, motion.allowed_contacts)
+            found = verdict.first_contacts(some, poses, motion.held, motion.allowed_contacts, judged)
+            if found is not None:
+                worst = found[1][0]
+                return Blocked("verify", worst.a, worst.b, worst.depth_m, where)
         before = motion
     return None
 

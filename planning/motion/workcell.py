@@ -24,7 +24,7 @@ from kinematics.robots.start import start_q
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import bounds, convex_parts
 from kinematics.transforms import Array, transform
-from planning.motion.arm import FINGERS_AT, arm_at
+from planning.motion.arm import MOST_OPENINGS, arm_at
 from planning.motion.connecting import connect
 from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, with_clearance, without_still
 from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
@@ -52,10 +52,14 @@ class CollisionPair:
 
 
 class PlanningQuery(NamedTuple):
-    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices."""
+    """One motion query: what moves and what stands, packed for the compiled core, with the names behind the indices.
+
+    off_m: what moves is no further than that from where it may be, so any clearance has to be so much more.
+    """
 
     task: Task
     names: tuple[str, ...]
+    off_m: float = 0.0
 
     @property
     def problem(self) -> edge_check.Problem:
@@ -120,9 +124,9 @@ class Workcell:
         self._bodies: dict[int, _Bodies] = {}
         self._solutions: dict[tuple[bytes, int], Array] = {}
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
-        fingers = len(FINGERS_AT) * len(self.arm.fingers)
-        pairs = (n_links + most + fingers) * len(self._rows) + len(FINGERS_AT) * len(self.arm.self_pairs) + most * n_links
-        self.memory = memory_for(self.arm.chain, n_links + most, len(self._rows), pairs)
+        fingers = MOST_OPENINGS * len(self.arm.fingers)
+        pairs = (n_links + most + fingers) * len(self._rows) + MOST_OPENINGS * len(self.arm.self_pairs) + most * n_links
+        self.memory = memory_for(self.arm.chain, n_links + most + fingers, len(self._rows), pairs)
         self._entered: PlanningQuery | None = None
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
         self.hand = make_hand(self.arm.chain, self.arm.T_frame_hand)
@@ -221,14 +225,36 @@ class Workcell:
 
     def allowing(self, query: PlanningQuery, a: str, b: str) -> PlanningQuery:
         """The same query, but link or held object a may touch body b."""
-        (task, names), P = query, query.parts
+        (task, names, off_m), P = query, query.parts
         problem, world = task.exact, task.world
         first, second = (np.array([n == name for n in names]) for name in (a, b))
         first[P:] = second[:P] = False  # a mover and what stands: their names are of two spaces
         kept = ~(first[problem.pairs[:, 0]] & second[problem.pairs[:, 1]])
         problem = edge_check.some_pairs(problem, kept)
         check = np.where(first[:P, None] & second[P:], np.uint8(0), world.check)
-        return PlanningQuery(task._replace(exact=problem, world=world._replace(check=check)), names)
+        return PlanningQuery(task._replace(exact=problem, world=world._replace(check=check)), names, off_m)
+
+    def any_opening(self, poses: Mapping[str, Array], first: float, last: float) -> PlanningQuery | None:
+        """The query of an empty hand whose fingers may be anywhere between two gripper values; what is free by it is free however they
+        move. None where the values are too far apart."""
+        moving = self.arm.any_opening(first, last)
+        if moving is None:
+            return None
+        posed, model, links, pairs, off_m = moving
+        _, solids, bodies, _ = self._standing(poses)
+        check = np.ones((len(links), len(bodies)), np.uint8)
+        check[posed.frame == 0] = 0
+        task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
+        query = PlanningQuery(task, links + bodies, off_m)
+        return self.keeping(query, self.settings.clearance.least_m)
+
+    def free_however_open(self, poses: Mapping[str, Array], path: Array, first: float, last: float) -> bool:
+        """Whether a path (K, A), K > 1, of an empty hand is free with the fingers anywhere between two gripper values all along."""
+        query = self.any_opening(poses, first, last)
+        if query is None:
+            return False
+        memory = self.enter(query)
+        return all(connects(query.task, a, b, memory) for a, b in pairwise(path))
 
     def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> ContactQuery:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
@@ -337,7 +363,7 @@ class Workcell:
 
     def keeping(self, query: PlanningQuery, clearance_m: float) -> PlanningQuery:
         """The same query for motions that keep so far from everything but what they may touch and unseen space, in metres."""
-        return query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m))
+        return query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m, query.off_m))
 
     def clearest(self, query: PlanningQuery, path: Array) -> float:
         """The largest of the clearances that are tried which all edges of a certified path (K, A) keep, in metres."""
@@ -353,7 +379,7 @@ class Workcell:
         """The task by which chords are judged in the place of a curve of which no point of the arm is further than within_m metres from
         where a chord has it: when the chords are free by it, the curve keeps clearance_m, and what is carried is as upright as it must be.
         """
-        task = self._with_clearance(query.task, query.names[query.parts :], max(clearance_m, self.settings.clearance.least_m))
+        task = self._with_clearance(query.task, query.names[query.parts :], max(clearance_m, self.settings.clearance.least_m), query.off_m)
         more = max(0.0, within_m - edge_check.MARGIN_M / 2)  # the exact test's proof keeps half the margin besides
         exact, world = task.exact, task.world
         exact = exact._replace(clearance=exact.clearance + more)
@@ -365,9 +391,9 @@ class Workcell:
         lean = within_m / float(task.exact.weight.min())  # the joints turn by no more than that between curve and chord
         return task._replace(upright=task.upright._replace(least=float(np.cos(max(0.0, np.arccos(task.upright.least) - lean)))))
 
-    def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float) -> Task:
+    def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float, off_m: float = 0.0) -> Task:
         solids = np.array([0.0 if name in self._unseen else clearance_m for name in bodies])
-        return with_clearance(task, solids, min(clearance_m, self.settings.clearance.own_m))
+        return with_clearance(task, solids + off_m, min(clearance_m, self.settings.clearance.own_m) + off_m)
 
     def reached(self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
         """To which of goals (G, A) there is a path from start (A,), each sought in so many iterations."""

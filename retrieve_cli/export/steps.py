@@ -49,7 +49,8 @@ class ArmStep:
 class GripperStep:
     """One command to the gripper: its joint and value, in rad or m; the width between the pads; how hard to close (None: as it is).
 
-    holds: what is in the hand afterwards, None for nothing. duration_s: how long the plan gives the fingers.
+    holds: what is in the hand afterwards, None for nothing. duration_s: how long the plan gives the fingers while the arm stands; 0 when
+    they move while the arm makes its next step, which is free whether they are done before it begins or only at its end.
     """
 
     joint: str
@@ -80,12 +81,13 @@ def steps(plan: Plan, joints: Sequence[str] | None = None) -> list[Step]:
     for motion in plan.motions:
         if motion.joint_names != names:
             raise InputError(f"{plan.scene}: {motion.stage}: has other joints than the motion before it")
-        if np.ptp(motion.q[:, columns], axis=0).max() > STILL:
-            _append_arm(out, motion, arm, columns)
+        arm_moves = np.ptp(motion.q[:, columns], axis=0).max() > STILL
         if motion.gripper and motion.gripper.before.value != motion.gripper.after.value:
-            after = motion.gripper.after
-            held = _holds(plan, motion)
-            out.append(GripperStep(motion.gripper.joint, after.value, after.width_m, after.force_N, held, float(motion.t_s[-1])))
+            after, held = motion.gripper.after, _holds(plan, motion)
+            seconds = 0.0 if arm_moves else float(motion.t_s[-1])
+            out.append(GripperStep(motion.gripper.joint, after.value, after.width_m, after.force_N, held, seconds))
+        if arm_moves:
+            _append_arm(out, motion, arm, columns)
     return out
 
 

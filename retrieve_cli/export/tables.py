@@ -36,7 +36,8 @@ def csv(steps: Sequence[Step], rate_hz: float) -> str:
 def franka(steps: Sequence[Step]) -> tuple[str, str]:
     """Rows for a 1 kHz control loop, seven positions and seven velocities each, and the gripper's commands as JSON Lines.
 
-    A command comes after the row that it names, and the loop waits there until the gripper is done. Raises: InputError for another arm.
+    A command comes after the row that it names, -1 for one before the first, and the loop waits there until the gripper is done.
+    Raises: InputError for another arm.
     """
     out, commands, row = StringIO(), list[str](), 0
     for step in steps:
@@ -79,8 +80,11 @@ def _whole(steps: Sequence[Step], rate_hz: float | None) -> tuple[Array, list[in
             names = [[name for name, begins in step.stages if begins <= x + 1e-12][-1] for x in times]
             at, duration = rows[0][-1], float(step.t_s[-1])
         else:
+            value = step.value
+            if step.duration_s == 0.0:  # the fingers move beside the arm's next step
+                continue
             times, rows = np.array([0.0, step.duration_s]), [np.stack([at, at]), np.zeros((2, len(at))), np.zeros((2, len(at)))]
-            names, duration, value = ["grasp" if step.holds else "open"] * 2, step.duration_s, step.value
+            names, duration = ["grasp" if step.holds else "open"] * 2, step.duration_s
         t.append(start + times)
         for table, block in zip((q, qd, qdd), rows):
             table.append(block)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.robots.limits import ACCELERATION_S, JERK_S, VELOCITY, read_limits
+from kinematics.robots.limits import ACCELERATION_S, GRIPPER_ACCELERATION_S, GRIPPER_JERK_S, JERK_S, VELOCITY, read_limits
 from kinematics.robots.robot import Robot, load
 
 JOINTS = ("turn", "up", "out", "grip")
@@ -34,9 +34,10 @@ def test_data_sheets_are_used() -> None:
 def test_what_a_urdf_lacks_is_assumed_and_said(toy_urdf: Callable[..., Path]) -> None:
     toy = load(str(toy_urdf((' velocity="0.5"', ""))), "tcp", "grip")
     assert toy.velocity.tolist() == [2.0, VELOCITY, VELOCITY, 0.1]
-    assert np.allclose(toy.acceleration, toy.velocity / ACCELERATION_S)
-    assert np.allclose(toy.jerk, toy.acceleration / JERK_S)
-    assert toy.limits.assumed.startswith("velocity of up, out: 1 rad/s or m/s; acceleration of every joint: full speed in 0.35 s; jerk of ")
+    assert np.allclose(toy.acceleration, toy.velocity / ([ACCELERATION_S] * 3 + [GRIPPER_ACCELERATION_S]))
+    assert np.allclose(toy.jerk, toy.acceleration / ([JERK_S] * 3 + [GRIPPER_JERK_S]))
+    said = "velocity of up, out: 1 rad/s or m/s; acceleration of every joint: full speed in 0.35 s (grip 0.1 s); jerk of "
+    assert toy.limits.assumed.startswith(said)
 
 
 def test_a_file_replaces_what_it_names(toy_urdf: Callable[..., Path], tmp_path: Path) -> None:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from conftest import Handmade
 
+from kinematics.collision.fcl_check import Verdict
 from kinematics.quintic_spline import evaluate
 from kinematics.robots.robot import Robot, load
 from kinematics.shapes import bounds
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
 from planning.motion.pick_place import Done, Motions
+from planning.motion.replay import replay
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.trajectory import STRAIGHT, Pace, timed
 from planning.motion.verify import hand_poses, verify
@@ -54,15 +56,32 @@ def test_the_hand_keeps_to_its_lines(planned: Handmade, ur5e: Robot) -> None:
         assert (motion.qd[1:-1] != 0).any(1).all()  # one piece, without a stop
 
 
-def test_the_gripper_is_told_before_and_after_and_moves_on_its_own(planned: Handmade, ur5e: Robot) -> None:
+def test_the_gripper_is_told_before_and_after_and_moves_beside_the_arm_in_transits_alone(planned: Handmade, ur5e: Robot) -> None:
     plan, g, arm = plan_from_json(planned.plan), ur5e.gripper_joint, list(ur5e.arm_joints)
     for motion in plan.motions:
         assert motion.gripper is not None
         assert (motion.gripper.before.value, motion.gripper.after.value) == (motion.q[0, g], motion.q[-1, g])
         assert motion.gripper.after.force_N == (40.0 if motion.held or motion.stage == "grasp" else None)
         assert ur5e.opening.value_at(motion.gripper.after.width_m) == pytest.approx(motion.q[-1, g], abs=1e-9)
-        if motion.gripper.before != motion.gripper.after:
+        if motion.stage != "transit" and motion.gripper.before != motion.gripper.after:
             assert not np.ptp(motion.q[:, arm], axis=0).any()
+
+
+def test_a_transit_is_free_however_early_or_late_the_fingers_are(planned: Handmade, ur5e: Robot) -> None:
+    """FCL finds nothing at configurations of the arm on its way with the fingers anywhere between before and after."""
+    scene, plan = scene_from_json(planned.scene), plan_from_json(planned.plan)
+    verdict, rng, moved = Verdict(ur5e, scene), np.random.default_rng(0), 0
+    for motion, poses in replay(ur5e, scene, plan.motions):
+        before, after = motion.q[[0, -1], ur5e.gripper_joint]
+        if motion.stage != "transit" or before == after:
+            continue
+        q = motion.at(rng.uniform(0, motion.t_s[-1], 100))
+        q[:, ur5e.gripper_joint] = rng.uniform(*sorted((before, after)), len(q))
+        assert verdict.first_contacts(q, poses) is None
+        fingers = motion.at(np.linspace(0, motion.t_s[-1], 200))[:, ur5e.gripper_joint]
+        assert (np.diff(fingers) * (after - before) > -1e-12).all()
+        moved += np.ptp(ur5e.arm_q(motion.q), axis=0).max() > 0
+    assert moved > 0
 
 
 @pytest.mark.parametrize("name", ["panda", "gen3"])

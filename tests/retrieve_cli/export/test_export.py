@@ -78,6 +78,22 @@ def test_motions_become_trajectories_with_commands_between(plan: Plan) -> None:
     assert (np.diff(first.t_s) > 0).all()
 
 
+def test_fingers_that_move_beside_the_arm_are_told_before_it_sets_out(plan: Plan, tmp_path: Path) -> None:
+    wide = GripperState(0.1, 0.07)
+    first = motion("transit", plan.motions[0].q[0, :6], plan.motions[0].q[-1, :6], OPEN, wide)
+    both = replace(plan, motions=(first, *plan.motions[1:]))
+    grip, arm, *_ = steps(both)
+    assert grip == GripperStep("finger", 0.1, 0.07, None, None, 0.0)
+    assert isinstance(arm, ArmStep)
+    export(both, "ros2", tmp_path)
+    order = yaml.safe_load((tmp_path / "sequence.yaml").read_text())["steps"]
+    assert [s["start_s"] for s in order] == pytest.approx([0.0, 0.0, 2.2, 3.3])
+    export(both, "npz", tmp_path)
+    with np.load(tmp_path / "trajectory.npz", allow_pickle=False) as data:
+        np.testing.assert_allclose(data["q"], arm_at(both, data["t_s"]), atol=1e-9)
+        assert float(data["gripper"][0]) == 0.1
+
+
 def test_ros2_is_read_back_from_yaml_and_from_the_bag(plan: Plan, tmp_path: Path) -> None:
     export(plan, "ros2", tmp_path)
     order = yaml.safe_load((tmp_path / "sequence.yaml").read_text())["steps"]

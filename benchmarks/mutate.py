@@ -53,7 +53,7 @@ TESTS = {
     "planning/motion/verify.py": ("tests/planning/motion/test_verify_rules.py",),
     "planning/policies/__init__.py": ("tests/planning/policies/test_by_name.py",),
     "planning/policies/lookahead.py": ("tests/planning/policies/test_lookahead.py",),
-    "planning/policies/relaxed_plan.py": ("tests/planning/policies/test_relaxed_plan.py", "tests/planning/policies/test_lookahead.py"),
+    "planning/relaxed_plan.py": ("tests/planning/test_relaxed_plan.py", "tests/planning/policies/test_lookahead.py"),
     "planning/policies/search.py": ("tests/planning/policies/test_lookahead.py",),
     "planning/policies/neural.py": ("tests/planning/policies/test_neural.py",),
     "planning/policies/random.py": ("tests/planning/policies/test_random.py",),

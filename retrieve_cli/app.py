@@ -235,7 +235,7 @@ def label(
         bool, typer.Option("--vary/--no-vary", help="Generate with the robot's place, the cabinet's size and the grid a little different.")
     ] = True,
     seed: Seed = 0,
-    paths: Annotated[int, typer.Option("--paths", help="Paths to the target that a state's labels are counted on.", min=1, max=254)] = 16,
+    paths: Annotated[int, typer.Option("--paths", help="Paths to the target that a state's labels are counted on.", min=1, max=254)] = 64,
     moves: Annotated[int, typer.Option("--moves", help="Label the states after up to so many moves, too.", min=0)] = 3,
     objects: Annotated[
         int | None, typer.Option("--objects", help="Ask of so many objects a state where they can be put; of all if left out.", min=0)

@@ -75,6 +75,7 @@ def run(
 ) -> None:
     """Label scenes of a file, or generated ones, shard by shard; go on where an earlier call of the same kind stopped."""
     from planning.learning import shards
+    from planning.motion.settings import DEFAULTS
 
     if scenes is not None and n is not None:
         raise InputError(f"label: {scenes} and -n exclude each other: label the scenes of a file, or generated ones")
@@ -88,6 +89,7 @@ def run(
         about, specs, ref, variety = _made(spec, robot, hand_frame, gripper_joint, vary)
         job = replace(job, specs=specs, robot=ref, variety=variety)
     settings = {"seed": seed, "paths": paths, "moves": moves, "objects": objects, **about, "scenes": total, "scenes_a_shard": SHARD}
+    settings["motions"] = {"clearance_m": DEFAULTS.clearance.wanted_m, "max_tilt_deg": DEFAULTS.max_tilt_deg}
     if partly_seen:
         settings["partly_seen"] = partly_seen
     manifest = _begin(out, settings)

@@ -29,12 +29,13 @@ def read_rows(folder: Path) -> Iterator[Row]:
 
 def _row(v: dict[str, Any]) -> Row:
     m, regions = len(v["pickable"]), np.array(v["regions"]).reshape(-1, 4)
-    arrays: dict[str, Any] = {name: np.array(v[name], np.uint8).reshape(m, len(regions)) for name in ("feasible", "hits")}
-    arrays |= {name: np.array(v[name], np.uint8) for name in ("approaches", "pickable", "opens")}
+    arrays: dict[str, Any] = {name: np.array(v[name], np.uint8).reshape(m, len(regions)) for name in ("feasible", "hits", "shorter")}
+    arrays |= {name: np.array(v[name], np.uint8) for name in ("approaches", "pickable", "opens", "first")}
     arrays |= {name: np.array(v[name], float) for name in ("base", "cabinet", "grasp", "target")}
     return Row(
         scene=v["scene"], state=v["state"], robot=v["robot"], width_m=v["width_m"], paths=v["paths"],
         objects=np.array(v["objects"], float).reshape(m, 6), regions=regions, blocks=np.array(v["blocks"], np.int64),
-        views=v["views"] or 0,  # older shards don't tell: all of theirs are the truth
+        least_moves=v["least_moves"],
+        views=v["views"],
         **arrays,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
 from planning.motion.pick_place import Choice, Done
 from planning.plan import Blocked
-from planning.policies.relaxed_plan import Names
+from planning.relaxed_plan import Names
 
 RADIUS_M, HEIGHT_M, N = 0.03, 0.12, 4
 Blocking = Callable[[str, Mapping[str, int]], Sequence[str]]

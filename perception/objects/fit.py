@@ -58,8 +58,11 @@ def standing_solids(views: PreparedFrames, shown: Mapping[str, tuple[Array, NDAr
     out = []
     for name, (points, source) in shown.items():
         up = np.array([0.0, 0.0, bases[name]])
-        pixels, above = pixels_of(views, points, source), points - up
-        shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), above) if views.axial > 0 else upright_solid(above)
+        if views.axial > 0:
+            pixels = pixels_of(views, points, source)
+            shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), points - up)
+        else:
+            shape, T = upright_solid(points - up)
         out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T))
     return tuple(out)
 

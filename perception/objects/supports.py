@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from kinematics.transforms import Array
-from perception.objects.emptiness import footprint, outside
+from perception.objects.emptiness import footprint
 
 FLOOR_M = 0.015
 """What is seen down to this height stands on the floor, as what is lower is taken for the floor's own noise."""
@@ -27,15 +27,19 @@ def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
     low = {name: float(np.percentile(p[:, 2], 1)) for name, p in points.items()}
     out = {}
     for name, p in points.items():
-        carried = low[name] > FLOOR_M and any(
-            low[other] < low[name] - LOWER_M and _beneath(p, q, low[name]) for other, q in points.items() if other != name
-        )
+        lower = [q for other, q in points.items() if other != name and low[name] > FLOOR_M and low[other] < low[name] - LOWER_M]
+        outline = footprint(p) if lower else p[:0]
+        carried = any(_beneath(outline, q, low[name]) for q in lower)
         out[name] = float(p[:, 2].min()) if carried else 0.0
     return out
 
 
-def _beneath(p: Array, q: Array, low: float) -> bool:
-    """Whether points q (M, 3) come up to the height `low` beneath points p (N, 3)."""
-    level = q[(q[:, 2] > low - BENEATH_M) & (q[:, 2] < low + BENEATH_M)]
-    within = int(np.count_nonzero(outside(footprint(p), level) < SLACK_M)) if len(level) else 0
-    return within >= max(FEWEST_POINTS, FEWEST_SHARE * len(q))
+def _beneath(outline: Array, q: Array, low: float) -> bool:
+    """Whether points q (M, 3) come up to the height `low` within an outline on the floor, half planes (H, 3)."""
+    level = q[(q[:, 2] > low - BENEATH_M) & (q[:, 2] < low + BENEATH_M), :2]
+    enough = max(FEWEST_POINTS, FEWEST_SHARE * len(q))
+    for a, b, c in outline:  # most points are far from it, and few half planes say so
+        if len(level) < enough:
+            return False
+        level = level[level[:, 0] * a + level[:, 1] * b + c < SLACK_M]
+    return len(outline) > 0 and len(level) >= enough

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-SCHEMA = "retrieve/labels@1"
+SCHEMA = "retrieve/labels@2"
 MANIFEST = "manifest.json"
 NOT_ASKED = 255
 """What a flag or a count is where nobody looked."""
+UNKNOWN = -1
+"""What a number of moves is where none is known."""
 
 COLUMNS = {
     "scene": "text",
@@ -32,8 +34,11 @@ COLUMNS = {
     "blocks": "counts",
     "pickable": "flags",
     "opens": "flags",
+    "least_moves": "whole",
+    "first": "flags",
     "feasible": "flags",
     "hits": "flags",
+    "shorter": "flags",
     "views": "whole",
 }
 """The columns of a shard and their kinds; `shards.ARROW` says which of Arrow's types each kind is."""
@@ -87,5 +92,6 @@ def _check_schema(file: Path, schema: object) -> None:
     if kind != own_kind or not version.isdigit():
         raise ValueError(f"{file}: schema: {schema!r} is not {SCHEMA}")
     if version != own_version:
-        age = "new" if int(version) > int(own_version) else "old"
-        raise ValueError(f"{file}: schema: {schema} is too {age} for this version, which reads {SCHEMA}")
+        if int(version) > int(own_version):
+            raise ValueError(f"{file}: schema: {schema} is too new for this version, which reads {SCHEMA}")
+        raise ValueError(f"{file}: schema: {schema} is too old, it does not say how many moves are needed; label into a new folder")

@@ -2,7 +2,8 @@
 
 The paper (section III-D) finds several paths to x_g with RRT-Connect that ignore all non-target objects, and counts for each object how
 many it blocks; a region costs the most when the object can't be carried there, or would stand in the way of those paths. `Row` keeps the
-counts and the verdicts apart, so that training decides how they are weighed.
+counts and the verdicts apart, so that training decides how they are weighed. What it takes to get at the target, and not only whether one
+move does, is in `horizon`.
 """
 
 from __future__ import annotations
@@ -18,17 +19,19 @@ from kinematics.collision.edge_check import MARGIN_M
 from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse
+from planning.learning.horizon import look_ahead, shortens
 from planning.learning.label_file import NOT_ASKED
 from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 
 ITERATIONS = 1500  # of a search in the emptied cabinet
-PATHS = 16
+PATHS = 64
 MOST_IN_VAIN = 2  # searches for one solution of x_g
 
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,10 @@ class Row:
     tightest box along the cabinet's axes. regions (B, 4): x, y, z, flag.
     paths: K', how many paths were found. blocks (m,): how many of them each object blocks. pickable (m,): whether it can be picked now.
     opens (m,): whether the target can be taken out once this object is gone. feasible (m, B): whether the object can be carried there now.
-    hits (m, B): how many of the paths it would block there. `NOT_ASKED` where nobody looked.
+    hits (m, B): how many of the paths it would block there.
+    least_moves: the length h of the state's shortest relaxed plans, `UNKNOWN` where none was found. first (m,): whether the object goes
+    first in one of them. shorter (m, B): whether h gets shorter once it stands there; asked where it can be carried.
+    `NOT_ASKED` where nobody looked.
     views: how many views the boxes and the regions' flags come from, of the objects that were seen; 0 where they are the truth.
     """
 
@@ -61,6 +67,9 @@ class Row:
     opens: Bytes
     feasible: Bytes
     hits: Bytes
+    least_moves: int
+    first: Bytes
+    shorter: Bytes
     views: int = 0
 
 
@@ -81,7 +90,8 @@ def label(
 ) -> Row:
     """Label a state in which the target is still blocked, by the ways to x_g that `paths_to_target` found.
 
-    objects: how many objects at most are asked where they could be carried to, the blocking ones first; None for all of them.
+    objects: how many objects at most are asked where they could be carried to, those that go first in a shortest relaxed plan in front,
+    then those that block paths; None for all of them.
     number: of the state within its scene.
     """
     scene, names = motions.scene, movable(motions.scene)
@@ -89,12 +99,17 @@ def label(
     cells = scene.cabinet.regions(scene.regions_n) @ T[:3, :3].T + T[:3, 3]
     fits = np.array([_fits(scene, state, name, cells) for name in names], np.bool_).reshape(len(names), len(cells))
     blocks, hits = paths_met(motions, state, names, cells, ways)
-    can, asked = _can(motions, state, names, blocks, objects, rng)
+    horizon = look_ahead(motions, state)
+    firsts = np.array([name in horizon.firsts for name in names], np.uint8)
+    can, asked = _can(motions, state, names, (firsts == 0, blocks == 0), objects, rng)
     feasible = np.where(can[:, None] == 1, NOT_ASKED, np.uint8(0)) * np.ones((1, len(cells)), np.uint8)
+    shorter = np.full(feasible.shape, NOT_ASKED, np.uint8)
     for i in asked:
         at = np.flatnonzero(fits[i])
         feasible[i] = 0
         feasible[i, at] = motions.placeable(state, names[i], at, rng)
+        for region, helps in shortens(motions, state, horizon, names[i], np.flatnonzero(feasible[i] == 1)).items():
+            shorter[i, region] = helps
     hand = T @ scene.x_g.T_world_hand
     boxes = {name: object_box(Body(name, scene.body(name).shape, T @ pose)) for name, pose in state.poses.items()}
     return Row(
@@ -103,6 +118,7 @@ def label(
         scene.x_g.width_m, boxes[scene.target_name], np.array([boxes[n] for n in names]).reshape(-1, 6),
         np.column_stack([cells, np.ones(len(cells))]), int(ways.times.sum()), blocks, can, _opens(motions, state, names, blocks, rng),
         feasible, np.where(fits, hits, NOT_ASKED).astype(np.uint8),
+        horizon.moves, firsts if horizon.moves > 0 else np.full(len(names), NOT_ASKED, np.uint8), shorter,
     )  # fmt: skip
 
 
@@ -182,11 +198,17 @@ def _fits(scene: Scene, state: State, name: str, cells: Array) -> NDArray[np.boo
 
 
 def _can(
-    motions: Motions, state: State, names: Sequence[str], blocks: Counts, most: int | None, rng: np.random.Generator
+    motions: Motions, state: State, names: Sequence[str], last: Sequence[Flags], most: int | None, rng: np.random.Generator
 ) -> tuple[Bytes, list[int]]:
-    """Whether each object can be picked (m,), and whose regions are looked at: of those that can, the blocking ones first, then any."""
+    """Whether each object can be picked (m,), and whose regions are looked at: of those that can, the ones that are not `last` in front.
+
+    last: flags (m,) by which objects are sorted, the most important flags first.
+    """
     can, asked = np.zeros(len(names), np.uint8), list[int]()
-    for i in sorted(rng.permutation(len(names)), key=lambda i: blocks[i] == 0):
+    obstructions = motions.obstructions(state.poses)
+    for i in sorted(rng.permutation(len(names)), key=lambda i: [flags[i] for flags in last]):
+        if not obstructions.free(names[i], frozenset(names) - {names[i]}):
+            continue  # not even if the arm could leap; and that is remembered over the states of a scene
         more = most is None or len(asked) < most
         can[i] = motions.pickable(state, names[i], rng, briefly=not more)
         if can[i] and more:

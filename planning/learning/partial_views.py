@@ -42,7 +42,7 @@ def glimpsed(motions: Motions, state: State, row: Row, rng: np.random.Generator)
         target=target,
         objects=np.array(objects).reshape(-1, 6),
         regions=np.column_stack([row.regions[:, :3], seen.regions[:, 3]]),
-        **{name: getattr(row, name)[kept] for name in ("blocks", "pickable", "opens", "feasible", "hits")},
+        **{name: getattr(row, name)[kept] for name in ("blocks", "pickable", "opens", "first", "feasible", "hits", "shorter")},
     )
 
 

@@ -105,7 +105,7 @@ class Obstruction:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The obstructions of one state, by the objects' names (planning.policies.relaxed_plan.Obstructions)."""
+    """The obstructions of one state, by the objects' names (planning.relaxed_plan.Obstructions)."""
 
     ways: Obstruction
     spots: Mapping[str, int]

@@ -18,8 +18,8 @@ from kinematics.scene import State
 from perception.observation import Observation
 from planning.plan import Outlook, Unsolvable
 from planning.policies.regions import free_regions
-from planning.policies.relaxed_plan import relaxed_plan
 from planning.policies.search import Effort, Preferences, Search, Step, World
+from planning.relaxed_plan import relaxed_plan
 
 GLANCED = 12
 """Regions that are proposed at a glance."""

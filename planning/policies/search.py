@@ -1,7 +1,7 @@
 """Look ahead: find moves after which the target can be taken out, with motions that were tried, the shortest first.
 
 The search is A* over moves (object, region). A state's rank is the number of moves that led to it and the length of its shortest relaxed
-plan (planning.policies.relaxed_plan), which never overestimates. A state has hundreds of moves, and each costs a motion plan, so a state is
+plan (planning.relaxed_plan), which never overestimates. A state has hundreds of moves, and each costs a motion plan, so a state is
 expanded one move at a time: first the objects that can go first in a shortest relaxed plan, to regions where the rest of the plan still
 holds; these keep the rank. Then all others, which raise it. With each move that was tried a state also steps back a little, so that a state
 whose moves keep failing doesn't use up the search.
@@ -22,7 +22,7 @@ from kinematics.transforms import Array
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Choice, Done
 from planning.plan import Blocked
-from planning.policies.relaxed_plan import NOTHING, Names, Obstructions, RelaxedPlan, relaxed_plan, relaxed_plans, shortest_plans
+from planning.relaxed_plan import NOTHING, Names, Obstructions, RelaxedPlan, gets_shorter, relaxed_plans, shortest_plans
 
 
 class World(Protocol):
@@ -182,15 +182,8 @@ class Search:
     def _leading_on(self, node: _Node, name: str) -> Iterator[Choice]:
         for region in self.preferences.regions(node.seen, name, self.rng):
             there = {**node.state.poses, name: self.world.place_pose(name, node.state.poses[name], region)}
-            if self._shorter(self.world.obstructions(there), node, name):
+            if gets_shorter(self.world.obstructions(there), self.target, node.standing, node.plans, name):
                 yield name, region
-
-    def _shorter(self, obstructions: Obstructions, node: _Node, name: str) -> bool:
-        """Whether an object's move makes the relaxed plan shorter, the object standing where `obstructions` has it."""
-        for plan in node.plans:
-            if name in plan.firsts and still_holds(obstructions, self.target, node.standing, [n for n in plan.order if n != name]):
-                return True
-        return relaxed_plan(obstructions, self.target, node.standing, most=node.plans[0].length - 1) is not None
 
     def _other_choices(self, node: _Node) -> Iterator[Choice]:
         """All moves of all objects that can be picked: what makes room, or a detour."""
@@ -199,15 +192,6 @@ class Search:
         firsts = {name for plan in node.plans for name in plan.firsts}
         names.sort(key=lambda name: (name not in firsts, node.cost(name), name))
         return _in_turn([((name, region) for region in self.preferences.regions(node.seen, name, self.rng)) for name in names])
-
-
-def still_holds(obstructions: Obstructions, target: str, standing: Names, order: Sequence[str]) -> bool:
-    """Whether objects can go in an order, and the target after them."""
-    for name in order:
-        standing -= {name}
-        if not obstructions.free(name, standing):
-            return False
-    return obstructions.free(target, standing)
 
 
 def _in_turn(queues: Sequence[Iterator[Choice]]) -> Iterator[Choice]:

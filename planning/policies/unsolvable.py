@@ -18,7 +18,7 @@ from planning.motion.obstruction import Obstruction, View
 from planning.motion.pick_place import Motions
 from planning.motion.picking import THOROUGH, sampled_grasps
 from planning.plan import Unsolvable
-from planning.policies.relaxed_plan import Names, stuck_set
+from planning.relaxed_plan import Names, stuck_set
 
 
 class Prover:

@@ -19,12 +19,13 @@ from kinematics.shapes import Box
 from kinematics.transforms import inverse, rotation_about, transform
 from planning.io.results import scene_writer
 from planning.learning import shards
-from planning.learning.label_file import Manifest, read_manifest
+from planning.learning.label_file import UNKNOWN, Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target
 from planning.learning.states import MOVES, Variety, next_move, rows, varied_scene
 from planning.learning.swept import footprint, meets
 from planning.motion.pick_place import Done, Motions
 from planning.plan import Blocked
+from planning.relaxed_plan import relaxed_plan
 from planning.scene_generation import generate, load_spec
 from retrieve_cli import label as command
 from retrieve_cli.__main__ import main
@@ -65,7 +66,12 @@ def test_a_row_keeps_to_its_description(row: Row, scene: Scene) -> None:
     assert row.objects.shape == (m, 6)
     assert row.regions.shape == (B, 4)
     assert row.feasible.shape == row.hits.shape == (m, B)
-    assert row.blocks.shape == row.pickable.shape == row.opens.shape == (m,)
+    assert row.shorter.shape == (m, B)
+    assert row.blocks.shape == row.pickable.shape == row.opens.shape == row.first.shape == (m,)
+    assert np.isin(row.first, (0, 1)).all()
+    assert row.first.any()
+    assert row.least_moves >= 1
+    assert ((row.shorter == NOT_ASKED) == (row.feasible != 1)).all()
     assert ((row.blocks >= 0) & (row.blocks <= row.paths)).all()
     assert row.blocks.any(), "a blocked target, and nothing blocks it"
     assert ((row.hits <= row.paths) | (row.hits == NOT_ASKED)).all()
@@ -130,6 +136,35 @@ def test_the_target_comes_out_when_the_blocking_ones_are_gone(row: Row, scene: S
     gone = {n for n, b in zip(movable(scene), row.blocks) if b}
     left = State(state.q, {n: T for n, T in state.poses.items() if n not in gone})
     assert isinstance(motions.retrieve_target(left, np.random.default_rng(1)), Done)
+
+
+def test_the_horizon_is_that_of_the_states_that_moves_lead_to(row: Row, scene: Scene, motions: Motions) -> None:
+    """Where h is said to get shorter, the shortest relaxed plan from there is one move shorter; elsewhere none is; and only what goes first
+    in a shortest plan, which can be picked, makes it so."""
+    state, target, names = motions.start(), scene.target_name, movable(scene)
+    standing = frozenset(names)
+    obstructions = motions.obstructions(state.poses)
+    shortest = relaxed_plan(obstructions, target, standing)
+    assert shortest is not None
+    assert shortest.length == row.least_moves
+    assert row.first[names.index(shortest.order[0])]
+    for i, name in enumerate(names):
+        assert not row.first[i] or obstructions.free(name, standing - {name})
+        asked = np.flatnonzero(row.shorter[i] != NOT_ASKED)
+        for region in asked[:: 1 + len(asked) // 8]:
+            there = {**state.poses, name: motions.place_pose(name, state.poses[name], int(region))}
+            left = relaxed_plan(motions.obstructions(there), target, standing)
+            assert left is None or left.length >= row.least_moves - 1
+            assert row.shorter[i, region] == (left is not None and left.length < row.least_moves)
+            assert row.first[i] or not row.shorter[i, region]
+
+
+def test_a_state_from_which_no_picks_help_has_no_horizon(motions: Motions, scene: Scene) -> None:
+    T = scene.x_g.T_world_hand @ transform(rotation_about((1.0, 0.0, 0.0), np.pi))
+    found = labelled(Motions(motions.robot, replace(scene, grasp=replace(scene.x_g, T_world_hand=T))), 1, objects=1)
+    assert found.least_moves == UNKNOWN
+    assert (found.first == NOT_ASKED).all()
+    assert (found.shorter == NOT_ASKED).all()
 
 
 # The swept space ------------------------------------------------------------------------------------------------------------------------
@@ -238,7 +273,9 @@ def test_what_a_few_views_show_of_a_state(ur5e: Robot, scene: Scene) -> None:
             assert np.abs(box[:2] - whole.objects[k, :2]).max() < 0.05
             assert (box[:3] + box[3:] / 2 > whole.objects[k, :3] + whole.objects[k, 3:] / 2 - 0.01).all()
             assert (part.blocks[i], part.pickable[i], part.opens[i]) == (whole.blocks[k], whole.pickable[k], whole.opens[k])
+            assert (part.first[i], part.least_moves) == (whole.first[k], whole.least_moves)
             assert np.array_equal(part.feasible[i], whole.feasible[k])
+            assert np.array_equal(part.shorter[i], whole.shorter[k])
         assert np.abs(part.target[:2] - whole.target[:2]).max() < 0.02
 
 
@@ -276,9 +313,10 @@ def test_a_shard_that_is_not_whole_is_noticed(row: Row, tmp_path: Path) -> None:
     [
         (None, "has no manifest.json"),
         ("{", "broken JSON"),
-        ("[]", "is not retrieve/labels@1"),
-        ('{"schema": "retrieve/labels@9"}', "too new for this version, which reads retrieve/labels@1"),
-        ('{"schema": "retrieve/labels@1", "shards": 3}', "not what a manifest has"),
+        ("[]", "is not retrieve/labels@2"),
+        ('{"schema": "retrieve/labels@1"}', "too old, it does not say how many moves are needed; label into a new folder"),
+        ('{"schema": "retrieve/labels@9"}', "too new for this version, which reads retrieve/labels@2"),
+        ('{"schema": "retrieve/labels@2", "shards": 3}', "not what a manifest has"),
     ],
 )
 def test_a_folder_without_a_good_manifest(text: str | None, says: str, tmp_path: Path) -> None:
@@ -364,7 +402,7 @@ def test_a_spoilt_shard_is_written_anew(quick: Quick, tmp_path: Path) -> None:
     [
         (["-n", "5", "--seed", "1"], "holds labels made otherwise: seed was 0, and is 1 now; name a new folder"),
         (["-n", "4"], "scenes was 5, and is 4 now"),
-        (["-n", "5", "--paths", "3"], "paths was 16, and is 3 now"),
+        (["-n", "5", "--paths", "3"], "paths was 64, and is 3 now"),
         (["-n", "5", "--no-vary"], "source was {"),
         (["-n", "5", "--spec", "shelf"], "source was {"),
     ],
@@ -416,6 +454,6 @@ def test_workers_change_nothing(scene: Scene, tmp_path: Path) -> None:
     read = list(read_rows(tmp_path / "2"))
     assert {r.scene for r in read} == {scene.id, "again"}
     manifest = json.loads(found["1"]["manifest.json"])
-    assert manifest["schema"] == "retrieve/labels@1"
+    assert manifest["schema"] == "retrieve/labels@2"
     assert (manifest["robot"], manifest["paths"], manifest["complete"]) == ("ur5e", 3, True)
     assert sum(s["rows"] for s in manifest["shards"]) == len(read)

@@ -14,8 +14,8 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from planning.motion.pick_place import Done, Motions
 from planning.motion.picking import THOROUGH, Picking
-from planning.policies.relaxed_plan import relaxed_plan, stuck_set
 from planning.policies.unsolvable import Prover
+from planning.relaxed_plan import relaxed_plan, stuck_set
 from planning.scene_generation import generate, load_spec
 
 LEVEL = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the hand looks into the cabinet, its x up

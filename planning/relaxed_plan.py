@@ -13,7 +13,7 @@ Sets are looked at in the order of their sizes, so the first that can be emptied
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import Protocol
@@ -108,6 +108,28 @@ def shortest_plans(plans: Iterator[RelaxedPlan]) -> list[RelaxedPlan]:
             break
         found.append(plan)
     return found
+
+
+def still_holds(obstructions: Obstructions, target: str, standing: Names, order: Sequence[str]) -> bool:
+    """Whether objects can go in an order, and the target after them."""
+    for name in order:
+        standing -= {name}
+        if not obstructions.free(name, standing):
+            return False
+    return obstructions.free(target, standing)
+
+
+def gets_shorter(there: Obstructions, target: str, standing: Names, plans: Sequence[RelaxedPlan], name: str) -> bool:
+    """Whether an object's move makes the relaxed plan shorter. plans: all shortest ones before it, which are of one length; there: the
+    obstructions once the object has moved.
+
+    It does only if the object goes first in one of the plans: it, and a shorter plan after it, are a plan.
+    """
+    firsts = [plan for plan in plans if name in plan.firsts]
+    if any(still_holds(there, target, standing, [n for n in plan.order if n != name]) for plan in firsts):
+        return True
+    most = plans[0].length - 1
+    return bool(firsts) and most > 0 and relaxed_plan(there, target, standing, most=most) is not None
 
 
 def stuck_set(obstructions: Obstructions, standing: Names) -> Names:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pytest
 
-from planning.policies.relaxed_plan import Names, relaxed_plan, relaxed_plans, shortest_plans, stuck_set
+from planning.relaxed_plan import Names, relaxed_plan, relaxed_plans, shortest_plans, stuck_set
 
 
 class Written:

@@ -52,7 +52,7 @@ def osnet_batch(data: Data, index: NDArray[np.intp], settings: Settings, rng: np
     inputs = (data.context[index], data.grasp[index], data.boxes[index], data.mask[index])
     if settings.form == "paper":
         return Batch(inputs, (data.p[index],), (1.0,))
-    return Batch(inputs, (data.p[index], data.pickable[index], data.opens[index]), (4.0, 1.0, 1.0))
+    return Batch(inputs, (data.p[index], data.pickable[index], data.opens[index], data.first[index]), (4.0, 1.0, 1.0, 1.0))
 
 
 def rpnet_batch(data: Data, index: NDArray[np.intp], settings: Settings, rng: np.random.Generator) -> Batch:
@@ -74,9 +74,11 @@ def _pairs(part: Data, count: int, rng: np.random.Generator) -> Batch:
     hits = part.hits[rows, moved, region].astype(np.float32) / np.maximum(part.paths, 1)[:, None]
     way = part.boxes[rows, moved + 1, :2] - part.regions[rows, region, :2]
     distance = np.linalg.norm(way, axis=-1) / np.linalg.norm(part.context[:, 3:5], axis=1)[:, None]
-    wanted = [np.where(nothing, np.nan, w).astype(np.float32) for w in (paper_cost(feasible, hits, distance), feasible, hits)]
+    shorter = part.shorter[rows, moved, region].astype(np.float32)
+    shorter[shorter == NOT_ASKED] = np.nan
+    wanted = [np.where(nothing, np.nan, w).astype(np.float32) for w in (paper_cost(feasible, hits, distance), feasible, hits, shorter)]
     inputs = (part.context, part.grasp, part.boxes, part.mask, part.regions[rows, region], moved + 1)
-    return Batch(inputs, tuple(wanted), (1.0, 1.0, 1.0))
+    return Batch(inputs, tuple(wanted), (1.0, 1.0, 1.0, 1.0))
 
 
 def _paper_pairs(part: Data, rng: np.random.Generator) -> Batch:

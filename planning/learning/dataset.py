@@ -27,8 +27,9 @@ class Data:
     """N states: the networks' inputs, normalised as in `tokens`, and what is to be predicted.
 
     scene (N,) ids; context (N, 9), grasp (N, 10), boxes (N, M + 1, 6) with mask (N, M + 1), regions (N, B, 4) with there (N, B).
-    p (N, M): share of the blocked paths, NaN where no path was found; pickable, opens (N, M).
-    feasible, hits (N, M, B) as in the files; paths (N,). free (N, M, B): the object's box would touch no other there, nor a wall.
+    p (N, M): share of the blocked paths, NaN where no path was found; pickable, opens, first (N, M).
+    feasible, hits, shorter (N, M, B) as in the files; paths, least_moves (N,). free (N, M, B): the object's box would touch no other
+    there, nor a wall.
     """
 
     scene: NDArray[np.str_]
@@ -41,9 +42,12 @@ class Data:
     p: F32
     pickable: F32
     opens: F32
+    first: F32
     feasible: NDArray[np.uint8]
     hits: NDArray[np.uint8]
+    shorter: NDArray[np.uint8]
     paths: F32
+    least_moves: F32
     free: Flags
 
     def __len__(self) -> int:
@@ -155,12 +159,13 @@ def _arrays(table: Any) -> Data:
     values, lengths = {}, {}
     for name in table.column_names:
         column = table.column(name).combine_chunks()
-        if name in ("scene", "robot", "width_m", "paths"):
+        if name in ("scene", "robot", "width_m", "paths", "least_moves"):
             values[name] = np.asarray(column.to_pylist())
         else:
             values[name], lengths[name] = column.flatten().to_numpy(zero_copy_only=False), np.diff(column.offsets.to_numpy())
     m, b = lengths["objects"] // 6, lengths["regions"] // 4
-    wrong = (lengths["blocks"] != m) | (lengths["opens"] != m) | (lengths["feasible"] != m * b) | (lengths["hits"] != m * b)
+    wrong = np.any([lengths[name] != m for name in ("blocks", "pickable", "opens", "first")], axis=0)
+    wrong |= np.any([lengths[name] != m * b for name in ("feasible", "hits", "shorter")], axis=0)
     if wrong.any():
         raise ValueError(f"row {int(wrong.argmax())} of scene {values['scene'][wrong.argmax()]}: its lists do not have one entry an object")
     most, cells = int(m.max()), int(b.max())
@@ -200,17 +205,21 @@ def _arrays(table: Any) -> Data:
         p=np.where(mask[:, 1:], p, np.nan).astype(np.float32),
         pickable=_known(padded("pickable", (most,), NOT_ASKED, np.uint8)),
         opens=_known(padded("opens", (most,), NOT_ASKED, np.uint8)),
+        first=_known(padded("first", (most,), NOT_ASKED, np.uint8)),
         feasible=padded("feasible", (most, cells), NOT_ASKED, np.uint8),
         hits=padded("hits", (most, cells), NOT_ASKED, np.uint8),
+        shorter=padded("shorter", (most, cells), NOT_ASKED, np.uint8),
         paths=paths,
+        least_moves=values["least_moves"].astype(np.float32),
         free=free_cells(boxes, mask, cabinet, regions),
     )
 
 
 def _inner(name: str, objects: int, regions: int) -> tuple[int, ...]:
     """The shape that a row's flat list has."""
-    shapes = {"objects": (objects, 6), "regions": (regions, 4), "feasible": (objects, regions), "hits": (objects, regions)}
-    return shapes.get(name, (objects,))
+    if name in ("feasible", "hits", "shorter"):
+        return objects, regions
+    return {"objects": (objects, 6), "regions": (regions, 4)}.get(name, (objects,))
 
 
 def _known(flags: NDArray[np.uint8]) -> F32:
@@ -219,7 +228,8 @@ def _known(flags: NDArray[np.uint8]) -> F32:
 
 def _joined(parts: Sequence[Data]) -> Data:
     """Shards one after another, padded to the largest."""
-    fill: dict[str, Any] = {"p": np.nan, "pickable": np.nan, "opens": np.nan, "feasible": NOT_ASKED, "hits": NOT_ASKED}
+    fill: dict[str, Any] = dict.fromkeys(("p", "pickable", "opens", "first"), np.nan)
+    fill |= dict.fromkeys(("feasible", "hits", "shorter"), NOT_ASKED)
 
     def join(name: str) -> NDArray[Any]:
         arrays = [getattr(part, name) for part in parts]

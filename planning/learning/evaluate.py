@@ -19,7 +19,8 @@ STATES = 1000  # that are looked at, at most
 @torch.no_grad()
 def judge_osnet(net: nn.Module, data: Data, settings: Settings) -> dict[str, float]:
     """Shares over the states where an object blocks: the first choice has the label's largest p; it can be picked; the target is free
-    without it (of the states where any one object does that); both. And the calibration errors of the two chances.
+    without it (of the states where any one object does that); both. Over the states with a relaxed plan of at least one move, and of at
+    least two: the first choice goes first in a shortest one. And the calibration errors of the chances.
     """
     part = data.take(usable("osnet", data)[:STATES])
     net.eval()
@@ -34,23 +35,28 @@ def judge_osnet(net: nn.Module, data: Data, settings: Settings) -> dict[str, flo
     helps, picked = part.opens[rows, first] == 1, part.pickable[rows, first] == 1
     can = (part.opens == 1).any(1) & blocked
     best = ((part.opens == 1) & (part.pickable == 1)).any(1) & blocked
+    goes_first = part.first[rows, first] == 1
     found = {
         "states": float(blocked.sum()),
         "top1_label": _share(part.p[rows, by_label] >= np.nanmax(np.nan_to_num(part.p), 1) - 1e-6, blocked),
         "top1_opens": _share(helps, can),
         "top1_pickable": _share(picked, blocked),
         "top1_opens_and_pickable": _share(helps & picked, best),
+        "top1_first": _share(goes_first, part.least_moves >= 1),
+        "top1_first_of_several": _share(goes_first, part.least_moves >= 2),
     }
     if settings.form == "objects":
         found["ece_pickable"] = calibration_error(chances[..., 1][here], part.pickable[here])
         found["ece_opens"] = calibration_error(chances[..., 2][here], part.opens[here])
+        found["ece_first"] = calibration_error(chances[..., 3][here], part.first[here])
     return found
 
 
 @torch.no_grad()
 def judge_rpnet(net: nn.Module, data: Data, settings: Settings) -> dict[str, float]:
     """Over all objects that could be put somewhere: the first region is truly reachable, off the paths, both; how many regions are tried
-    until one is both; and the calibration error of the chance that o' can be carried there.
+    until one is both; of the objects that can make the relaxed plan shorter, whether they do in the first region. And the calibration
+    error of the chance that o' can be carried there.
     """
     part = data.take(usable("rpnet", data)[:STATES])
     known = asked(part)
@@ -59,6 +65,7 @@ def judge_rpnet(net: nn.Module, data: Data, settings: Settings) -> dict[str, flo
     rows, objects = np.nonzero(good.any(2))
     score, feasible = _ask(net, part, rows, objects, settings)
     known, good = known[rows, objects], good[rows, objects]
+    shorter = (part.shorter == 1)[rows, objects]
     carried, off = (part.feasible == 1)[rows, objects], (share < BLOCKING_SHARE)[rows, objects]
     order = np.argsort(np.where(known, -score, np.inf), axis=1, kind="stable")
     first, each = order[:, 0], np.arange(len(rows))
@@ -70,6 +77,7 @@ def judge_rpnet(net: nn.Module, data: Data, settings: Settings) -> dict[str, flo
         "first_off_the_paths": float(off[each, first].mean()),
         "first_both": float(good[each, first].mean()),
         "tries_until_both": float(tries.mean()),
+        "first_shortens": _share(shorter[each, first], shorter.any(1)),
     }
     if settings.form == "objects":
         found["ece_feasible"] = calibration_error(feasible[known], carried[known].astype(np.float32))
@@ -101,7 +109,7 @@ def _ask(net: nn.Module, data: Data, rows: NDArray[np.intp], objects: NDArray[np
             chances.append(1 - cost)
             continue
         out = net(*scene, torch.from_numpy(data.mask[row]), regions, chosen.expand(-1, regions.shape[1])).sigmoid().numpy()
-        scores.append(region_score(out[..., 1], out[..., 2], distance[row, moved]))
+        scores.append(region_score(out[..., 1], out[..., 2], distance[row, moved], out[..., 3]))
         chances.append(out[..., 1])
     return np.concatenate(scores), np.concatenate(chances)
 

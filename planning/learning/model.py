@@ -22,7 +22,9 @@ from planning.learning.numpy_inference import Encoding, Weights, sigmoid
 from planning.learning.scores import object_score, region_score
 from planning.learning.tokens import F32, LENGTH_M, tokens
 
-SCHEMA = "retrieve/model@1"
+SCHEMA = "retrieve/model@2"
+OLDER = "retrieve/model@1"
+"""Whose `objects` form looks one step ahead: `first` and `shorter` are unknown to it."""
 FORMS = ("objects", "paper")
 NETS = ("osnet", "rpnet")
 WEIGHTS = Path(__file__).parent / "weights"
@@ -33,13 +35,15 @@ class Chosen:
     """What OSNet says, one number an object in the order of `names`.
 
     p: the share of the blocked paths that each blocks. pickable: the chance that it can be picked now. opens: the chance that the target
-    is free once it is gone. The `paper` form knows p alone; the others are NaN. score: larger is better.
+    is free once it is gone. first: the chance that it goes first in a shortest relaxed plan. The `paper` form knows p alone; the others are
+    NaN, as is `first` by older weights. score: larger is better.
     """
 
     names: tuple[str, ...]
     p: F32
     pickable: F32
     opens: F32
+    first: F32
     score: F32
 
     @property
@@ -52,14 +56,16 @@ class Chosen:
 class Placed:
     """What RPNet says, one number for each of `regions` (indices).
 
-    cost: ĉ. feasible: the chance that the object can be carried there. hits: the share of the paths that it would block there. The
-    `paper` form knows the cost alone; the others are NaN. score: larger is better.
+    cost: ĉ. feasible: the chance that the object can be carried there. hits: the share of the paths that it would block there. shorter:
+    the chance that fewer moves are needed then. The `paper` form knows the cost alone; the others are NaN, as is `shorter` by older
+    weights. score: larger is better.
     """
 
     regions: NDArray[np.intp]
     cost: F32
     feasible: F32
     hits: F32
+    shorter: F32
     score: F32
 
     @property
@@ -79,13 +85,14 @@ class Seen:
         """OSNet's say on every non-target object."""
         model, names = self.model, self.observation.movable
         if not names:
-            return Chosen((), *np.zeros((4, 0), np.float32))
+            return Chosen((), *np.zeros((5, 0), np.float32))
         if model.form == "paper":
             p = sigmoid(numpy_inference.paper_osnet(model.osnet, self.tokens, model.heads)[:, 0])
             unknown = np.full_like(p, np.nan)
-            return Chosen(names, p, unknown, unknown, p)
-        p, pickable, opens = sigmoid(numpy_inference.osnet(model.osnet, self.tokens, model.heads)).T
-        return Chosen(names, p, pickable, opens, object_score(p, pickable, opens))
+            return Chosen(names, p, unknown, unknown, unknown, p)
+        p, pickable, opens, *ahead = sigmoid(numpy_inference.osnet(model.osnet, self.tokens, model.heads)).T
+        first = ahead[0] if ahead else np.full_like(p, np.nan)
+        return Chosen(names, p, pickable, opens, first, object_score(p, pickable, opens, *ahead))
 
     def place(self, name: str, regions: Sequence[int] | NDArray[np.intp] | None = None) -> Placed:
         """RPNet's say on the regions (all by default) for one object. The `paper` form always answers for all of them at once."""
@@ -96,13 +103,14 @@ class Seen:
             self._encoding = self._encoding or numpy_inference.paper_rpnet_encode(model.rpnet, t, model.heads)
             cost = sigmoid(numpy_inference.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
             unknown = np.full_like(cost, np.nan)
-            return Placed(index, cost, unknown, unknown, -cost)
+            return Placed(index, cost, unknown, unknown, unknown, -cost)
         self._encoding = self._encoding or numpy_inference.rpnet_encode(model.rpnet, t, model.heads)
         if len(index) == 0:
-            return Placed(index, *np.zeros((4, 0), np.float32))
-        cost, feasible, hits = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
+            return Placed(index, *np.zeros((5, 0), np.float32))
+        cost, feasible, hits, *ahead = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
+        shorter = ahead[0] if ahead else np.full_like(cost, np.nan)
         away = np.linalg.norm(t.regions[index, :2] - t.boxes[moved, :2], axis=1) / np.linalg.norm(t.context[3:5])
-        return Placed(index, cost, feasible, hits, region_score(feasible, hits, away))
+        return Placed(index, cost, feasible, hits, shorter, region_score(feasible, hits, away, *ahead))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +214,9 @@ def _config(folder: Path) -> dict[str, Any]:
     kind, _, version = str(schema).partition("@")
     if kind != "retrieve/model" or not version.isdigit():
         raise ValueError(f"{file}: schema: {schema!r} is not {SCHEMA}")
-    if schema != SCHEMA:
-        raise ValueError(f"{file}: schema: {schema} is too {'new' if int(version) > 1 else 'old'} for this version, which reads {SCHEMA}")
+    if schema not in (SCHEMA, OLDER):
+        age = "new" if int(version) > int(SCHEMA.partition("@")[2]) else "old"
+        raise ValueError(f"{file}: schema: {schema} is too {age} for this version, which reads {SCHEMA} and {OLDER}")
     for key in ("form", "robot", "heads", "shapes", "normalisation"):
         if key not in config:
             raise ValueError(f"{file}: {key} is missing")
@@ -223,4 +232,8 @@ def _config(folder: Path) -> dict[str, Any]:
     shapes = config["shapes"]
     if not isinstance(shapes, dict) or not all(isinstance(shapes.get(net), dict) for net in NETS):
         raise ValueError(f"{file}: shapes: no table of weights for {' and '.join(NETS)}")
+    heads = 1 if config["form"] == "paper" else 3 if schema == OLDER else 4
+    for net in NETS:
+        if shapes[net].get("head.2.bias") != [heads]:
+            raise ValueError(f"{file}: shapes: {net}: head.2.bias: {shapes[net].get('head.2.bias')} is not [{heads}], what it has to say")
     return config  # type: ignore[no-any-return]

@@ -33,7 +33,7 @@ class Encoding:
 
 
 def osnet(w: Weights, t: Tokens, heads: int) -> F32:
-    """Logits of p̂, pickable, opens (m, 3)."""
+    """Logits of p̂, pickable, opens, first (m, 4); older weights don't know the last."""
     z, _ = _encode(w, t, heads)
     return _mlp(w, "head", z[3:])
 
@@ -51,7 +51,8 @@ def rpnet_encode(w: Weights, t: Tokens, heads: int) -> Encoding:
 
 
 def rpnet(w: Weights, known: Encoding, moved: int, regions: NDArray[np.intp], heads: int) -> F32:
-    """Logits of ĉ, feasible, hits (I, 3) for the object `moved` (index in the boxes, the target is 0) in some of the regions (I,)."""
+    """Logits of ĉ, feasible, hits, shorter (I, 4) for the object `moved` (index in the boxes, the target is 0) in some of the regions (I,);
+    older weights don't know the last."""
     t = known.tokens
     before = t.boxes[moved]
     after = placed_boxes(np.broadcast_to(before, (len(regions), 6)), t.regions[regions], np)

@@ -37,15 +37,16 @@ class PaperOSNet(nn.Module):
 
 
 class OSNet(nn.Module):
-    """The `objects` form: three heads, p̂, can it be picked now, and is the target free once it is gone."""
+    """The `objects` form: four heads, p̂, can it be picked now, is the target free once it is gone, and does it go first in a shortest
+    relaxed plan."""
 
     def __init__(self, width: int = 96, layers: int = 3, heads: int = 4) -> None:
         super().__init__()
         self.encode = Encoder(width, layers, heads)
-        self.head = mlp(width, width, 3)
+        self.head = mlp(width, width, 4)
 
     def forward(self, context: Tensor, grasp: Tensor, boxes: Tensor, mask: Tensor) -> Tensor:
-        """Inputs as for `PaperOSNet` → logits of p̂, pickable, opens (N, m, 3)."""
+        """Inputs as for `PaperOSNet` → logits of p̂, pickable, opens, first (N, m, 4)."""
         return self.head(self.encode(context, grasp, boxes, mask)[:, 3:])  # type: ignore[no-any-return]
 
 

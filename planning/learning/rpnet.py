@@ -2,7 +2,8 @@
 
 `PaperRPNet` is as printed: Z^e from α(l_r), γ(x_g), α(o*), κ(l_1..b); the queries α(o') + κ(l_i) attend to Z^e and give ĉ_i. It never sees
 the other objects. `RPNet` sees them as tokens, and is asked about a few (o', region) pairs at a time: a pair attends to a dozen tokens,
-told how o' would stand to each of them there, and says ĉ, whether o' can be carried there, and which share of the paths it would block.
+told how o' would stand to each of them there, and says ĉ, whether o' can be carried there, which share of the paths it would block, and
+whether fewer moves are needed then.
 """
 
 from __future__ import annotations
@@ -57,12 +58,12 @@ class RPNet(nn.Module):
         self.chosen = nn.Linear(width, width)
         self.relate = nn.Sequential(mlp(PAIR, RELATION, RELATION), nn.ReLU())
         self.decoder = nn.ModuleList(Block(width, heads, RELATION) for _ in range(layers))
-        self.head = mlp(width, width, 3)
+        self.head = mlp(width, width, 4)
 
     def forward(self, context: Tensor, grasp: Tensor, boxes: Tensor, mask: Tensor, regions: Tensor, moved: Tensor) -> Tensor:
         """context (N, 9), grasp (N, 10), boxes (N, m + 1, 6) target first, mask (N, m + 1).
 
-        The pairs: regions (N, I, 4) and moved (N, I), the index in boxes of o' → logits of ĉ, feasible, hits (N, I, 3).
+        The pairs: regions (N, I, 4) and moved (N, I), the index in boxes of o' → logits of ĉ, feasible, hits, shorter (N, I, 4).
         """
         z = self.encode(context, grasp, boxes, mask)
         places = with_base_and_hand(boxes, context, grasp, torch)

@@ -44,7 +44,7 @@ def test_labels_become_a_model(form: str, labels: Path, tmp_path: Path, retrieve
     assert "first both" in out
     assert sorted(f.name for f in (tmp_path / "model").iterdir()) == ["config.json", "loss.png", "osnet.safetensors", "rpnet.safetensors"]
     config = json.loads((tmp_path / "model" / "config.json").read_text())
-    assert (config["schema"], config["form"], config["robot"]) == ("retrieve/model@1", form, "ur5e")
+    assert (config["schema"], config["form"], config["robot"]) == ("retrieve/model@2", form, "ur5e")
     assert config["data"]["train"] + config["data"]["validation"] == 80
     assert set(config["metrics"]) == {"osnet", "rpnet"}
     assert {"retrieve", "torch", "numpy"} <= set(config["versions"])

@@ -15,7 +15,8 @@ import pytest
 from safetensors.numpy import load_file, save_file
 from test_networks import FORMS, SMALL, observation
 
-from planning.learning.model import WEIGHTS, Model, describe, from_pretrained, shipped
+from planning.learning.model import NETS, WEIGHTS, Model, describe, from_pretrained, shipped
+from planning.learning.scores import object_score
 from planning.learning.train import make_net
 from planning.policies import NETWORKS, POLICIES, make_policy
 from planning.policies.regions import free_regions
@@ -53,7 +54,7 @@ def test_a_model_ranks_all_objects_and_regions(form: str, folder: Callable[..., 
     assert chosen.names == seen.movable
     assert sorted(chosen.ranking) == sorted(seen.movable)
     assert [chosen.score[chosen.names.index(n)] for n in chosen.ranking] == sorted(chosen.score, reverse=True)
-    assert np.isnan(chosen.opens).all() == (form == "paper")
+    assert np.isnan(chosen.opens).all() == np.isnan(chosen.first).all() == (form == "paper")
     name = seen.movable[1]
     placed = model.place(seen, name)
     assert sorted(placed.ranking) == list(range(len(seen.regions)))
@@ -81,6 +82,25 @@ def test_a_new_observation_is_looked_at_anew(form: str, folder: Callable[..., Pa
         assert regions == model.see(seen).place(name, None if form == "paper" else free_regions(seen, name)).ranking
         assert ranked.setdefault(id(seen), regions) == regions
     assert ranked[id(one)] != ranked[id(two)]
+
+
+def test_older_networks_go_on_looking_one_step_ahead(folder: Callable[..., Path]) -> None:
+    """Weights of model@1 have no head that knows the horizon: all else is said as before."""
+    old, seen = folder(), observation()
+    said = from_pretrained(old).select(seen)
+    config = json.loads((old / "config.json").read_text())
+    for name in NETS:
+        weights = load_file(old / f"{name}.safetensors")
+        weights |= {key: weights[key][:3] for key in ("head.2.weight", "head.2.bias")}
+        save_file(weights, old / f"{name}.safetensors")
+        config["shapes"][name] = {k: list(v.shape) for k, v in weights.items()}
+    (old / "config.json").write_text(json.dumps({**config, "schema": "retrieve/model@1"}))
+    model = from_pretrained(old)
+    chosen, placed = model.select(seen), model.place(seen, seen.movable[0])
+    np.testing.assert_allclose(chosen.opens, said.opens, atol=1e-5)
+    assert np.isnan(chosen.first).all()
+    assert np.isnan(placed.shorter).all()
+    np.testing.assert_array_equal(chosen.score, object_score(chosen.p, chosen.pickable, chosen.opens))
 
 
 def test_a_scene_without_other_objects_is_no_trouble(folder: Callable[..., Path]) -> None:
@@ -124,9 +144,10 @@ def test_a_damaged_folder_says_what_is_wrong(damage: Callable[[Path], object], s
 @pytest.mark.parametrize(
     ("config", "says"),
     [
-        ({"schema": "retrieve/model@2"}, "retrieve/model@2 is too new for this version"),
+        ({"schema": "retrieve/model@3"}, "retrieve/model@3 is too new for this version, which reads retrieve/model@2 and retrieve/model@1"),
+        ({"schema": "retrieve/model@1"}, r"osnet: head\.2\.bias: \[4\] is not \[3\]"),
         ({"schema": "retrieve/model@0"}, "is too old for this version"),
-        ({"schema": "retrieve/plan@1"}, "is not retrieve/model@1"),
+        ({"schema": "retrieve/plan@1"}, "is not retrieve/model@2"),
         ({"form": "circles"}, "'circles' is none of objects, paper"),
         ({"normalisation": {"length_m": 1.0}}, "length_m: 1.0 is not 0.3"),
         ({"normalisation": None}, "length_m: None is not 0.3"),

@@ -191,6 +191,9 @@ def test_labels_are_read_as_they_were_written(labels: Path, data: Data) -> None:
         assert np.isnan(data.p[i, m:]).all()
         np.testing.assert_allclose(data.boxes[i, 0] * LENGTH_M, row["target"], atol=1e-6)
         np.testing.assert_array_equal(data.pickable[i, :m], row["pickable"])
+        np.testing.assert_array_equal(data.first[i, :m], np.where(np.array(row["first"]) == 255, np.nan, row["first"]))
+        np.testing.assert_array_equal(data.shorter[i, :m, :b].ravel(), row["shorter"])
+        assert data.least_moves[i] == row["least_moves"]
 
 
 def test_free_cells_are_those_of_the_policies(tmp_path: Path) -> None:
@@ -217,8 +220,9 @@ def test_a_scene_is_on_one_side_of_the_split_whatever_else_there_is(data: Data) 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"schema": "retrieve/labels@2"}, "too new"),
-        ({"schema": "retrieve/plan@1"}, "is not retrieve/labels@1"),
+        ({"schema": "retrieve/labels@1"}, "too old, it does not say how many moves are needed"),
+        ({"schema": "retrieve/labels@3"}, "too new"),
+        ({"schema": "retrieve/plan@1"}, "is not retrieve/labels@2"),
         ({"shards": []}, "names no shards"),
         ({"shards": [{"file": "nothing.parquet"}]}, "nothing.parquet: is missing"),
         ({"shards": [{"file": "shard-00000.parquet", "sha256": "0"}]}, "is not the file that manifest.json describes"),
@@ -256,10 +260,12 @@ def test_what_was_not_asked_is_not_learned(data: Data) -> None:
 
 def test_labels_of_regions_are_the_papers_cost(data: Data) -> None:
     batch = rpnet_batch(data, usable("rpnet", data)[:20], SMALL, np.random.default_rng(0))
-    cost, feasible, hits = batch.wanted
+    cost, feasible, hits, shorter = batch.wanted
     known = ~np.isnan(cost)
     assert ((cost == 1) == ((feasible == 0) | (hits >= 0.1)))[known].all()
     assert (cost[known & (cost < 1)] < 0.95).all()
+    assert np.isnan(shorter[feasible == 0]).all()
+    assert set(shorter[~np.isnan(shorter)]) == {0, 1}
     one, two = np.array([1.0], np.float32), np.array([0.3], np.float32)
     assert (paper_cost(one, 0 * one, two), paper_cost(one, one, two), paper_cost(0 * one, 0 * one, two)) == (two, one, one)
     paper = rpnet_batch(data, usable("rpnet", data)[:20], replace(SMALL, form="paper"), np.random.default_rng(0))
@@ -271,8 +277,12 @@ def test_labels_of_regions_are_the_papers_cost(data: Data) -> None:
 def test_scores_prefer_what_they_should() -> None:
     p, pickable, opens = np.array([1, 0.1, 1, 0.2], np.float32), np.array([0.01, 0.9, 0.9, 0.9], np.float32), np.array([1, 0.9, 0, 0])
     assert list(np.argsort(-object_score(p, pickable, opens.astype(np.float32)))) == [1, 2, 3, 0]
+    first = np.array([0.9, 0.1, 0.9, 0.1], np.float32)  # the target is free without object 1, but object 2 is what goes first
+    assert list(np.argsort(-object_score(p, pickable, opens.astype(np.float32), first))) == [2, 1, 3, 0]
     feasible, hits, far = np.array([0.1, 0.9, 0.9, 0.9]), np.array([0, 0.9, 0, 0]), np.array([0.1, 0.1, 0.9, 0.1])
     assert list(np.argsort(-region_score(*(a.astype(np.float32) for a in (feasible, hits, far))))) == [3, 2, 0, 1]
+    shorter = np.array([1, 1, 1, 0.1])
+    assert np.argmax(region_score(*(a.astype(np.float32) for a in (feasible, hits, far, shorter)))) == 2
 
 
 def test_calibration_error_of_honest_and_of_bold_chances() -> None:
@@ -344,6 +354,8 @@ def test_the_networks_learn_what_the_labels_say(tmp_path: Path) -> None:
         judged |= judge(net, data.take(b), settings)
     assert judged["top1_label"] > 0.75, judged
     assert judged["top1_pickable"] > 0.8, judged
+    assert judged["top1_first"] > 0.75, judged
+    assert judged["first_shortens"] > 0.6, judged
     assert judged["first_both"] > judged["chance"] + 0.2, judged
     assert judged["ece_feasible"] < 0.15, judged
 
@@ -362,4 +374,4 @@ def test_batches_depend_on_the_generator_alone(data: Data) -> None:
         one, two, three = (rpnet_batch(data, index, settings, np.random.default_rng(s)) for s in (0, 0, 1))
         assert all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in zip(one.inputs, two.inputs))
         assert not np.array_equal(one.inputs[-1], three.inputs[-1])
-        assert len(osnet_batch(data, index, settings, np.random.default_rng(0)).wanted) == (1 if form == "paper" else 3)
+        assert len(osnet_batch(data, index, settings, np.random.default_rng(0)).wanted) == (1 if form == "paper" else 4)

@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from importlib import metadata, resources
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import Parts, make_parts
 from kinematics.mount import MOUNT, mount
 from kinematics.robots import urdf
+from kinematics.robots.derive import derive, fingerprint
 from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.limits import JointLimits, joint_limits
@@ -36,7 +36,7 @@ from kinematics.scene import WALLS, Body, RobotRef, Scene
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
 
 WINDOW = 1.3 * np.pi
-_CACHE_VERSION = "robot-3"  # raise it when what `_derive` computes changes
+_CACHE_VERSION = "robot-4"  # raise it when what `derive` computes changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,8 @@ class Robot:
     name: as asked for; urdf: the cleaned, joined URDF text with links `hand` and `camera`. joint_names (J,): every actuated joint, mimic
     joints left out; lower, upper (J,): limits, in rad or m, infinite where a joint is continuous; limits: those of its speed.
     arm_joints: indices of those between base and hand, in order; gripper_joint: index of the one that opens the hand.
-    grip_force_N: how hard the gripper is told to close on an object, None where that is not known.
+    grip_force_N: how hard the gripper is told to close on an object, None where that is not known. notes: what of its description was
+    left out, changed or could not be done well, a line each.
     skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves; pads: those of them that close on
     an object.
     """
@@ -70,6 +71,7 @@ class Robot:
     base_p: Array = field(default_factory=lambda: np.zeros(3))
     has_camera: bool = False
     grip_force_N: float | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def velocity(self) -> Array:
@@ -275,7 +277,7 @@ def _load(
         if gripper_joint not in (None, entry["gripper_joint"]):
             raise ValueError(f"robot {which}: its gripper is opened by {entry['gripper_joint']!r}, not by {gripper_joint!r}")
         return _load_named(which, entry, T, on_step)
-    if which.endswith((".urdf", ".xml")) or "/" in which:
+    if which.endswith((".urdf", ".xml", ".xacro")) or "/" in which:
         return _load_urdf(Path(which), hand_frame, gripper_joint, T, on_step)
     raise ValueError(f"unknown robot {which!r}: the named ones are {', '.join(table)}; or give a URDF file")
 
@@ -313,11 +315,11 @@ def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: C
         extra = entry.get("extra")
         what = f"pip install 'retrieve[{extra}]'" if extra else f"pip install {entry['distribution']}"
         raise ValueError(f"robot {name!r} comes with the package {entry['distribution']}, which is not installed: {what}")
-    root = urdf.read(file)
+    root, notes = urdf.read(file)
     if gripper := entry.get("gripper"):
         tool = _locate({**entry, "file": gripper["file"]}, "file")
         assert tool is not None, gripper["file"]
-        urdf.join(root, urdf.read(tool), gripper["at"], transform(rotation_rpy(gripper["rpy"])), gripper["prefix"])
+        urdf.join(root, urdf.read(tool)[0], gripper["at"], transform(rotation_rpy(gripper["rpy"])), gripper["prefix"])
     srdf = _locate(entry, "srdf")
     for frame in ("camera", "hand"):
         boxes = tuple((np.array(size), np.array(centre)) for size, centre in entry[frame].get("boxes", []))
@@ -325,14 +327,14 @@ def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: C
         urdf.add_link(root, frame, entry[frame]["link"], T @ T_link_hand if frame == "hand" else T, boxes)
     return _assemble(
         name, entry["title"], root, entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step,
-        entry.get("limits"), entry.get("grip_force_N"),
+        entry.get("limits"), entry.get("grip_force_N"), notes,
     )  # fmt: skip
 
 
 def _load_urdf(
     file: Path, hand_frame: str | None, gripper_joint: str | None, T_link_hand: Array, on_step: Callable[[str], None] | None
 ) -> Robot:
-    root = urdf.read(file)
+    root, notes = urdf.read(file)
     links = [e.get("name", "") for e in root.iter("link")]
     parents = {e.get("link") for e in root.iter("parent")}
     if hand_frame is None:
@@ -345,7 +347,9 @@ def _load_urdf(
     if hand_frame != "hand" or (T_link_hand != np.eye(4)).any():
         urdf.add_link(root, "hand", hand_frame, T_link_hand)
     srdf = file.with_suffix(".srdf")
-    return _assemble(str(file), file.stem, root, gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step)
+    return _assemble(
+        str(file), file.stem, root, gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step, notes=notes
+    )  # fmt: skip
 
 
 def _locate(entry: dict[str, Any], which: str) -> Path | None:
@@ -370,70 +374,40 @@ def _assemble(
     on_step: Callable[[str], None] | None,
     sheet: dict[str, Any] | None = None,
     grip_force_N: float | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Robot:
     """The Robot behind a cleaned URDF with a `hand` link: from the cache, or derived and cached. Links called like a wall of the cabinet
     get another name."""
-    urdf.check_mimics(root)
     renamed = urdf.rename_links(root, WALLS)
     text = urdf.to_string(root)
     stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
     name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
     data = cache.load(name_in_cache)
     if data is not None:
-        return _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N)
+        return _told(_robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes), on_step)
     if on_step:
         on_step(f"reading the meshes of {title}")
     try:
-        data = _derive(text, name, srdf, renamed)
-        robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N)
-        if _fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
+        data = derive(text, name, srdf, renamed)
+        robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes)
+        if fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
             if on_step:
                 on_step(f"comparing the kinematics of {title} with pytorch-kinematics")
             check_kinematics(robot)
-    except ValueError:
-        raise
+    except ValueError as e:
+        raise e if str(e).startswith((f"robot {name}", "mesh file")) else ValueError(f"robot {name}: {e}") from e
     except Exception as e:  # readers of URDFs and meshes raise many kinds, all of them "this is no robot"
         raise ValueError(f"robot {name}: its URDF can't be understood ({type(e).__name__}: {e})") from e
     cache.store(name_in_cache, data)  # only what passed the check is kept
+    return _told(robot, on_step)
+
+
+def _told(robot: Robot, on_step: Callable[[str], None] | None) -> Robot:
+    """The robot, once its notes were told."""
+    for note in robot.notes:
+        if on_step:
+            on_step(f"robot {robot.name}: {note}")
     return robot
-
-
-def _fingerprint(data: dict[str, NDArray[Any]]) -> str:
-    """A hash of all that forward kinematics depends on; robots.toml has those of the named robots, which the tests check."""
-    arrays = [np.round(np.asarray(data[k], float), 9) + 0.0 for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset")]
-    return cache.key(*(str(n) for n in data["links"]), *(a.tobytes() for a in arrays))
-
-
-def _derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) -> dict[str, NDArray[Any]]:
-    """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays."""
-    import yourdfpy
-
-    from kinematics.collision.fcl_solids import always_touching
-
-    model = yourdfpy.URDF.load(
-        BytesIO(text.encode()), filename_handler=lambda fname: fname, load_meshes=False, build_scene_graph=True, load_collision_meshes=False
-    )
-    tree, joints = _tree(model)
-    hulls = [h for link in tree.names for h in _link_hulls(model.link_map[link])]
-    if not hulls:
-        raise ValueError(f"robot {name} has links but no collision geometry: add <collision> elements to its URDF")
-    skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf, renamed)
-    limits = np.array([_limits(model.joint_map[j]) for j in joints]).reshape(-1, 3)
-    rng = np.random.default_rng(0)
-    low, high = np.where(np.isinf(limits[:, 0]), -np.pi, limits[:, 0]), np.where(np.isinf(limits[:, 1]), np.pi, limits[:, 1])
-    samples = [dict(zip(tree.names, tree.poses(rng.uniform(low, high)))) for _ in range(200)]
-    skip |= always_touching(hulls, samples, skip)
-    return {
-        "joints": np.array(joints, dtype=np.str_),
-        "limits": limits,
-        "links": np.array(tree.names, dtype=np.str_),
-        **{k: getattr(tree, k) for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset")},
-        "hull_link": np.array([h.link for h in hulls], dtype=np.str_),
-        "hull_vertices": np.concatenate([h.vertices for h in hulls]),
-        "hull_faces": np.concatenate([h.faces for h in hulls]),
-        "hull_counts": np.array([(len(h.vertices), len(h.faces)) for h in hulls]),
-        "skip": np.array(sorted(tuple(sorted(pair)) for pair in skip if len(pair) == 2), dtype=np.str_).reshape(-1, 2),
-    }
 
 
 def _robot(
@@ -446,6 +420,7 @@ def _robot(
     base_p: Array,
     sheet: dict[str, Any] | None,
     grip_force_N: float | None,
+    notes: tuple[str, ...],
 ) -> Robot:
     tree = Tree(
         tuple(str(n) for n in data["links"]), *(data[k] for k in ("parent", "T_joint", "kind", "axis", "q_index", "scale", "offset"))
@@ -484,118 +459,8 @@ def _robot(
     return Robot(
         name, title, text, joints, lower, upper, limits, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
         has_camera=any(h.link == "camera" for h in hulls), grip_force_N=grip_force_N,
+        notes=(*notes, *(str(note) for note in data["notes"])),
     )  # fmt: skip
-
-
-def _tree(model: Any) -> tuple[Tree, list[str]]:
-    """yourdfpy's links in topological order, and the names of the actuated joints (mimic joints left out)."""
-    by_child = {j.child: j for j in model.joint_map.values()}
-    roots = [name for name in model.link_map if name not in by_child]
-    if len(roots) != 1:
-        raise ValueError(f"the URDF has {len(roots)} root links ({', '.join(roots)}); it needs just one")
-    order = [roots[0]]
-    children: dict[str, list[str]] = {}
-    for j in model.joint_map.values():
-        children.setdefault(j.parent, []).append(j.child)
-    for link in order:
-        order += children.get(link, [])
-    movable = {"revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES, "fixed": FIXED}
-    joints = [j.name for link in order[1:] if (j := by_child[link]).type != "fixed" and j.mimic is None]
-    n = len(order)
-    parent, kind, q_index = np.full(n, -1), np.zeros(n, np.int64), np.full(n, -1)
-    T, axis, scale, offset = np.tile(np.eye(4), (n, 1, 1)), np.tile([1.0, 0.0, 0.0], (n, 1)), np.ones(n), np.zeros(n)
-    for i, link in enumerate(order[1:], 1):
-        j = by_child[link]
-        if j.type not in movable:
-            raise ValueError(f"joint {j.name!r} is of type {j.type!r}; revolute, continuous, prismatic and fixed can be used")
-        parent[i], kind[i] = order.index(j.parent), movable[j.type]
-        T[i] = np.eye(4) if j.origin is None else j.origin
-        if kind[i] != FIXED:
-            axis[i] = np.asarray(j.axis, float) / np.linalg.norm(j.axis)
-            source = j
-            while source.mimic is not None:  # a mimic of a mimic follows the first
-                scale[i], offset[i] = scale[i] * _or(source.mimic.multiplier, 1.0), offset[i] + scale[i] * _or(source.mimic.offset, 0.0)
-                if source.mimic.joint not in model.joint_map:
-                    raise ValueError(f"joint {source.name!r} mimics {source.mimic.joint!r}, which does not exist")
-                source = model.joint_map[source.mimic.joint]
-            q_index[i] = joints.index(source.name)
-    return Tree(tuple(order), parent.astype(np.int64), T, kind, axis, q_index.astype(np.int64), scale, offset), joints
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None else float(value)
-
-
-def _limits(joint: Any) -> tuple[float, float, float]:
-    limit = joint.limit
-    speed = _or(limit.velocity if limit else None, 1.0) or 1.0
-    if joint.type == "continuous":
-        return -np.inf, np.inf, speed
-    if limit is None or limit.lower is None or limit.upper is None:
-        raise ValueError(f"joint {joint.name!r} has no limits")
-    return float(limit.lower), float(limit.upper), speed
-
-
-def _link_hulls(link: Any) -> list[LinkHull]:
-    """One convex hull for each collision element of a link, in the link's frame. Spheres and cylinders become containing polyhedra."""
-    import trimesh
-
-    from kinematics.shapes import box_corners, prism
-
-    hulls = []
-    for collision in link.collisions or []:
-        geometry = collision.geometry
-        if geometry.mesh is not None:
-            scale = 1.0 if geometry.mesh.scale is None else geometry.mesh.scale
-            points = _mesh_points(Path(geometry.mesh.filename)) * np.asarray(scale, float)
-        elif geometry.box is not None:
-            points = box_corners(np.asarray(geometry.box.size, float) / 2)
-        elif geometry.cylinder is not None:
-            points = prism(geometry.cylinder.radius, geometry.cylinder.length)
-        elif geometry.sphere is not None:
-            ball = trimesh.creation.icosphere(subdivisions=2)
-            inner = float(np.min(ball.face_normals * ball.triangles_center @ np.ones(3)))
-            points = np.asarray(ball.vertices) * geometry.sphere.radius / inner
-        else:
-            continue
-        T = np.eye(4) if collision.origin is None else collision.origin
-        hull = trimesh.convex.convex_hull(np.asarray(points @ T[:3, :3].T + T[:3, 3]))
-        hulls.append(LinkHull(link.name, np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)))
-    return hulls
-
-
-def _mesh_points(file: Path) -> Array:
-    """A mesh file's vertices (V, 3). Raises ValueError when it holds no solid."""
-    import trimesh
-
-    try:
-        mesh: Any = trimesh.load(file, force="mesh", process=False)
-        trimesh.convex.convex_hull(np.asarray(mesh.vertices, float))
-    except Exception as e:  # trimesh and Qhull raise many kinds, all of them "this file is no solid"
-        why = str(e).strip().split("\n")[0] or type(e).__name__
-        raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}") from e
-    return np.asarray(mesh.vertices, float)
-
-
-def _neighbours(tree: Tree, solid: set[str]) -> set[frozenset[str]]:
-    """Links with geometry that are joined directly, or through links without any."""
-    pairs = set()
-    for i, name in enumerate(tree.names):
-        above = int(tree.parent[i])
-        while above >= 0 and tree.names[above] not in solid:
-            above = int(tree.parent[above])
-        if above >= 0 and name in solid:
-            pairs.add(frozenset((name, tree.names[above])))
-    return pairs
-
-
-def _from_srdf(srdf: Path | None, renamed: Mapping[str, str]) -> set[frozenset[str]]:
-    """The pairs of links that an SRDF switches off; renamed: links that have another name by now."""
-    if srdf is None:
-        return set()
-    root = etree.fromstring(srdf.read_bytes(), etree.XMLParser(recover=True))
-    pairs = ((e.get("link1", ""), e.get("link2", "")) for e in root.iter("disable_collisions"))
-    return {frozenset(renamed.get(name, name) for name in pair) for pair in pairs}
 
 
 def _align_z(axis: Array) -> Array:

@@ -1,7 +1,7 @@
 """URDF files made fit for every reader: cleaned of foreign tags, joined, with absolute mesh paths and extra frames.
 
-yourdfpy, pytorch-kinematics and pinocchio each stumble over something else (undeclared XML prefixes, transmissions, package URIs); what
-leaves this module is plain URDF that all of them read.
+yourdfpy, pytorch-kinematics and pinocchio each stumble over something else (undeclared XML prefixes, transmissions, package URIs,
+capsules); what leaves this module is plain URDF that all of them read.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from kinematics.robots.dialects import apply_soft_limits, expand_xacro, is_xacro, plain_capsules, plain_origins
+from kinematics.robots.joint_checks import check_joints, check_numbers
+from kinematics.robots.mesh_files import find_mesh
 from kinematics.transforms import Array, rpy_from_rotation
 
 _KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin", "mass", "inertia", "parent", "child", "axis", "limit"}
@@ -19,23 +22,57 @@ _KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
 _MISPLACED = {("link", "origin"), ("collision", "material")}  # pytorch-kinematics prints a line for each
 
 
-def read(file: Path) -> etree._Element:
-    """Read and clean a URDF: only kinematics, inertia and geometry stay, mesh names become absolute paths.
+def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
+    """Read and clean a URDF or xacro file: only kinematics, inertia and geometry stay, mesh names become absolute paths.
 
-    Raises: ValueError when the file is missing, is no URDF, or a mesh that it names does not exist.
+    Returns the root element and notes: what was changed or left out, a line each.
+    Raises: ValueError when the file is missing, is no URDF, says what can't be meant, or names a collision mesh that does not exist.
     """
     if not file.is_file():
         raise ValueError(f"URDF file {file} does not exist")
+    text = file.read_bytes()
+    if is_xacro(file, text):
+        text = expand_xacro(file)
     try:
-        root = etree.fromstring(file.read_bytes(), etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
+        root = etree.fromstring(text, etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
     except etree.XMLSyntaxError as e:
         raise ValueError(f"{file} is no URDF: {e}") from e
     if root is None or root.tag != "robot":
         raise ValueError(f"{file} is no URDF: its root element is not <robot>")
-    _drop_foreign(root)
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", str(_resolve(mesh.get("filename", ""), file)))
-    return root
+    try:
+        check_numbers(root)
+        notes = [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
+        check_joints(root)
+        plain_origins(root)
+        plain_capsules(root)
+        _drop_foreign(root)
+        notes += _find_meshes(root, file)
+    except ValueError as e:
+        raise ValueError(f"{file}: {e}") from e
+    return root, tuple(notes)
+
+
+def _find_meshes(root: etree._Element, file: Path) -> list[str]:
+    """Make mesh names absolute paths, in place; visual meshes that are missing are taken out, and noted.
+
+    Raises: ValueError for a collision mesh that is missing, with the places that were looked at.
+    """
+    notes = list[str]()
+    for link in root.iter("link"):
+        for kind in ("collision", "visual"):
+            for element in link.findall(kind):
+                mesh = element.find("geometry/mesh")
+                if mesh is None:
+                    continue
+                name = mesh.get("filename", "")
+                try:
+                    mesh.set("filename", str(find_mesh(name, file)))
+                except FileNotFoundError as e:
+                    if kind == "collision":
+                        raise ValueError(f"link {link.get('name')!r} names the mesh {name}, which does not exist: {e}") from e
+                    notes.append(f"the visual mesh {name} of the link {link.get('name')} does not exist; its collision geometry is drawn")
+                    link.remove(element)
+    return notes
 
 
 def join(root: etree._Element, tool: etree._Element, at: str, T: Array, prefix: str) -> None:
@@ -85,17 +122,6 @@ def add_link(root: etree._Element, name: str, parent: str, T: Array, boxes: tupl
     add_fixed_joint(root, f"{parent}_to_{name}", parent, name, T)
 
 
-def check_mimics(root: etree._Element) -> None:
-    """Raises: ValueError when a joint mimics itself, by way of others or at once: none of them would have a motor."""
-    follows = {j.get("name", ""): m.get("joint", "") for j in root.iter("joint") if (m := j.find("mimic")) is not None}
-    for first in follows:
-        way = [first]
-        while (after := follows.get(way[-1])) is not None:
-            if after in way:
-                raise ValueError(f"joint {after!r} mimics itself ({' mimics '.join([*way[way.index(after) :], after])}); one needs a motor")
-            way.append(after)
-
-
 def rename_links(root: etree._Element, taken: Collection[str]) -> dict[str, str]:
     """Give links whose names are taken another one, in place: `left` becomes `left_link`. Returns the new names by the old ones."""
     names = {e.get("name", "") for e in root.iter("link")}
@@ -126,22 +152,6 @@ def _drop_foreign(element: etree._Element) -> None:
             for key in [k for k in child.attrib if ":" in k or k.startswith("{")]:
                 del child.attrib[key]
             _drop_foreign(child)
-
-
-def _resolve(name: str, urdf: Path) -> Path:
-    """A mesh's absolute path: beside the URDF, or for package:// below any folder above it."""
-    plain = name.removeprefix("file://")
-    if not name.startswith("package://"):
-        path = (urdf.parent / plain).resolve()
-        if path.is_file():
-            return path
-    else:
-        relative = Path(name.removeprefix("package://"))
-        for folder in urdf.resolve().parents:
-            for candidate in (folder / relative, folder / Path(*relative.parts[1:])):
-                if candidate.is_file():
-                    return candidate
-    raise ValueError(f"{urdf.name} names mesh {name}, which does not exist beside or above {urdf.parent}")
 
 
 def _origin(element: etree._Element, T: Array) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.robots.link_geometry import collada_frame
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, rotation_rpy, transform
 
@@ -83,7 +84,7 @@ def _mesh(link: str, mesh: Any, T: Array, given: Colour | None) -> list[Piece]:
         scene = trimesh.load_scene(Path(mesh.get("filename")))
     except Exception:  # trimesh raises many kinds; the link then shows its hulls
         return []
-    scale = _floats(mesh.get("scale", "1 1 1"))
+    scale, R = np.broadcast_to(_floats(mesh.get("scale", "1 1 1")), 3), collada_frame(Path(mesh.get("filename")))
     pieces = []
     for node in scene.graph.nodes_geometry:
         T_node, name = scene.graph[node]
@@ -95,7 +96,7 @@ def _mesh(link: str, mesh: Any, T: Array, given: Colour | None) -> list[Piece]:
         if own is None:
             own = getattr(material, "baseColorFactor", None)
         colour = given or (_calm(np.asarray(own[:3], float) / 255) if own is not None else PLAIN)
-        vertices = apply(T, apply(np.asarray(T_node), np.asarray(part.vertices, float)) * scale)
+        vertices = apply(T, apply(np.asarray(T_node), np.asarray(part.vertices, float)) @ R.T * scale)
         pieces.append(Piece(link, vertices, np.asarray(part.faces, np.int64), colour))
     return pieces
 

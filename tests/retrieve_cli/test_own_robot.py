@@ -120,7 +120,7 @@ NO_MESH = '<robot name="m"><link name="tip"><collision><geometry><mesh filename=
     ("text", "says"),
     [
         (NO_GEOMETRY, "robot {} has links but no collision geometry: add <collision> elements to its URDF"),
-        (NO_MESH, "own.urdf names mesh nowhere.stl, which does not exist beside or above "),
+        (NO_MESH, "{}: link 'tip' names the mesh nowhere.stl, which does not exist: "),
         ("<html/>", "{} is no URDF: its root element is not <robot>"),
         ("", "{} is no URDF: "),
     ],

@@ -23,7 +23,7 @@ def test_named_robots_agree_and_are_the_ones_that_were_checked(robot: Robot, mon
     monkeypatch.setattr(robots, "check_kinematics", lambda _: pytest.fail("the fingerprint in robots.toml is out of date"))
     robots._load.cache_clear()
     load(robot.name)
-    assert robots._fingerprint(stored) == named_robots()[robot.name]["checked_kinematics"]
+    assert robots.fingerprint(stored) == named_robots()[robot.name]["checked_kinematics"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,109 @@
+"""What URDFs hold beyond URDF 1.0, said in its words: xacro, capsules, quaternions, soft limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from kinematics.robots.mesh_files import find_package
+from kinematics.transforms import rotation_from_wxyz, rotation_rpy, rpy_from_rotation
+
+
+def is_xacro(file: Path, text: bytes) -> bool:
+    """Whether a file has to be run through xacro before it is a URDF."""
+    return file.suffix == ".xacro" or b"<xacro:" in text
+
+
+def expand_xacro(file: Path) -> bytes:
+    """The URDF that a xacro file makes, its arguments at their defaults.
+
+    Raises: ValueError when the package xacro is missing, or does not understand the file.
+    """
+    mend = f"run: xacro {file.name} > {file.name.split('.')[0]}.urdf"
+    try:
+        import xacro
+        from xacro import substitution_args
+    except ImportError:
+        raise ValueError(f"{file}: this is xacro, and the package xacro is not installed: pip install xacro; or {mend}") from None
+    try:
+        with _finding_packages(substitution_args, file):
+            return bytes(xacro.process_file(str(file)).toxml(encoding="utf-8"))
+    except Exception as e:  # xacro raises many kinds, all of them "this is no xacro"
+        why = " ".join(str(e).split()) or type(e).__name__
+        raise ValueError(f"{file}: xacro does not understand it: {why}; where it needs arguments, {mend}, with NAME:=VALUE for each") from e
+
+
+@contextmanager
+def _finding_packages(substitutions: object, file: Path) -> Iterator[None]:
+    """Let xacro's $(find PACKAGE) look where meshes are looked for, which needs no ROS."""
+    from unittest.mock import patch
+
+    def find(package: str) -> str:
+        folder = find_package(package, file)
+        if folder is None:
+            raise ValueError(f"there is no package {package!r} in the folders above {file.parent}, nor on ROS_PACKAGE_PATH")
+        return str(folder)
+
+    with patch.object(substitutions, "_eval_find", find):
+        yield
+
+
+def plain_origins(root: etree._Element) -> None:
+    """Turn `quat_xyzw` of origins (URDF 1.2) into `rpy`, in place."""
+    for origin in root.iter("origin"):
+        if (quaternion := origin.attrib.pop("quat_xyzw", None)) is not None:
+            x, y, z, w = (float(v) for v in quaternion.split())
+            size = float(np.linalg.norm([x, y, z, w]))
+            if not size > 0:
+                raise ValueError(f"quat_xyzw {quaternion!r} is no rotation")
+            R = rotation_from_wxyz(np.array([w, x, y, z]) / size)
+            origin.set("rpy", " ".join(repr(float(v)) for v in rpy_from_rotation(R)))
+
+
+def plain_capsules(root: etree._Element) -> None:
+    """Turn each capsule (URDF 1.2: `length` is its cylinder's) into that cylinder and a ball at either end, in place: the same solid."""
+    for capsule in list(root.iter("capsule")):
+        geometry = capsule.getparent()
+        element = geometry.getparent()
+        radius, length = capsule.get("radius", ""), capsule.get("length", "")
+        geometry.replace(capsule, etree.Element("cylinder", radius=radius, length=length))
+        for end in (-1, 1):
+            ball = etree.Element(element.tag)
+            _origin_along(ball, element.find("origin"), end * float(length) / 2)
+            etree.SubElement(etree.SubElement(ball, "geometry"), "sphere", radius=radius)
+            element.addnext(ball)
+
+
+def _origin_along(element: etree._Element, origin: etree._Element | None, along_z: float) -> None:
+    """Give an element the origin of another one, moved along that one's z."""
+    given = {} if origin is None else origin.attrib
+    xyz, rpy = (np.array([float(v) for v in given.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+    p = xyz + along_z * rotation_rpy(rpy)[:, 2]
+    etree.SubElement(element, "origin", xyz=" ".join(repr(float(v)) for v in p), rpy=" ".join(repr(float(v)) for v in rpy))
+
+
+def apply_soft_limits(root: etree._Element) -> list[str]:
+    """Narrow joints' limits to the soft limits of their `safety_controller`, in place. Returns the names of the joints that it narrowed."""
+    narrowed = list[str]()
+    for joint in root.iter("joint"):
+        safety = joint.find("safety_controller")
+        if safety is None:
+            continue
+        soft_lower, soft_upper = (float(safety.get(key, "0")) for key in ("soft_lower_limit", "soft_upper_limit"))
+        if soft_lower >= soft_upper:  # 0 and 0 where they are not given
+            continue
+        limit = joint.find("limit")
+        if limit is None:
+            limit = etree.SubElement(joint, "limit")
+        endless = joint.get("type") == "continuous"
+        lower, upper = (-np.inf, np.inf) if endless else (float(limit.get(key, "0")) for key in ("lower", "upper"))
+        if soft_lower > lower or soft_upper < upper:
+            limit.set("lower", repr(max(lower, soft_lower)))
+            limit.set("upper", repr(min(upper, soft_upper)))
+            joint.set("type", "revolute" if endless else joint.get("type", ""))
+            narrowed.append(joint.get("name", ""))
+    return narrowed

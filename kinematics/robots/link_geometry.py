@@ -1,0 +1,210 @@
+"""A URDF link's collision geometry as convex hulls, in the link's frame.
+
+A mesh that is about as large as its convex hull becomes that hull. One that is much smaller (a frame, a jaw, a bracket) is taken apart by
+V-HACD, and each of its triangles then lies wholly in one of the parts: what V-HACD lets stick out is added to the nearest part.
+"""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kinematics.chain import Int
+from kinematics.robots.tree import LinkHull
+from kinematics.transforms import Array
+
+LARGEST_M = 3.0
+"""A link whose mesh is longer than that was meant in millimetres."""
+FILLS, HAND_FILLS = 0.6, 0.85
+"""A mesh that fills less of its hull is taken apart; of a gripper's links, what lies between jaws matters more."""
+PARTS, HAND_PARTS, FRAME_PARTS = 4, 8, 16
+FRAME_FILLS = 0.25
+"""A mesh that fills less of its hull is a frame or a sheet, and needs more parts."""
+SMALL_M3 = 2e-6
+PATIENCE_S = 20.0
+"""How long V-HACD may take for one mesh."""
+EDGE_M = 0.02  # triangles are cut so fine before they are given to parts, so that parts don't grow along large ones
+MOST_TRIANGLES = 60_000
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSolid:
+    """A mesh in metres, its scale applied: points (P, 3) as the file has them; vertices (V, 3), those at one place merged, and faces (F, 3)
+    of them; its volume and its hull's in m³."""
+
+    points: Array
+    vertices: Array
+    faces: Int
+    volume: float
+    hull_volume: float
+
+
+def check_sizes(model: Any) -> None:
+    """Look at the size of every collision mesh before anything is made of them.
+
+    model: yourdfpy's. Raises: ValueError that names the link, the file and the size where one is longer than LARGEST_M, or can't be read.
+    """
+    for name, link in model.link_map.items():
+        for collision in link.collisions or []:
+            if (mesh := collision.geometry.mesh) is not None:
+                size = float(np.ptp(read_mesh(Path(mesh.filename), _scale(mesh)).points, axis=0).max())
+                if size > LARGEST_M:
+                    raise ValueError(
+                        f"link {name!r}: its mesh {mesh.filename} is {size:.4g} m long; is it in millimetres? "
+                        'Then its <mesh> needs scale="0.001 0.001 0.001"'
+                    )
+
+
+def link_hulls(link: Any, at_hand: Collection[str]) -> tuple[list[LinkHull], list[str]]:
+    """Convex hulls of each collision element of yourdfpy's link, and notes about what could not be done well. Spheres and cylinders become
+    containing polyhedra. at_hand: the links that hold objects or lie between those that do."""
+    import trimesh
+
+    from kinematics.shapes import box_corners, prism
+
+    hulls, notes = list[LinkHull](), list[str]()
+    for collision in link.collisions or []:
+        geometry = collision.geometry
+        if geometry.mesh is not None:
+            parts, said = _mesh_parts(Path(geometry.mesh.filename), _scale(geometry.mesh), link.name in at_hand)
+            notes += [f"link {link.name}: {words}" for words in said]
+        elif geometry.box is not None:
+            parts = (box_corners(np.asarray(geometry.box.size, float) / 2),)
+        elif geometry.cylinder is not None:
+            parts = (prism(geometry.cylinder.radius, geometry.cylinder.length),)
+        elif geometry.sphere is not None:
+            ball = trimesh.creation.icosphere(subdivisions=2)
+            inner = float(np.min(ball.face_normals * ball.triangles_center @ np.ones(3)))
+            parts = (np.asarray(ball.vertices) * geometry.sphere.radius / inner,)
+        else:
+            continue
+        T = np.eye(4) if collision.origin is None else collision.origin
+        for points in parts:
+            hull = trimesh.convex.convex_hull(np.asarray(points @ T[:3, :3].T + T[:3, 3]))
+            hulls.append(LinkHull(link.name, np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)))
+    return hulls, notes
+
+
+def _scale(mesh: Any) -> tuple[float, float, float]:
+    scale = np.broadcast_to(np.asarray(1.0 if mesh.scale is None else mesh.scale, float), 3)
+    return float(scale[0]), float(scale[1]), float(scale[2])
+
+
+@lru_cache(maxsize=128)
+def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
+    """A mesh file in metres; of COLLADA files, the unit and the axis that is up are heeded. Raises: ValueError when it holds no solid."""
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load(file, force="mesh", process=False)
+        points = np.asarray(mesh.vertices, float) @ collada_frame(file).T * np.asarray(scale)
+        hull = trimesh.convex.convex_hull(points)
+        merged = trimesh.Trimesh(points, mesh.faces, process=False)
+        merged.merge_vertices(merge_tex=True, merge_norm=True)
+    except Exception as e:  # trimesh and Qhull raise many kinds, all of them "this file is no solid"
+        why = str(e).strip().split("\n")[0] or type(e).__name__
+        raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}") from e
+    vertices, faces = np.asarray(merged.vertices, float), np.asarray(merged.faces, np.int64)
+    return MeshSolid(points, vertices, faces, abs(float(merged.volume)), float(hull.volume))
+
+
+def _mesh_parts(file: Path, scale: tuple[float, float, float], at_hand: bool) -> tuple[tuple[Array, ...], list[str]]:
+    """The points (P, 3) of convex parts that contain a mesh, and notes."""
+    mesh = read_mesh(file, scale)
+    fills = HAND_FILLS if at_hand else FILLS
+    if mesh.hull_volume < SMALL_M3 or mesh.volume >= fills * mesh.hull_volume:
+        return (mesh.points,), []
+    parts = _taken_apart(mesh, FRAME_PARTS if mesh.volume < FRAME_FILLS * mesh.hull_volume else HAND_PARTS if at_hand else PARTS)
+    if parts is None:
+        share = 100 * mesh.volume / mesh.hull_volume
+        return (mesh.points,), [f"{file.name} fills {share:.0f} % of its convex hull and can't be taken apart: its hull stands for it"]
+    if _volume(parts) >= fills * mesh.hull_volume:  # hollow, but convex as seen from outside
+        return (mesh.points,), []
+    return parts, []
+
+
+def _volume(parts: tuple[Array, ...]) -> float:
+    import trimesh
+
+    return float(sum(trimesh.convex.convex_hull(points).volume for points in parts))
+
+
+def _taken_apart(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
+    """Convex parts, of which each triangle lies in one; None when V-HACD does not come to an end, or can't do it."""
+    given = io.BytesIO()
+    np.savez(given, points=mesh.vertices, faces=mesh.faces, most=most)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", _TAKE_APART], input=given.getvalue(), capture_output=True, check=True, timeout=PATIENCE_S
+        )
+        with np.load(io.BytesIO(done.stdout)) as found:
+            parts = [np.asarray(found[name], float) for name in found.files]
+    except (subprocess.SubprocessError, OSError, ValueError):
+        return None
+    return _containing(mesh, parts) if parts else None
+
+
+_TAKE_APART = """
+import io, sys
+import numpy as np
+import vhacdx
+mesh = np.load(io.BytesIO(sys.stdin.buffer.read()))
+faces = np.c_[np.full(len(mesh["faces"]), 3), mesh["faces"]].ravel().astype(np.uint32)
+pieces = vhacdx.compute_vhacd(mesh["points"], faces, maxConvexHulls=int(mesh["most"]), resolution=30000, maxNumVerticesPerCH=32)
+np.savez(sys.stdout.buffer, *(np.asarray(vertices, float) for vertices, _ in pieces))
+"""
+
+
+def _containing(mesh: MeshSolid, parts: list[Array]) -> tuple[Array, ...]:
+    """Parts that contain every triangle of a mesh: of each triangle, the corners are added to the part that they stick out of least."""
+    from scipy.spatial import ConvexHull
+    from trimesh import remesh
+
+    vertices, faces = mesh.vertices, mesh.faces
+    while len(faces) < MOST_TRIANGLES:
+        edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2).max(1)
+        long = np.flatnonzero(edges > EDGE_M)
+        if not len(long):
+            break
+        vertices, faces = remesh.subdivide(vertices, faces, face_index=long)  # type: ignore[no-untyped-call]
+    used = np.unique(faces)
+    vertices, faces = vertices[used], np.searchsorted(used, faces)
+    planes = [ConvexHull(part).equations for part in parts]
+    out = np.array([(vertices @ e[:, :3].T + e[:, 3]).max(1) for e in planes])
+    nearest = out[:, faces].max(2).argmin(0)
+    grown = list[Array]()
+    for k, part in enumerate(parts):
+        corners = np.unique(faces[nearest == k])
+        outside = corners[out[k][corners] > 0]
+        points = np.concatenate([part, vertices[outside]])
+        grown.append(points[ConvexHull(points).vertices])
+    return tuple(grown)
+
+
+def collada_frame(file: Path) -> Array:
+    """What takes a COLLADA file's coordinates to metres with z up, (3, 3); of other files the identity.
+
+    What MeshLab writes has z up in truth, and says that y is, whatever it was made from: that is not heeded.
+    """
+    if file.suffix.lower() != ".dae":
+        return np.eye(3)
+    from lxml import etree
+
+    asset = etree.parse(str(file), etree.XMLParser(recover=True)).getroot().find("{*}asset")
+    if asset is None:
+        return np.eye(3)
+    unit = asset.find("{*}unit")
+    metres = 1.0 if unit is None else float(unit.get("meter", "1"))
+    word = (asset.findtext("{*}up_axis") or "Z_UP").strip()
+    if "MeshLab" in (asset.findtext("{*}contributor/{*}authoring_tool") or ""):
+        word = "Z_UP"
+    turn = {"X_UP": [[0, -1, 0], [0, 0, -1], [1, 0, 0]], "Y_UP": [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}
+    return metres * np.array(turn.get(word, np.eye(3)), float)

@@ -33,7 +33,7 @@ TABLE_SPECS ?= paper paper-any
 POLICIES ?= random local osnet-only rpnet-only neural-paper neural search
 RULES ?= deep region strict
 
-.PHONY: demo test docs bench weights table clean
+.PHONY: demo test docs bench covers weights table clean
 
 demo: $(VENV)/ready
 	$(RETRIEVE) demo --out out
@@ -49,6 +49,10 @@ test: $(VENV)/ready
 
 bench: $(VENV)/ready
 	$(BIN)/python benchmarks/motion.py
+
+# The sphere covers of the named robots that ship, so that nobody waits for them: make them again when a robot or the algorithm changes.
+covers: $(VENV)/ready
+	$(BIN)/python -m kinematics.robots.ship_covers
 
 # Weights: labels of generated scenes, then training; out/weights-SCALE/ROBOT/ holds the labels and the models --------------------------
 

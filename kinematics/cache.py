@@ -10,6 +10,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,28 @@ def load(name: str) -> dict[str, NDArray[np.generic]] | None:
         return None
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return {k: arrays[k] for k in arrays.files}
+
+
+def shipped(file: Path, name: str) -> dict[str, NDArray[np.generic]] | None:
+    """The arrays of a name in a file that ships with the package and has many names' ("NAME/ARRAY"), or None."""
+    wanted = _names(file).get(name, ())
+    if not wanted:
+        return None
+    with np.load(file, allow_pickle=False) as arrays:
+        return {k: arrays[f"{name}/{k}"] for k in wanted}
+
+
+@lru_cache(maxsize=4)
+def _names(file: Path) -> dict[str, list[str]]:
+    """The arrays' names by name in such a file; nothing where there is none."""
+    if not file.is_file():
+        return {}
+    names: dict[str, list[str]] = {}
+    with np.load(file, allow_pickle=False) as arrays:
+        for entry in arrays.files:
+            name, array = entry.split("/")
+            names.setdefault(name, []).append(array)
+    return names
 
 
 def store(name: str, arrays: Mapping[str, NDArray[np.generic]]) -> None:

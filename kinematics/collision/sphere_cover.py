@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -33,9 +34,11 @@ from kinematics.transforms import Array, apply
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint64]
 COARSE_M, FINE_M = 0.020, 0.005
+SHIPPED = Path(__file__).with_name("covers.npz")
+"""The covers of the named robots' hulls: `make covers` makes them."""
 OnStep = Callable[[str], None]
 
-_ALGORITHM = "cover-4"  # part of the cache's key: change it whenever another result may come out
+_ALGORITHM = "cover-5"  # part of the cache's key: change it whenever another result may come out
 _SLACK = 0.03  # samples are covered by balls this share of the excess smaller, so that the bisection ends
 _ROUNDING_M = 1e-9  # balls are this much smaller in proofs: qhull's planes and float64 are better than that for anything in a room
 _GAMMAS = (0.08, 0.25, 0.5, 0.75, 1.0)
@@ -115,26 +118,40 @@ def uncovered(vertices: Array, balls: Cover) -> Array:
 
 
 def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, *, on_step: OnStep | None = None) -> Levels:
-    """A coarse and a fine cover of the hull of vertices (V, 3), from the disk cache if it holds them.
+    """A coarse and a fine cover of the hull of vertices (V, 3), from those that ship or the disk cache if these hold them.
 
+    The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that is a tenth of what the proof leaves for rounding.
     Raises: ValueError as `cover` does.
     """
-    points = np.ascontiguousarray(vertices, float)
-    name = "spheres-" + cache.key(_ALGORITHM, points.tobytes(), f"{coarse_m!r} {fine_m!r}")
-    known = cache.load(name)
-    if known is not None:
-        c, f = known["coarse"].astype(float), known["fine"].astype(float)
-        return Levels(
-            Cover(c[:, :3], c[:, 3], coarse_m),
-            Cover(f[:, :3], f[:, 3], fine_m),
-            known["start"].astype(np.int64),
-            known["child"].astype(np.int64),
-        )
-    a, b = cover(points, coarse_m, on_step=on_step), cover(points, fine_m, on_step=on_step)
-    a = _by_size(a)
+    points = _rounded(vertices)
+    name = _name(points, coarse_m, fine_m)
+    known = cache.shipped(SHIPPED, name) or cache.load(name)
+    if known is None:
+        known = _derived(points, coarse_m, fine_m, on_step)
+        cache.store(name, known)
+    c, f = known["coarse"].astype(float), known["fine"].astype(float)
+    start, child = known["start"].astype(np.int64), known["child"].astype(np.int64)
+    return Levels(Cover(c[:, :3], c[:, 3], coarse_m), Cover(f[:, :3], f[:, 3], fine_m), start, child)
+
+
+def derived(vertices: Array) -> tuple[str, dict[str, NDArray[np.generic]]]:
+    """The levels of a hull of vertices (V, 3) as arrays, and the name that `levels` finds them under. Raises: as `cover` does."""
+    points = _rounded(vertices)
+    return _name(points, COARSE_M, FINE_M), _derived(points, COARSE_M, FINE_M, None)
+
+
+def _rounded(vertices: Array) -> Array:
+    return np.ascontiguousarray(np.round(np.asarray(vertices, float), 10) + 0.0)
+
+
+def _name(points: Array, coarse_m: float, fine_m: float) -> str:
+    return "spheres-" + cache.key(_ALGORITHM, points.tobytes(), f"{coarse_m!r} {fine_m!r}")
+
+
+def _derived(points: Array, coarse_m: float, fine_m: float, on_step: OnStep | None) -> dict[str, NDArray[np.generic]]:
+    a, b = _by_size(cover(points, coarse_m, on_step=on_step)), cover(points, fine_m, on_step=on_step)
     start, child = _csr(_links(_hull(points).fan, a.centres, a.radii - _ROUNDING_M, b.centres, b.radii - _ROUNDING_M))
-    cache.store(name, {"coarse": np.c_[a.centres, a.radii], "fine": np.c_[b.centres, b.radii], "start": start, "child": child})
-    return Levels(a, b, start, child)
+    return {"coarse": np.c_[a.centres, a.radii], "fine": np.c_[b.centres, b.radii], "start": start, "child": child}
 
 
 def moved(balls: Levels, T: Array) -> Levels:

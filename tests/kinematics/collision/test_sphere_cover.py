@@ -11,6 +11,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from kinematics.collision import sphere_cover
+from kinematics.robots.robot import load
 from kinematics.shapes import box_corners, prism
 from kinematics.transforms import apply, rotation_about, transform
 
@@ -183,3 +184,17 @@ def test_what_has_no_volume_is_refused():
         sphere_cover.box_cover((0.1, 0.0, 0.1), 0.01)
     with pytest.raises(ValueError, match="positive"):
         sphere_cover.cylinder_cover(0.1, -1.0, 0.01)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "gen3"])
+def test_the_covers_that_ship_are_those_of_the_named_robots_and_contain_their_hulls(name, monkeypatch):
+    hulls = load(name).hulls
+    monkeypatch.setattr(sphere_cover, "_derived", None)  # to derive one would fail: `make covers` makes them again
+    for hull in hulls:
+        found = sphere_cover.levels(hull.vertices)
+        for cover in (found.coarse, found.fine):
+            assert len(sphere_cover.uncovered(hull.vertices, cover)) == 0
+    monkeypatch.undo()
+    smallest = min(hulls, key=lambda hull: len(hull.vertices))
+    for made, kept in zip(sphere_cover.derived(smallest.vertices)[1].values(), sphere_cover.levels(smallest.vertices)[:2]):
+        assert np.array_equal(made, np.c_[kept.centres, kept.radii])

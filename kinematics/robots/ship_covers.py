@@ -1,0 +1,35 @@
+"""`python -m kinematics.robots.ship_covers`: the sphere covers of every named robot's hulls, in the file that ships with the package."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+
+import numpy as np
+
+from kinematics.collision import sphere_cover
+from kinematics.robots.robot import load, named_robots
+from kinematics.transforms import Array
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The time that the file's parts bear, so that the same covers are the same bytes."""
+
+
+def hulls() -> list[Array]:
+    """The vertices (V, 3) of every hull of every named robot. Raises: ValueError when one's package is not installed."""
+    return [hull.vertices for name in named_robots() for hull in load(name).hulls]
+
+
+def main() -> None:
+    made = dict(sphere_cover.derived(vertices) for vertices in hulls())
+    with zipfile.ZipFile(sphere_cover.SHIPPED, "w", zipfile.ZIP_DEFLATED) as out:
+        for name in sorted(made):
+            for array, values in made[name].items():
+                data = io.BytesIO()
+                np.save(data, values)
+                out.writestr(zipfile.ZipInfo(f"{name}/{array}.npy", EPOCH), data.getvalue())
+    print(f"{sphere_cover.SHIPPED}: covers of {len(made)} hulls, {sphere_cover.SHIPPED.stat().st_size / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()

@@ -10,6 +10,7 @@ for scene in read_scenes("scenes.jsonl"):
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,8 @@ from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
 from planning.sensing.recording import unseen_space
-from planning.verdict import Fault, judge, judge_grasp
+from planning.target_grasps import GraspChoice, target_grasps
+from planning.verdict import Fault, judge
 
 STAGE = 4
 """What a plan's random numbers are drawn from, beside the seed and the scene: other stages have other numbers."""
@@ -71,6 +73,7 @@ def plan_scene(
     robot: Robot | None = None,
     settings: MotionSettings = DEFAULTS,
     pace: Pace = FULL,
+    grasp: GraspChoice | str = GraspChoice.GIVEN,
     unseen_is_solid: bool = True,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
@@ -79,21 +82,25 @@ def plan_scene(
     policy: a name (`planning.policies` lists them), or a function that makes one from the scene's `Motions`; by default the networks
     where some ship for the robot, else "lookahead". model: networks of one's own. iterations: of one RRT-Connect; time_budget_s: seconds
     instead, which can't be repeated exactly. robot: the scene's own by default. settings: clearance and tilt that motions keep; pace: how
-    fast they are. unseen_is_solid: whether, in a scene out of recorded frames, what no frame has shown is an obstacle. on_step: told of
-    each step as it is taken.
+    fast they are. grasp: with which grasps the target may be taken, "given", "any" or "list". unseen_is_solid: whether, in a scene out of
+    recorded frames, what no frame has shown is an obstacle. on_step: told of each step as it is taken.
 
     The plan says whether it succeeded, or at which stage which link met which body; stage `scene` when x_g can't hold the target.
-    Raises: ValueError when the robot can't be loaded, or can't stand there, or the scene has no target.
+    Raises: ValueError when the robot can't be loaded, or can't stand there, or the scene has no target, or no such grasps.
     """
     robot, rule = robot or from_ref(scene.robot), Rule(rule)
     if policy is None:
         policy = default_policy(robot.name, model)
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
-    _ = scene.target_body, scene.x_g  # said now if there is none
-    if (wrong := judge_grasp(robot, scene)) is not None:
-        return failed(scene.id, f"grasp: {wrong}", name=name, rule=rule)
+    grasps = target_grasps(robot, scene, GraspChoice(grasp))
+    if isinstance(grasps, str):
+        return failed(scene.id, f"grasp: {grasps}", name=name, rule=rule)
+    scene = replace(scene, grasp=grasps.representative())
     unseen = unseen_space(scene) if is_seen(scene) and unseen_is_solid else ()
-    motions = Motions(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen, settings=settings, pace=pace)
+    motions = Motions(
+        robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen, settings=settings,
+        target_grasps=grasps.first, more_grasps=grasps.more, pace=pace,
+    )  # fmt: skip
     motions.start()
     chooses = make_policy(policy, motions, model=model, max_moves=max_moves) if isinstance(policy, str) else policy(motions)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])

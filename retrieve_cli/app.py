@@ -50,6 +50,14 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
+class TargetGrasp(StrEnum):
+    """With which grasps the target may be taken."""
+
+    given = "given"
+    any = "any"
+    list = "list"
+
+
 class By(StrEnum):
     """How objects are told apart."""
 
@@ -335,6 +343,10 @@ def plan(
         str | None,
         typer.Option("--target-box", help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.", metavar="BOX"),
     ] = None,
+    grasp: Annotated[
+        TargetGrasp,
+        typer.Option("--grasp", help="How to take the target: x_g, any grasp that fits, or the best of a list."),
+    ] = TargetGrasp.given,
     clearance: Annotated[
         float,
         typer.Option("--clearance", help="How far motions keep from everything, where the places they join let them, mm.", metavar="MM"),
@@ -391,6 +403,7 @@ def plan(
         noise=noise,
         by=by.value,
         target_box=target_box,
+        grasp=grasp.value,
         clearance_mm=clearance,
         clearance_least_mm=clearance_least,
         max_tilt_deg=max_tilt,

@@ -52,6 +52,7 @@ class Job:
     clearance_mm: float = 5.0
     clearance_least_mm: float = 0.5
     max_tilt_deg: float = 30.0
+    grasp: str = "given"
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,7 @@ def run(
     clearance_least_mm: float = 0.5,
     max_tilt_deg: float = 30.0,
     pose_noise_mm: float = 2.0,
+    grasp: str = "given",
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
@@ -103,7 +105,7 @@ def run(
     """
     job = Job(
         policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast,
-        speed, hand_speed, str(limits) if limits else None, unseen, clearance_mm, clearance_least_mm, max_tilt_deg,
+        speed, hand_speed, str(limits) if limits else None, unseen, clearance_mm, clearance_least_mm, max_tilt_deg, grasp,
     )  # fmt: skip
     _check(job)
     if html is not None and not is_special(html):
@@ -261,6 +263,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
             robot=arm,
             settings=motion_settings(job),
             pace=Pace(job.speed, job.hand_speed),
+            grasp=job.grasp,
             unseen_is_solid=job.unseen == "solid",
         )
     if plan.reason is not None and plan.reason.stage == SCENE:
@@ -281,11 +284,14 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.policies import make_policy
     from planning.retrieval import Rule
     from planning.sensing.retrieve import Simulated, retrieve_unseen
+    from planning.target_grasps import GraspChoice, check_choice
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):
         arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
-        if (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
+        choice = GraspChoice(job.grasp)
+        check_choice(scene, choice)
+        if choice is GraspChoice.GIVEN and (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
             raise ValueError(f"grasp: {wrong}")
         name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
@@ -300,6 +306,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
             settings=motion_settings(job),
             pace=Pace(job.speed, job.hand_speed),
+            grasp=choice,
             rng=np.random.default_rng([job.seed, library.STAGE, scene.random_word]),
         )
 

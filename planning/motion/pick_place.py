@@ -6,12 +6,12 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -24,6 +24,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Held, Scene, State, object_box
 from kinematics.transforms import Array
 from perception.objects.settle import LOWEST_M, stands_on
+from planning.grasps import Sampling
+from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import WAY_IN, WHOLE_WAY, Obstruction, View
 from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
@@ -34,7 +36,8 @@ from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
-MAX_TRIES = 3  # of an object's picks, how many are given to RRT-Connect before the move is given up
+MAX_TRIES = 3  # of an object's picks, how many are given to RRT-Connect before the move is given up; of the target's, for each grasp
+MOST_TRIES = 8  # of the target's picks, all grasps together
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
 BRIEFLY, BRIEF_PICKS = 300, 4  # iterations of RRT-Connect, and grasps tried, where only labels hang on the answer
@@ -75,7 +78,8 @@ class Motions:
     time_budget_s: the paper's protocol instead, wall-clock seconds for one RRT-Connect.
     obstacles: more that stands still, besides what the scene has: space that was not seen yet.
     settings: how far motions keep from everything, how upright things are carried, how paths are sought.
-    target_grasps: with which of them the target may be taken out; by default with the scene's x_g alone.
+    target_grasps: with which of them the target may be taken out, the best first; by default with the scene's x_g alone. more_grasps: with
+    which others, by how densely they are sampled; then those are preferred that turn the arm least.
     pace: how fast what is found will be driven.
     """
 
@@ -89,12 +93,13 @@ class Motions:
         obstacles: Sequence[Body] = (),
         settings: MotionSettings = DEFAULTS,
         target_grasps: Sequence[Grasp] | None = None,
+        more_grasps: Callable[[Sampling], Iterable[Grasp]] | None = None,
         pace: Pace = FULL,
     ) -> None:
         self.robot, self.scene, self.settings, self.pace = robot, scene, settings, pace
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         given = () if scene.grasp is None else (scene.grasp,)
-        self.target_grasps = given if target_grasps is None else tuple(target_grasps)
+        self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
         self._picking = Picking(self.cell)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
         floor_z, boxes = float(scene.cabinet.T_world_cabinet[2, 3]), {b.name: object_box(b) for b in scene.objects}
@@ -128,7 +133,11 @@ class Motions:
     def _retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         name = self.scene.target_name
         picks, why = self.picks(state, name, self.target_grasps)
-        for pick in picks[:MAX_TRIES]:
+        tries = Counter[int]()
+        for pick in picks:
+            tries[id(pick.grasp)] += 1
+            if tries[id(pick.grasp)] > MAX_TRIES or tries.total() > MOST_TRIES:
+                continue
             way_in = self._transit(state, pick, rng)
             if isinstance(way_in, Blocked):
                 why = way_in
@@ -214,7 +223,14 @@ class Motions:
             known[pick] = bool(self.cell.reached(moving, self.robot.arm_q(state.q), pick.approach[:1], rng, BRIEFLY)[0])
         return known[pick]
 
-    def picks(self, state: State, name: str, grasps: Sequence[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
+    @cached_property
+    def target_grasps(self) -> Sequence[Grasp] | LazyList[Grasp]:
+        """With which grasps the target may be taken out; a list that is found as far as it is asked for where any will do."""
+        if self._more_grasps is None:
+            return self._listed_grasps
+        return LazyList(chain(self._listed_grasps, self._more_grasps(self._picking.settings.sampling)))
+
+    def picks(self, state: State, name: str, grasps: Sequence[Grasp] | LazyList[Grasp] | None = None) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object that hold up to all checks but RRT-Connect's, the least to turn first; and why others don't.
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
@@ -226,6 +242,8 @@ class Motions:
             poses, rest, q = state.poses, self._without(state, name), self.robot.arm_q(state.q)
             if grasps is None:
                 found[name] = self._picking.picks(poses, rest, name, q)
+            elif isinstance(grasps, LazyList):
+                found[name] = self._picking.picks_among(grasps, poses, rest, name, q)
             else:
                 found[name] = self._picking.picks_with(grasps, poses, rest, name, q)
         return found[name]
@@ -256,7 +274,8 @@ class Motions:
         other = copy(self)
         other._picking, other._memories = Picking(self.cell, THOROUGH), deque(maxlen=KEPT)
         other.__dict__["thorough"] = other
-        other.__dict__.pop("_obstruction", None)
+        for found in ("_obstruction", "target_grasps"):
+            other.__dict__.pop(found, None)
         return other
 
     def _found_once(self, state: State, question: Choice | None, find: Callable[[], Done | Blocked]) -> Done | Blocked:

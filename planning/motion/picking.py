@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from kinematics.scene import APPROACHES, Grasp, Held
+from kinematics.robots.robot import Robot
+from kinematics.scene import APPROACHES, Grasp, Held, Scene
 from kinematics.transforms import Array, inverse
 from planning.grasps import DENSE, USUAL, Sampling, open_width, sample_grasps
 from planning.motion import reaching
@@ -63,6 +64,7 @@ class Picking:
     def __init__(self, cell: Workcell, settings: PickSettings = QUICK) -> None:
         self.cell, self.settings = cell, settings
         self._known: dict[tuple[str, bytes], _Grasps] = {}
+        self._among: dict[LazyList[Grasp], _Grasps] = {}
 
     def picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object that hold up to all checks but RRT-Connect's, those first that turn the arm least from q (A,);
@@ -79,17 +81,27 @@ class Picking:
     def picks_with(
         self, grasps: Sequence[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
     ) -> tuple[list[Pick], Blocked]:
-        """As `picks`, with these grasps and no others."""
+        """As `picks`, with these grasps and no others; the best, which come first, are preferred to those that turn the arm less."""
         key = (name, b"".join(grasp.T_world_hand.tobytes() + np.float64(grasp.width_m).tobytes() for grasp in grasps))
         if key not in self._known:
             self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
-        return self._picks(self._known[key], poses, rest, name, q)
+        picks, why = self._picks(self._known[key], poses, rest, name, q)
+        ranks = {id(grasp): i for i, grasp in enumerate(grasps)}
+        return sorted(picks, key=lambda pick: ranks[id(pick.grasp)]), why
+
+    def picks_among(
+        self, grasps: LazyList[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
+    ) -> tuple[list[Pick], Blocked]:
+        """As `picks`, with grasps that are found when they are asked for."""
+        if grasps not in self._among:
+            self._among[grasps] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+        return self._picks(self._among[grasps], poses, rest, name, q)
 
     def grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
         """The grasps that are sampled on an object where it stands, the most natural first."""
         key = (name, poses[name].tobytes())
         if key not in self._known:
-            grasps = sampled_grasps(self.cell, name, poses[name], sampling=self.settings.sampling)
+            grasps = sampled_grasps(self.cell.robot, self.cell.scene, name, poses[name], sampling=self.settings.sampling)
             self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
         return self._known[key]
 
@@ -204,12 +216,11 @@ class _Grasps(LazyList[Grasp]):
 
 
 def sampled_grasps(
-    cell: Workcell, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
+    robot: Robot, scene: Scene, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
 ) -> Iterator[Grasp]:
     """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default."""
-    scene = cell.scene
     to_body = T[:2, 3] - scene.robot.T_world_base[:2, 3]
     toward = float(np.arctan2(to_body[1], to_body[0]))
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body = replace(scene.body(name), T_world_body=T)
-    return sample_grasps(body, cell.robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling)
+    return sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling)

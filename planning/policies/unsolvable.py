@@ -68,7 +68,9 @@ class Prover:
             def grasps_on(name: str, T: Array) -> Iterable[Grasp]:
                 given = name == self.target and not any_grasp
                 sampling = THOROUGH.sampling
-                return motions.target_grasps if given else sampled_grasps(motions.cell, name, T, approaches=approaches, sampling=sampling)
+                if given:
+                    return motions.thorough.target_grasps
+                return sampled_grasps(motions.robot, motions.scene, name, T, approaches=approaches, sampling=sampling)
 
             self._known[key] = Obstruction(motions.cell, grasps_on, ik_tries=THOROUGH.ik_tries)
         return self._known[key].at(state.poses)

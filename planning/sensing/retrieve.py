@@ -22,7 +22,7 @@ from perception.frames import Frame
 from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
 from perception.objects.clustering import NoSurfaces
 from perception.rendering.synthetic_camera import Camera, synthetic_camera
-from planning.motion.pick_place import ITERATIONS, Motions
+from planning.motion.pick_place import ITERATIONS, Done, Motions
 from planning.motion.replay import hand_poses
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
@@ -30,6 +30,7 @@ from planning.plan import Blocked, Fault, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
 from planning.sensing.focus import wanted
 from planning.sensing.look_around import BODY_MARGIN_M, Limits, Looked, look_around, skin, unknown_space
+from planning.target_grasps import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
 
 FIRST = Limits(0.99, 0.001, 10)
@@ -152,13 +153,14 @@ def retrieve_unseen(
     target_box: Array | None = None,
     settings: MotionSettings = DEFAULTS,
     pace: Pace = FULL,
+    grasp: GraspChoice = GraspChoice.GIVEN,
     rng: np.random.Generator,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
 
     policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
-    pace: how fast the arm is driven.
+    pace: how fast the arm is driven. grasp: with which grasps the target may be taken, x_g being what is looked for.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
     was seen when they were planned, and by the truth at the end; `verified` and the reason "verify" tell.
     """
@@ -169,6 +171,7 @@ def retrieve_unseen(
     truth = world.scene
     mind, limits, focus, patience = _BeliefState(world, rng, target_box, pace), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
+    took: Grasp | None = None
     if mind.start_blocked is not None:
         return conclude(world.robot, truth, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
@@ -179,16 +182,17 @@ def retrieve_unseen(
             with moving:
                 mind.understand()
         except NoSurfaces as e:
-            taken: tuple[Motion, ...] | Blocked = Blocked("look", body=truth.target_name, detail=f"the target was not found: {e}")
+            taken: Done | Blocked = Blocked("look", body=truth.target_name, detail=f"the target was not found: {e}")
             break
         with moving:
-            motions, state = _ready(mind, iterations, time_budget_s, settings)
+            motions, state = _ready(mind, iterations, time_budget_s, settings, grasp)
             taken = _try_target(mind, looked, motions, state, rng)
         if not isinstance(taken, Blocked):
             names = world.names(mind.belief.bodies)
             with moving:
-                doubts += _as_seen(mind, state, taken, settings.max_tilt_deg, truth.grasp)
-            way += world.move(taken, names)[0]
+                doubts += _as_seen(mind, state, taken.motions, settings.max_tilt_deg, taken.grasp)
+            way += world.move(taken.motions, names)[0]
+            took = taken.grasp
             if names[truth.target_name] != truth.target_name:
                 taken = Blocked("verify", body=names[truth.target_name], detail=f"it was taken for the target {truth.target_name}")
             break
@@ -236,7 +240,8 @@ def retrieve_unseen(
         failed.clear()
     why = taken if isinstance(taken, Blocked) else None
     return conclude(
-        world.robot, truth, why, moves, way, name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, faults=doubts
+        world.robot, truth, why, moves, way,
+        name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, grasp=took, faults=doubts,
     )  # fmt: skip
 
 
@@ -247,25 +252,30 @@ def _as_seen(mind: _BeliefState, state: State, motions: Sequence[Motion], max_ti
     return [replace(fault, detail=f"as it was seen: {fault.detail}") for fault in found]
 
 
-def _ready(mind: _BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings) -> tuple[Motions, State]:
+def _ready(
+    mind: _BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings, choice: GraspChoice
+) -> tuple[Motions, State]:
     """Motion planning for what is believed now."""
     bodies = mind.belief.bodies
     scene, walls = replace(mind.empty_scene, objects=bodies), unknown_space(mind.voxels, bodies, blocks=1)
+    found: TargetGrasps | str = TargetGrasps((scene.x_g,))
+    if choice is not GraspChoice.GIVEN and mind.belief.body(scene.target_name) is not None:
+        found = target_grasps(mind.robot, scene, choice)
+    grasps = TargetGrasps(()) if isinstance(found, str) else found
     motions = Motions(
-        mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls, settings=settings, pace=mind.pace
-    )
+        mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls, settings=settings,
+        target_grasps=grasps.first, more_grasps=grasps.more, pace=mind.pace,
+    )  # fmt: skip
     return motions, State(mind.q, scene.poses())
 
 
-def _try_target(
-    mind: _BeliefState, looked: Looked, motions: Motions, state: State, rng: np.random.Generator
-) -> tuple[Motion, ...] | Blocked:
+def _try_target(mind: _BeliefState, looked: Looked, motions: Motions, state: State, rng: np.random.Generator) -> Done | Blocked:
     """The motions that take the target out, or why there are none."""
     target = mind.empty_scene.target_name
     if mind.belief.body(target) is None:
         return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
     taken = motions.retrieve_target(state, rng)
-    return taken if isinstance(taken, Blocked) else motions.trajectories(state, taken.motions)
+    return taken if isinstance(taken, Blocked) else replace(taken, motions=motions.trajectories(state, taken.motions))
 
 
 def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]]) -> list[str]:

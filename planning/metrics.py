@@ -6,17 +6,22 @@ scenes stand beside them. Planners that ran on the same scenes are compared scen
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
+from kinematics.mount import MOUNT
+from kinematics.scene import WALLS
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Plan
 from planning.retrieval import MAX_MOVES
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 
-MEASURES = ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
-"""The fields of `Episode` that are averaged: objects moved, times of choosing and of motion planning, length of the hand's way, eq. 1."""
+MEASURES = ("moved", "planning_time_s", "motion_time_s", "relocation_travel_m", "hand_travel_m", "duration_s", "value")
+"""The fields of `Episode` that are averaged: objects moved, times of choosing and of motion planning, length of the hand's way before the
+target is gone for (the paper's moving distance) and in all, how long the arm moves, eq. 1."""
 
 KINDS = ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable", "scene")
 """Why a scene stays unsolved (`failure`), in the order in which a move gets there; at the end what was proved beforehand."""
@@ -30,6 +35,8 @@ SHARES = (0.1, 0.5, 0.9, 0.95)
 RULES = ("deep", "region", "strict")
 """Of the retrieval loop, in the order in which reports give them."""
 
+_FIXED = frozenset({*WALLS, MOUNT})
+_NAMED = re.compile(r"\b[A-Za-z]+_\d+\b")
 _PICK = frozenset({"ik", "grasp", "transit", "approach", "lift"})
 _PLACE = frozenset({"transfer", "lower", "release", "retreat"})
 
@@ -39,7 +46,8 @@ class Episode:
     """What is counted of one plan.
 
     moved: relocations carried out; reason: the stage that stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a
-    success; blocked: the stages of failed attempts.
+    success; blocked: the stages of failed attempts. kept_in: what keeps the target in at the end, and stopped: what stopped the attempts,
+    in words. least_moves: a lower bound on the moves; proved: that no moves help. Both where the planner looked.
     """
 
     scene: str
@@ -50,11 +58,17 @@ class Episode:
     moved: int
     planning_time_s: float
     motion_time_s: float
+    relocation_travel_m: float | None
     hand_travel_m: float
+    duration_s: float
     value: float
     reason: str | None
     kind: str | None
     blocked: tuple[str, ...]
+    kept_in: str | None
+    stopped: tuple[str, ...]
+    least_moves: int | None
+    proved: bool
 
     @property
     def whole_time_s(self) -> float:
@@ -73,12 +87,33 @@ class Episode:
             moved=sum(move.done for move in plan.moves),
             planning_time_s=plan.planning_time_s,
             motion_time_s=plan.motion_time_s,
+            relocation_travel_m=plan.relocation_travel_m,
             hand_travel_m=plan.hand_travel_m,
+            duration_s=plan.duration_s,
             value=plan.value,
             reason=None if plan.success else plan.reason.stage if plan.reason else "unknown",
             kind=None if plan.success else failure(plan),
             blocked=tuple(move.reason.stage for move in plan.moves if not move.done and move.reason),
+            kept_in=None if plan.success or plan.reason is None else in_general(plan.reason),
+            stopped=tuple(in_general(move.reason, move.object) for move in plan.moves if not move.done and move.reason),
+            least_moves=plan.least_moves,
+            proved=plan.unsolvable is not None,
         )
+
+
+def in_general(why: Blocked, moved: str | None = None) -> str:
+    """A reason in words that count alike in all scenes: objects without their names. moved: the object that it was about."""
+
+    def called(name: str | None) -> str:
+        if name is None or name in _FIXED:
+            return f"the {name}"
+        return "the object itself" if name == moved else "unseen space" if name.startswith("unknown_") else "another object"
+
+    if why.stage == "unsolvable":
+        return "it is proved that no picks help"
+    if why.link and why.body:
+        return f"{'the object' if why.link == moved else why.link} would touch {called(why.body)} ({why.stage})"
+    return f"{why.stage}: {_NAMED.sub('an object', why.detail)}" if why.detail else why.stage
 
 
 def failure(plan: Plan) -> str:
@@ -124,7 +159,10 @@ class Row:
     """One planner under one rule.
 
     by_moves: successes by number of objects moved. by_objects: success by number of objects in the scene, empty where that is not known.
-    failures: unsolved scenes by `KINDS`; failed_at: by the stage that blocks the target; blocked_at: failed attempts by stage.
+    failures: unsolved scenes by `KINDS`; failed_at: by the stage that blocks the target; blocked_at: failed attempts by stage. kept_in,
+    stopped: both in words, the most frequent first.
+    least: moves and the lower bound on them, summed over the solved scenes for which any planner knows a bound of at least one, and how
+    many those are; at_least: how many of them were solved with no more. proved: unsolved scenes for which any planner has a proof.
     planning_s: quantiles (`SHARES`) over all scenes of the time of choosing; whole_s: over successes of the time to a verified plan;
     solved_s: that time of each success, in ascending order.
     unverified: successes whose motions did not pass the exact check; repeated: plans for a scene that was counted before.
@@ -140,6 +178,11 @@ class Row:
     failures: Mapping[str, int]
     failed_at: Mapping[str, int]
     blocked_at: Mapping[str, int]
+    kept_in: Mapping[str, int]
+    stopped: Mapping[str, int]
+    least: tuple[int, int, int]
+    at_least: int
+    proved: int
     planning_s: tuple[float, ...]
     whole_s: tuple[float, ...]
     solved_s: tuple[float, ...]
@@ -168,13 +211,14 @@ class Pair:
 
 @dataclass(frozen=True)
 class PaperRow:
-    """A row of the paper's Table I: 100 scenes, at most 5 moves, means ± sd over successful runs. printed: False if commented out there."""
+    """A row of the paper's Table I: 100 scenes, at most 5 moves, means ± sd over successful runs. printed: False if commented out there.
+    relocation_travel_m: its moving distance, that of the relocations."""
 
     policy: str
     success: Share
     moved: Spread
     planning_time_s: Spread
-    hand_travel_m: Spread
+    relocation_travel_m: Spread
     printed: bool = True
 
     def spreads(self) -> dict[str, Spread | None]:
@@ -187,31 +231,60 @@ def rows(episodes: Iterable[Episode], objects: Mapping[str, int] | None = None) 
     groups: dict[tuple[str, str], list[Episode]] = {}
     for e in episodes:
         groups.setdefault((e.policy, e.rule), []).append(e)
-    return [_row(*key, groups[key], objects or {}) for key in sorted(groups, key=_rank)]
+    known = _known(chain.from_iterable(groups.values()))
+    return [_row(*key, groups[key], objects or {}, known) for key in sorted(groups, key=_rank)]
 
 
-def _row(policy: str, rule: str, episodes: Sequence[Episode], objects: Mapping[str, int]) -> Row:
+class _Known(NamedTuple):
+    """What any planner knows of scenes, by id: the lower bound on the moves, and whether it is proved that none help."""
+
+    least_moves: Mapping[str, int]
+    proved: frozenset[str]
+
+
+def _known(episodes: Iterable[Episode]) -> _Known:
+    least, proved = dict[str, int](), set[str]()
+    for e in episodes:
+        if e.least_moves is not None:
+            least[e.scene] = max(e.least_moves, least.get(e.scene, 0))
+        if e.proved:
+            proved.add(e.scene)
+    return _Known(least, frozenset(proved))
+
+
+def _row(policy: str, rule: str, episodes: Sequence[Episode], objects: Mapping[str, int], known: _Known) -> Row:
     solved = [e for e in episodes if e.success]
     counts = Counter(objects[e.scene] for e in episodes if e.scene in objects)
     solved_with = Counter(objects[e.scene] for e in solved if e.scene in objects)
+    bounds = [(e.moved, known.least_moves[e.scene]) for e in solved if known.least_moves.get(e.scene)]
     failures, whole_s = Counter(e.kind for e in episodes), sorted(e.whole_time_s for e in solved)
     return Row(
         policy=policy,
         rule=rule,
         success=wilson(len(solved), len(episodes)),
-        over_successes={m: spread([getattr(e, m) for e in solved]) for m in MEASURES},
-        over_all={m: spread([getattr(e, m) for e in episodes]) for m in MEASURES},
+        over_successes={m: spread(_values(solved, m)) for m in MEASURES},
+        over_all={m: spread(_values(episodes, m)) for m in MEASURES},
         by_moves=dict(sorted(Counter(e.moved for e in solved).items())),
         by_objects={n: wilson(solved_with[n], counts[n]) for n in sorted(counts)},
         failures={kind: failures[kind] for kind in KINDS if failures[kind]},
         failed_at=dict(Counter(e.reason for e in episodes if e.reason).most_common()),
         blocked_at=dict(Counter(stage for e in episodes for stage in e.blocked).most_common()),
+        kept_in=dict(Counter(e.kept_in for e in episodes if e.kept_in).most_common()),
+        stopped=dict(Counter(words for e in episodes for words in e.stopped).most_common()),
+        least=(sum(moved for moved, _ in bounds), sum(bound for _, bound in bounds), len(bounds)),
+        at_least=sum(moved <= bound for moved, bound in bounds),
+        proved=sum(not e.success and e.scene in known.proved for e in episodes),
         planning_s=quantiles([e.planning_time_s for e in episodes], SHARES),
         whole_s=quantiles(whole_s, SHARES),
         solved_s=tuple(whole_s),
         unverified=sum(not e.verified for e in solved),
         repeated=len(episodes) - len({e.scene for e in episodes}),
     )
+
+
+def _values(episodes: Iterable[Episode], measure: str) -> list[float]:
+    """A measure of those that know it."""
+    return [value for e in episodes if (value := getattr(e, measure)) is not None]
 
 
 def pairs(episodes: Iterable[Episode]) -> list[Pair]:
@@ -242,7 +315,7 @@ def _pair(a: tuple[str, str], b: tuple[str, str], episodes: Sequence[tuple[Episo
         neither=neither,
         success=newcombe(both, only_a, only_b, neither),
         p=mcnemar(only_a, only_b),
-        measures={m: bootstrap([getattr(x, m) - getattr(y, m) for x, y in solved]) for m in MEASURES},
+        measures={m: bootstrap([a - b for x, y in solved for a, b in zip(_values([x], m), _values([y], m))]) for m in MEASURES},
     )
 
 

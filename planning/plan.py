@@ -35,6 +35,10 @@ class Blocked:
     depth_m: float | None = None
     detail: str | None = None
 
+    def in_words(self) -> str:
+        """As one would tell it: "camera would touch box_3 (approach)"."""
+        return f"{self.link} would touch {self.body} ({self.stage})" if self.link and self.body else str(self)
+
     def __str__(self) -> str:
         touch = f": {self.link} touches {self.body}" if self.link and self.body else ""
         deep = f" by {1000 * self.depth_m:.1f} mm" if self.depth_m is not None else ""
@@ -147,12 +151,14 @@ class Plan:
     """Moves and motions that retrieve the target of `scene`, or the reason why they don't.
 
     planning_time_s: choosing objects and regions, as in the paper; motion_time_s: all motion planning.
-    hand_travel_m: length of the hand's path. value: the paper's objective (eq. 1), written as `return` in files.
+    hand_travel_m: length of the hand's path; relocation_travel_m: of its part before the target is gone for, as in the paper, looks left
+    out; None where nobody measured it. value: the paper's objective (eq. 1), written as `return` in files.
     verified: the motions passed the exact check (planning.motion.verify), and the plan the verdict (planning.verdict); None when there are
     no motions. faults: why it is not verified, as far as the verdict found it.
     grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
     unsolvable: the proof that there is none, if it was found.
     settled: objects that were moved a little before the plan began: it starts from where they stand now.
+    target_blocked: what kept the target in before each move, and at the end if it did; no part of the file.
     """
 
     scene: str
@@ -172,6 +178,8 @@ class Plan:
     least_moves: int | None = None
     unsolvable: Unsolvable | None = None
     settled: tuple[Settlement, ...] = ()
+    relocation_travel_m: float | None = None
+    target_blocked: tuple[Blocked, ...] = ()
 
     @property
     def duration_s(self) -> float:

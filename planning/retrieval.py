@@ -117,6 +117,7 @@ def retrieve(
     way: list[Motion] = []
     failed: set[tuple[str, int]] = set()
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
+    kept_in: list[Blocked] = []
     if blocked := motions.start_blocked():
         return conclude(motions.robot, scene, blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
@@ -127,6 +128,7 @@ def retrieve(
             with moving:
                 way += motions.trajectories(state, taken.motions)
             break
+        kept_in[sum(move.done for move in moves) :] = [taken]
         if steps == max_moves:
             break
         steps += 1
@@ -161,7 +163,7 @@ def retrieve(
         motions.robot, scene, why, moves, way,
         name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp,
     )  # fmt: skip
-    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable)
+    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in))
 
 
 def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
@@ -195,9 +197,11 @@ def conclude(
     wrong already.
     """
     success = reason is None
+    travel = [hand_travel(robot, scene, [motion]) for motion in way]
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        hand_travel(robot, scene, way), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled,
+        sum(travel, 0.0), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled,
+        relocation_travel_m=sum((length for length, counts in zip(travel, relocating(way)) if counts), 0.0),
     )  # fmt: skip
     if not way:
         return plan
@@ -218,6 +222,12 @@ def conclude(
 def failed(scene: str, detail: str, *, name: str, rule: Rule) -> Plan:
     """The plan of a scene, told by its id, that can't be meant: nothing was tried."""
     return Plan(scene, name, str(rule), False, Blocked(SCENE, detail=detail), (), (), 0.0, 0.0, 0.0, 0.0, None)
+
+
+def relocating(motions: Sequence[Motion]) -> list[bool]:
+    """Which motions the paper counts as travel: those of the relocations, before the target is gone for. Looks are none of them."""
+    last = max((i for i, motion in enumerate(motions) if motion.stage == "retreat"), default=-1)
+    return [i <= last and motion.stage != "look" for i, motion in enumerate(motions)]
 
 
 def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:

@@ -375,6 +375,7 @@ def plan(
     fail_fast: Annotated[
         bool, typer.Option("--fail-fast", help="End at a scene that can't be meant, instead of saying so in its plan.")
     ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell no stories on the terminal.")] = False,
     pose_noise_mm: Annotated[
         float,
         typer.Option(
@@ -415,6 +416,7 @@ def plan(
         strict=strict,
         resume=resume,
         fail_fast=fail_fast,
+        quiet=quiet,
         pose_noise_mm=pose_noise_mm,
         out=out,
         workers=workers,

@@ -122,7 +122,7 @@ def _tell(film: Film, motions: Motions) -> None:
         first = next(s for s in film.stretches if s.move == number)
         why = motions.retrieve_target(film.state_at(first.start_s), np.random.default_rng(0))
         if isinstance(why, Blocked):
-            say(f"  {scene.target_name} is {'still ' if number else ''}blocked: {_in_words(why)}")
+            say(f"  {scene.target_name} is {'still ' if number else ''}blocked: {why.in_words()}")
         seconds = sum(s.end_s - s.start_s for s in film.stretches if s.move == number)
         far = 100 * float(np.linalg.norm(move.T_world_to[:3, 3] - move.T_world_from[:3, 3]))
         say(f"  {number + 1}. {move.object} moves {far:.0f} cm away, to region {move.region} ({seconds:.1f} s)")
@@ -132,15 +132,6 @@ def _tell(film: Film, motions: Motions) -> None:
     tries = f"; {failed} other attempts failed" if failed > 1 else "; 1 other attempt failed" if failed else ""
     say(f"planned in {plan.planning_time_s + plan.motion_time_s:.1f} s{tries}; every motion was verified")
     say(f"the arm moves for {film.length_s:.1f} s, its hand {plan.hand_travel_m:.1f} m")
-
-
-def _in_words(why: object) -> str:
-    from planning.plan import Blocked
-
-    assert isinstance(why, Blocked)
-    if why.link and why.body:
-        return f"{why.link} would touch {why.body} ({why.stage})"
-    return str(why)
 
 
 def _draw(film: Film, folder: Path) -> None:

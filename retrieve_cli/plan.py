@@ -18,7 +18,8 @@ from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.sense import parse_box
-from retrieve_cli.terminal import announce_first_run, progress, say, say_settled
+from retrieve_cli.story import story
+from retrieve_cli.terminal import announce_first_run, on_terminal, progress, say, say_settled
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def run(
     max_tilt_deg: float = 30.0,
     pose_noise_mm: float = 2.0,
     grasp: str = "given",
+    quiet: bool = False,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
@@ -120,6 +122,7 @@ def run(
         "networks": _digest(model),
         "pose_noise_mm": pose_noise_mm,
     }
+    tell = not quiet and on_terminal(out)
     drawable: list[SceneLine] = []  # until one is found to be drawn
     picture: tuple[Scene, Plan] | None = None
 
@@ -140,7 +143,10 @@ def run(
             unsolved += not answer.plan.success
             if answer.error:
                 say(f"{answer.error} (its plan says so)")
-            elif picture is None and answer.scene is not None:
+            elif tell and answer.scene is not None:
+                for words in story(answer.scene, answer.plan):
+                    say(words)
+            if not answer.error and picture is None and answer.scene is not None:
                 picture = answer.scene, answer.plan
             advance()
     if strict and write.kept:

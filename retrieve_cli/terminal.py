@@ -48,14 +48,19 @@ def show(*things: RenderableType) -> None:
             console.print(thing)
 
 
+def on_terminal(out: Path | None) -> bool:
+    """Whether somebody reads stderr on a terminal over which the data does not run. out: where it goes; None and "-" are stdout."""
+    to_stdout = out is None or str(out) == "-"
+    return sys.stderr.isatty() and not (to_stdout and sys.stdout.isatty())
+
+
 @contextmanager
 def progress(what: str, total: int | None = None, *, out: Path | None = None) -> Iterator[Callable[[], None]]:
     """`with progress("planning", 20, out=out) as step: … step()`: a bar on stderr.
 
-    Only when stderr is a terminal, and when the data does not run over that same terminal (out: where it goes; None and "-" are stdout).
+    Only on a terminal, see `on_terminal`.
     """
-    to_stdout = out is None or str(out) == "-"
-    if not sys.stderr.isatty() or (to_stdout and sys.stdout.isatty()):
+    if not on_terminal(out):
         yield lambda: None
         return
     from rich.console import Console

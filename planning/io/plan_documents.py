@@ -49,6 +49,8 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
         "verified": None if plan.verified is None else bool(plan.verified),
         **_foresight_to_json(plan),
     }
+    if plan.relocation_travel_m is not None:
+        document["relocation_travel_m"] = float(plan.relocation_travel_m)
     if plan.clearance_m is not None:
         document["clearance_m"] = float(plan.clearance_m)
     if plan.faults:
@@ -98,7 +100,7 @@ def plan_from_node(node: Node) -> Plan:
     version = expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
-    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled"), extra=True)
+    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m"), extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -117,6 +119,7 @@ def plan_from_node(node: Node) -> Plan:
         least_moves=f["least_moves"].integer(least=0) if _said(f, "least_moves") else None,
         unsolvable=_unsolvable(f["unsolvable"]) if _said(f, "unsolvable") else None,
         settled=tuple(_settlement(item) for item in f["settled"].items()) if "settled" in f else (),
+        relocation_travel_m=f["relocation_travel_m"].number(least=0) if _said(f, "relocation_travel_m") else None,
     )
 
 

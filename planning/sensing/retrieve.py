@@ -172,6 +172,7 @@ def retrieve_unseen(
     mind, limits, focus, patience = _BeliefState(world, rng, target_box, pace), FIRST, None, PATIENCE
     failed: set[tuple[str, int]] = set()
     took: Grasp | None = None
+    kept_in: list[Blocked] = []
     if mind.start_blocked is not None:
         return conclude(world.robot, truth, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
@@ -196,6 +197,7 @@ def retrieve_unseen(
             if names[truth.target_name] != truth.target_name:
                 taken = Blocked("verify", body=names[truth.target_name], detail=f"it was taken for the target {truth.target_name}")
             break
+        kept_in[sum(move.done for move in moves) :] = [taken]
         moved = False
         hindered = list[tuple[str, Blocked]]()
         if steps < max_moves and mind.belief.body(truth.target_name) is not None:
@@ -239,10 +241,11 @@ def retrieve_unseen(
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
         failed.clear()
     why = taken if isinstance(taken, Blocked) else None
-    return conclude(
+    plan = conclude(
         world.robot, truth, why, moves, way,
         name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, grasp=took, faults=doubts,
     )  # fmt: skip
+    return replace(plan, target_blocked=tuple(kept_in))
 
 
 def _as_seen(mind: _BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:

@@ -122,6 +122,12 @@ def figure_faults(scene: Scene, plan: Plan, courses: Sequence[Course], hand: Han
     if not abs(plan.hand_travel_m - way) <= TRAVEL_SHARE * way + TRAVEL_M:
         detail = f"its hand_travel_m is {plan.hand_travel_m:.4f}, and the motions make it {way:.4f}"
         out.append(Fault(PLAN, (), detail, abs(plan.hand_travel_m - way)))
+    if plan.relocation_travel_m is not None:
+        last = max((i for i, course in enumerate(courses) if course.stage == "retreat"), default=-1)
+        way = travel([c for c in courses[: last + 1] if c.stage != "look"], hand, scene.robot.T_world_base)
+        if not abs(plan.relocation_travel_m - way) <= TRAVEL_SHARE * way + TRAVEL_M:
+            detail = f"its relocation_travel_m is {plan.relocation_travel_m:.4f}, and the motions before the last retreat make it {way:.4f}"
+            out.append(Fault(PLAN, (), detail, abs(plan.relocation_travel_m - way)))
     late = [c for c in courses if c.t_s[0] > TIME_S]
     out += [Fault(c.stage, (), f"{c.where} begins at {c.t_s[0]:.3f} s, and times count from its start", float(c.t_s[0])) for c in late[:1]]
     return out

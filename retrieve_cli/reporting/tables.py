@@ -14,12 +14,15 @@ HEADINGS = {
     "moved": "objects moved",
     "planning_time_s": "planning time, s",
     "motion_time_s": "motion time, s",
+    "relocation_travel_m": "relocation travel, m",
     "hand_travel_m": "hand travel, m",
+    "duration_s": "execution, s",
     "value": "return",
 }
 NOTHING = "–"
 RARE = SAID  # kinds of failure with a column only where there are some
 WITHIN_S = (0.1, 1, 10)
+MOST_REASONS = 3
 
 
 @dataclass(frozen=True)
@@ -52,8 +55,12 @@ def tables(report: Report) -> list[Table]:
     if any(r.by_objects for r in rows):
         found.append(_table_objects(rows))
     found += [_table_times(rows), _table_moves(rows)]
+    if any(r.least[2] or r.proved for r in rows):
+        found.append(_table_bounds(rows))
     if any(r.failures for r in rows):
         found.append(_table_failures(rows))
+    if any(r.kept_in or r.stopped for r in rows):
+        found.append(_table_reasons(rows))
     return [*found, _table_pairs(report.pairs)] if report.pairs else found
 
 
@@ -79,7 +86,10 @@ def _table_one(rows: Sequence[Row]) -> Table:
             add_paper(r.policy)
     for policy in list(waiting):
         add_paper(policy)
-    note = "mean ± sd over successful runs; the paper's rows are for 100 scenes of its own; rrt is commented out in its source"
+    note = (
+        "mean ± sd over successful runs; the paper's rows are for 100 scenes of its own, and its travel is that of the relocations; "
+        "rrt is commented out in its source"
+    )
     return Table(
         "successes", "Over successes, as in the paper's Table I", note, _columns("success, % [95 %]"), tuple(body), frozenset(quiet)
     )
@@ -138,6 +148,32 @@ def _table_moves(rows: Sequence[Row]) -> Table:
     body = tuple((name(r), *(str(r.by_moves.get(n, 0)) for n in range(most + 1))) for r in rows)
     columns = ("planner", *(f"{n} moved" for n in range(most + 1)))
     return Table("moves", "Successes by number of objects moved", "how many scenes were solved with so many moves", columns, body)
+
+
+def _table_bounds(rows: Sequence[Row]) -> Table:
+    body = []
+    for r in rows:
+        moved, bound, scenes = r.least
+        over = f"{moved / bound:.3f}" if bound else NOTHING
+        unsolved = r.success.n - r.success.k
+        share = f"{100 * r.proved / unsolved:.0f} %" if unsolved else NOTHING
+        body.append((name(r), str(scenes), over, str(r.at_least), str(unsolved), str(r.proved), share))
+    columns = ("planner", "solved, bound known", "moves over the bound", "at the bound", "unsolved", "proved unsolvable", "of the unsolved")
+    note = (
+        "lower bounds on the moves and proofs that no picks help, from whichever planner found them; "
+        "both are relative to the grasps that were sampled"
+    )
+    return Table("bounds", "Against what is possible", note, columns, tuple(body))
+
+
+def _table_reasons(rows: Sequence[Row]) -> Table:
+    body = tuple((name(r), _most(r.kept_in), _most(r.stopped)) for r in rows)
+    note = f"the {MOST_REASONS} most frequent reasons, each with how often: of the unsolved scenes, and of all attempts to move an object"
+    return Table("reasons", "In words", note, ("planner", "what keeps the target in", "what stopped attempts"), body)
+
+
+def _most(reasons: Mapping[str, int]) -> str:
+    return "; ".join(f"{words} ({n})" for words, n in list(reasons.items())[:MOST_REASONS]) or NOTHING
 
 
 def _table_failures(rows: Sequence[Row]) -> Table:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from planning import metrics
-from planning.metrics import KINDS, MEASURES, PAPER, RULES, SHARES, Episode, failure, headlines, pairs, rows
-from planning.plan import PLACE_OUT_OF_REACH, Blocked, Move, Plan
+from planning.metrics import KINDS, MEASURES, PAPER, RULES, SHARES, Episode, failure, headlines, in_general, pairs, rows
+from planning.plan import PLACE_OUT_OF_REACH, Blocked, Move, Plan, Unsolvable
 from planning.retrieval import Rule
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
 
@@ -44,6 +44,51 @@ def episode(scene: str, policy: str = "random", rule: str = "deep", *, success: 
     )
 
 
+# ------------------------------------------------------------------------------------------------------------------ bounds, proofs, reasons
+
+
+def test_moves_are_held_against_the_bound_that_any_planner_knows() -> None:
+    """Three scenes: b's bound is 2, c's is proved by another planner to have none; a planner that knows no bound is judged by theirs."""
+    proof = Unsolvable(("box_1",), ())
+    knows = [episode("a", "search", least_moves=1), episode("b", "search", moved=2, least_moves=2)]
+    knows += [episode("c", "search", success=False, moved=0, unsolvable=proof)]
+    other = [episode("a", "random", moved=3), episode("b", "random", moved=2, least_moves=1), episode("c", "random", success=False)]
+    random, search = rows([*other, *knows])
+    assert (search.least, search.at_least, search.proved) == ((3, 3, 2), 2, 1)
+    assert (random.least, random.at_least, random.proved) == ((5, 3, 2), 1, 1)
+    (alone,) = rows([episode("a", moved=3), episode("c", success=False)])
+    assert (alone.least, alone.at_least, alone.proved) == ((0, 0, 0), 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("why", "words"),
+    [
+        (Blocked("approach", "camera", "box_3"), "camera would touch another object (approach)"),
+        (Blocked("lift", "forearm", "ceiling"), "forearm would touch the ceiling (lift)"),
+        (Blocked("transfer", "can_1", "left"), "the object would touch the left (transfer)"),
+        (Blocked("grasp", "hand", "can_1"), "hand would touch the object itself (grasp)"),
+        (Blocked("transit", "wrist", "unknown_7"), "wrist would touch unseen space (transit)"),
+        (Blocked("ik", "hand", None, detail="the grasp is out of reach"), "ik: the grasp is out of reach"),
+        (Blocked("grasp", detail="box_12 stands on can_1 and goes first"), "grasp: an object stands on an object and goes first"),
+        (Blocked("unsolvable", "wrist", "can_5", detail="none of box_9 can be picked"), "it is proved that no picks help"),
+        (Blocked("select"), "select"),
+    ],
+)
+def test_reasons_count_alike_in_all_scenes(why: Blocked, words: str) -> None:
+    assert in_general(why, "can_1") == words
+
+
+def test_the_most_frequent_reason_comes_first() -> None:
+    def stopped(body: str) -> Move:
+        return Move("can_1", 0, np.eye(4), np.eye(4), False, Blocked("approach", "camera", body))
+
+    far = Move("can_1", 0, np.eye(4), np.eye(4), False, Blocked("ik"))
+    plans = [plan(success=False, reason=Blocked("approach", "camera", "box_1"), moves=[far, stopped("box_1"), stopped("can_2")])]
+    (row,) = rows([Episode.of(p) for p in plans])
+    assert dict(row.kept_in) == {"camera would touch another object (approach)": 1}
+    assert list(row.stopped.items()) == [("camera would touch another object (approach)", 2), ("ik", 1)]
+
+
 # ----------------------------------------------------------------------------------------------------------------------- one plan's figures
 
 
@@ -65,7 +110,8 @@ def test_what_is_counted_of_a_failure() -> None:
 
 
 def test_the_names_in_reports() -> None:
-    assert MEASURES == ("moved", "planning_time_s", "motion_time_s", "hand_travel_m", "value")
+    measures = ("moved", "planning_time_s", "motion_time_s", "relocation_travel_m", "hand_travel_m", "duration_s", "value")
+    assert measures == MEASURES
     assert set(MEASURES) <= set(Episode.__dataclass_fields__)
     assert KINDS == ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable", "scene")
     assert SHARES == (0.1, 0.5, 0.9, 0.95)
@@ -278,7 +324,7 @@ def test_the_papers_table() -> None:
     for row, (_, k, *figures) in zip(PAPER, printed):
         assert row.success == wilson(int(k), 100)
         means, sds = [float(f) for f in figures[::2]], [float(f) for f in figures[1::2]]
-        assert [row.moved, row.planning_time_s, row.hand_travel_m] == [Spread(m, s, int(k)) for m, s in zip(means, sds)]
+        assert [row.moved, row.planning_time_s, row.relocation_travel_m] == [Spread(m, s, int(k)) for m, s in zip(means, sds)]
         assert row.printed == (row.policy != "rrt")
     assert isinstance(PAPER[0].success, Share)
 
@@ -287,6 +333,6 @@ def test_the_papers_measures_by_name() -> None:
     row = PAPER[2]
     assert row.spreads() == {
         "moved": row.moved, "planning_time_s": row.planning_time_s, "motion_time_s": None,
-        "hand_travel_m": row.hand_travel_m, "value": None,
+        "relocation_travel_m": row.relocation_travel_m, "hand_travel_m": None, "duration_s": None, "value": None,
     }  # fmt: skip
     assert metrics.PaperRow("x", row.success, row.moved, row.moved, row.moved).printed

@@ -18,7 +18,7 @@ from kinematics.transforms import Array, rotation_about, transform
 from perception.observation import Observation
 from planning import retrieval
 from planning.plan import Blocked, Fault, Move, Outlook, Plan, Unsolvable
-from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, failed, hand_travel, objective, proposals, retrieve
+from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, failed, hand_travel, objective, proposals, relocating, retrieve
 from planning.verdict import Settings
 
 NEVER = frozenset({("never", 0)})
@@ -479,6 +479,25 @@ def test_travel_follows_the_joint_that_turns_furthest() -> None:
     way = replace(motion("transit", 0.0, 1.0), q=np.array([[0.0, 0.0], [0.1, 1.0]]))
     assert hand_travel(robot, scene_of("a"), [way]) == pytest.approx(20 * 2 * np.sin(0.0025), rel=1e-12)
     assert hand_travel(robot, scene_of("a"), [motion("transit", 0.0, -1.0)], 2.0) == pytest.approx(2 * np.sin(0.5), rel=1e-12)
+
+
+def test_the_papers_travel_ends_before_the_target_is_gone_for_and_counts_no_looks() -> None:
+    stages = ("look", "transit", "retreat", "look", "transit", "retreat", "look", "transit", "lift", "transfer")
+    counts = relocating([motion(stage, 0.0, 1.0) for stage in stages])
+    assert [stage for stage, counted in zip(stages, counts) if counted] == ["transit", "retreat", "transit", "retreat"]
+    assert relocating([motion("transit", 0.0, 1.0), motion("lift", 1.0, 2.0)]) == [False, False]
+    free = plan_with(FakeMotions(scene_of("a"), opens=[frozenset()]), ordered(a=[1]))
+    assert free.relocation_travel_m == 0.0
+
+
+@pytest.mark.parametrize("rule", list(Rule))
+def test_what_kept_the_target_in_is_told_for_every_state(rule: Rule) -> None:
+    """Whatever is tried in vain, there is one reason before each move, and one at the end of a failure."""
+    opens, works = [frozenset({("a", 3)})], {("a", 3), ("b", 2)}
+    motions = FakeMotions(scene_of("a", "b"), opens=opens, possible=lambda made, c: c in works and c not in made)
+    plan = plan_with(motions, ordered(b=[1, 2], a=[3]), rule)
+    assert len(plan.target_blocked) == sum(move.done for move in plan.moves) + (not plan.success)
+    assert any(not move.done for move in plan.moves)
 
 
 def test_a_plan_carries_the_travel_of_its_motions() -> None:

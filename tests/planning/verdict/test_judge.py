@@ -111,6 +111,10 @@ def _longer_way(_: Json, plan: Json) -> None:
     plan["hand_travel_m"] += 0.2
 
 
+def _shorter_relocation(_: Json, plan: Json) -> None:
+    plan["relocation_travel_m"] = plan["hand_travel_m"]
+
+
 def _better_return(_: Json, plan: Json) -> None:
     plan["return"] += 0.5
 
@@ -187,6 +191,7 @@ def _nobody_moved(_: Json, plan: Json) -> None:
         (_fatter, "grasp", "2.0 mm inside can"),
         (_on_an_edge, "scene", "leaf falls over"),
         (_longer_way, "plan", "hand_travel_m"),
+        (_shorter_relocation, "plan", "relocation_travel_m"),
         (_better_return, "plan", "return"),
         (_another_region, "moves", "outside region 11"),
         (_no_such_region, "moves", "there are 100"),

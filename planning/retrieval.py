@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache, partial
 from time import perf_counter
 from typing import TypeVar
 
@@ -19,6 +20,7 @@ from kinematics.scene import Grasp, Scene
 from perception.observation import Observation, observe
 from planning.motion.pick_place import Motions
 from planning.motion.replay import hand_poses, with_clearances
+from planning.motion.sampling import samples
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.verify import verify
 from planning.plan import SCENE, Blocked, Fault, Motion, Move, Outlook, Plan
@@ -206,12 +208,12 @@ def conclude(
     if not way:
         return plan
     with moving:
-        bodies = BroadPhase(robot, scene)
-        touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies)
+        bodies, sampled = BroadPhase(robot, scene), lru_cache(maxsize=None)(partial(samples, robot, scene))
+        touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies, sampled=sampled)
         if touch is None:
             limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
             faults = (*faults, *judge(scene, plan, robot, limits))
-        motions = with_clearances(robot, scene, way, bodies)
+        motions = with_clearances(robot, scene, way, bodies, sampled)
     plan = replace(plan, motions=motions, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=tuple(faults))
     if plan.verified:
         return plan
@@ -234,10 +236,12 @@ def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: flo
     """Length in metres of the hand's path, measured along chords of about `step` rad (or m) in any joint."""
     length = 0.0
     for motion in motions:
-        parts = np.maximum(1, np.ceil(np.abs(np.diff(motion.q, axis=0)).max(1) / step)).astype(int)
-        ends = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(motion.t_s[:-1], motion.t_s[1:], parts)]
-        q = motion.at(np.concatenate([*ends, motion.t_s[-1:]]))
-        length += float(np.linalg.norm(np.diff(hand_poses(robot, scene, q)[:, :3, 3], axis=0), axis=1).sum())
+        parts = np.maximum(1, np.ceil(np.abs(np.diff(motion.q, axis=0)).max(1, initial=0.0) / step)).astype(np.int64)
+        piece = np.repeat(np.arange(len(parts)), parts)
+        share = (np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]) / parts[piece]
+        times = np.append(motion.t_s[piece] + share * np.diff(motion.t_s)[piece], motion.t_s[-1])
+        chords = np.diff(hand_poses(robot, scene, motion.at(times))[:, :3, 3], axis=0)
+        length += float(np.sqrt((chords**2).sum(1)).sum())
     return length
 
 

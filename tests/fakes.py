@@ -38,7 +38,10 @@ def stick(radius_m: float = 1.0) -> Any:
         T = transform(p=np.stack([radius_m * np.cos(q[..., 0]), radius_m * np.sin(q[..., 0]), np.zeros(q.shape[:-1])], -1))
         return np.stack([np.broadcast_to(np.eye(4), T.shape), T], -3)
 
-    return SimpleNamespace(name="stick", tree=SimpleNamespace(poses=poses, names=("base", "hand"), index={"base": 0, "hand": 1}))
+    tree = SimpleNamespace(
+        poses=poses, link=lambda name, q: poses(q)[..., tree.index[name], :, :], names=("base", "hand"), index={"base": 0, "hand": 1}
+    )
+    return SimpleNamespace(name="stick", tree=tree)
 
 
 def motion(stage: str, *q: float, held: Held | None = None) -> Motion:

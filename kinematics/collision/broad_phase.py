@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
+from kinematics.collision import edge_check
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
@@ -21,7 +23,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array
 
-KEPT = 16  # sets of what moves: some for each object that a hand takes
+KEPT = 16  # sets of what moves, and of what stands: some for each object that a hand takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,24 @@ class BroadPhaseResult:
     b: Int
 
 
+class Layout(NamedTuple):
+    """What moves and what stands in a question. judged (P, P + B): the pairs that the covers can be asked about if no contact is allowed.
+
+    at: the numbers of the parts and solids with a name.
+    """
+
+    names: tuple[str, ...]
+    judged: NDArray[np.bool_]
+    at: dict[str, list[int]]
+
+    def allow(self, pairs: NDArray[Any], allowed_contacts: Iterable[tuple[str, str]]) -> None:
+        """Take the allowed contacts out of a table of pairs (P, P + B)."""
+        P = len(pairs)
+        for a, b in allowed_contacts:
+            for one, other in ((a, b), (b, a)):
+                pairs[np.ix_([i for i in self.at.get(one, ()) if i < P], self.at.get(other, ()))] = False
+
+
 class BroadPhase:
     """Which pairs of a scene's robot, held object and bodies the covers prove apart, so that FCL need not be asked about them."""
 
@@ -54,7 +74,9 @@ class BroadPhase:
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
-        self._placed: tuple[bytes, Solids] | None = None
+        self._placed: dict[bytes, Solids] = {}
+        self._scratch: edge_check.Scratch | None = None
+        self._layouts: dict[tuple[tuple[str, ...], tuple[str, ...]], Layout] = {}
         self._known: dict[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] = {}
 
     def judge(
@@ -72,15 +94,9 @@ class BroadPhase:
         posed, model, links = self.moving(gripper, held)
         own = len(self.robot_collision_model.links)
         solids, bodies = self.standing(poses)
-        P, names = len(links), links + bodies
-        judge = np.zeros((P, len(names)), np.bool_)
-        judge[:, P:] = (posed.frame > 0)[:, None]
-        judge[self._pairs[:, 0], self._pairs[:, 1]] = True
-        judge[own:, :own] = True
-        judge[:, :P] &= posed.frame[:, None] != posed.frame
-        for pair in allowed_contacts:
-            first, second = (np.array([n == name for n in names]) for name in pair)
-            judge[first[:P, None] & second | second[:P, None] & first] = False
+        layout, P = self.layout(posed, links, bodies), len(links)
+        judge = layout.judged.copy()
+        layout.allow(judge, allowed_contacts)
         if (q[:, self.robot.gripper_joint] != gripper).any():
             judge[:own][self._fingers] = False
             judge[:, :own][:, self._fingers] = False
@@ -93,7 +109,21 @@ class BroadPhase:
         against = which < P * B  # else part against part
         a, b = which // max(B, 1), P + which % max(B, 1)
         a[~against], b[~against] = pairs[which[~against] - P * B].T
-        return BroadPhaseResult(names, judge, rows, a, b)
+        return BroadPhaseResult(layout.names, judge, rows, a, b)
+
+    def layout(self, posed: PosedGeometry, links: tuple[str, ...], bodies: tuple[str, ...]) -> Layout:
+        """What `moving` and `standing` gave, as a question."""
+        if (links, bodies) not in self._layouts:
+            P, names, at = len(links), links + bodies, dict[str, list[int]]()
+            for i, name in enumerate(names):
+                at.setdefault(name, []).append(i)
+            judged, own = np.zeros((P, len(names)), np.bool_), len(self.robot_collision_model.links)
+            judged[:, P:] = (posed.frame > 0)[:, None]
+            judged[self._pairs[:, 0], self._pairs[:, 1]] = True
+            judged[own:, :own] = True
+            judged[:, :P] &= posed.frame[:, None] != posed.frame
+            self._layouts[links, bodies] = Layout(names, judged, at)
+        return self._layouts[links, bodies]
 
     def moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
         """What moves with the arm, packed, and the name behind each part; the latest of them are kept."""
@@ -114,9 +144,19 @@ class BroadPhase:
         at = self._fixtures + [(i, T) for name, T in poses.items() for i in self._of[name]]
         which, T = np.array([i for i, _ in at], np.int64), np.array([T for _, T in at])
         key = which.tobytes() + T.tobytes()
-        if self._placed is None or self._placed[0] != key:
-            self._placed = key, place_solids(self._stock, which, T)
-        return self._placed[1], tuple(self._owners[i] for i, _ in at)
+        if key not in self._placed:
+            if len(self._placed) == KEPT:
+                self._placed.pop(next(iter(self._placed)))  # the oldest
+            self._placed[key] = place_solids(self._stock, which, T)
+        return self._placed[key], tuple(self._owners[i] for i, _ in at)
+
+    def scratch(self, problem: edge_check.Problem) -> edge_check.Scratch:
+        """Memory for an exact problem with these bodies, the same for one after the other."""
+        known, chain, pairs = self._scratch, problem.chain, len(problem.pairs)
+        if known is None or len(known.toward) < pairs:
+            known = self._scratch = edge_check.scratch_for(len(chain.q_index), len(chain.lower), len(self._owners), 2 * pairs)
+        edge_check.enter(problem, known)
+        return known
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""

@@ -65,17 +65,16 @@ def _least(
     """`least_clearance` for one gripper value and the arm's configurations (N, A)."""
     posed, _, links = bodies.moving(gripper, held)
     solids, names = bodies.standing(poses)
-    own = len(bodies.robot_collision_model.links)
-    check = np.repeat((posed.frame > 0).astype(np.uint8)[:, None], len(names), 1)
-    for a, b in allowed_contacts:
-        for one, other in ((a, b), (b, a)):
-            against = [i for i, name in enumerate(names) if name == other]
-            for i in (i for i, link in enumerate(links) if link == one):
-                check[i, against] = 0
-    free = [i for i, link in enumerate(links[:own]) if link not in bodies.robot.pads]
-    pairs = np.array([(h, i) for h in range(own, len(links)) for i in free], np.int64).reshape(-1, 2)
-    problem = edge_check.pose(bodies.robot_collision_model.chain, posed, solids, Query(check, pairs), edge_check.MARGIN_M)
-    scratch = edge_check.make_scratch(problem)
+    own, P = len(bodies.robot_collision_model.links), len(links)
+    layout = bodies.layout(posed, links, names)
+    check = np.zeros(layout.judged.shape, np.uint8)
+    check[posed.frame > 0, P:] = 1
+    layout.allow(check, allowed_contacts)
+    holding = [i for i in range(own) if links[i] not in bodies.robot.pads] if held is not None else []
+    pairs = np.array([(h, i) for h in range(own, P) for i in holding], np.int64).reshape(-1, 2)
+    query = Query(np.ascontiguousarray(check[:, P:]), pairs)
+    problem = edge_check.pose(bodies.robot_collision_model.chain, posed, solids, query, edge_check.MARGIN_M)
+    scratch = bodies.scratch(problem)
     relative_m = step_m if held is None else 2 * step_m  # of two bodies that both move
     distance_m, _, pair = edge_check.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, scratch)
     if pair < 0:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.collision.fcl_solids import Contact, Solid, depth, hull_solid, shape_solids
 from kinematics.doors import checked
-from kinematics.jit.decorators import jit_entry
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.mount import MOUNT, standing_still
+from kinematics.robots.tree import Joints, link_poses, product
 from kinematics.scene import Held, Scene, State
 from kinematics.transforms import Array
 
@@ -26,6 +27,20 @@ if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
 
 _BATCH = 512  # configurations looked at together
+
+
+class _Layout(NamedTuple):
+    """The solids of a question: the movers (M) first, link hulls and the held object's parts, then what stands.
+
+    tested (M, S): which pairs are tested if no contact is allowed. at: the numbers of the solids with a name. boxes (S, 2, 3): of all.
+    """
+
+    solids: tuple[Solid, ...]
+    names: tuple[str, ...]
+    movers: int
+    tested: NDArray[np.bool_]
+    at: dict[str, list[int]]
+    boxes: Array
 
 
 class Verdict:
@@ -40,6 +55,7 @@ class Verdict:
         self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._pairs = _self_pairs(robot)
         self._carriers, self._on_way = _ways(robot)
+        self._layouts: dict[tuple[str | None, tuple[str, ...]], _Layout] = {}
 
     def contacts(self, state: State, allowed_contacts: Iterable[tuple[str, str]] = ()) -> list[Contact]:
         """All that touches in a State, deepest first, without the allowed contacts and without links that are neighbours.
@@ -70,45 +86,58 @@ class Verdict:
             checked(f"the pose of {name}", T, 4, 4)
         if held is not None:
             checked("T_hand_body", held.T_hand_body, 4, 4)
-        grip = self._objects[held.body] if held is not None else []
-        standing = [*self._fixtures, *((s, pose) for name, pose in poses.items() for s in self._objects[name])]
-        solids, movers = [*self._links, *grip, *(s for s, _ in standing)], len(self._links) + len(grip)
-        names = tuple(s.name for s in solids)
-        tested = self._tested(names, movers, allowed_contacts)
+        layout = self._layout(None if held is None else held.body, tuple(poses))
+        grip = layout.movers - len(self._links)
+        T_standing = np.array([*(T for _, T in self._fixtures), *(T for name, T in poses.items() for _ in self._objects[name])])
+        tested = self._tested(layout, allowed_contacts)
         always, once = np.argwhere(tested), np.zeros((0, 2), np.int64)
+        said = np.zeros((0, 3), np.int64)
         if judged is not None:
-            if judged.names != names or (judged.judged & ~tested).any():
+            if judged.names != layout.names or (judged.judged & ~tested).any():
                 raise ValueError("the covers and FCL were asked about different pairs")
-            left, still = tested & ~judged.judged, self._still(q, len(grip), len(standing))
+            left, still = tested & ~judged.judged, self._still(q, grip, len(T_standing))
             always, once = np.argwhere(left & ~still), np.argwhere(left & still)
-        T_standing = np.array([T for _, T in standing])
+            said = np.stack([judged.rows, judged.a, judged.b], axis=-1)
         for first in range(0, len(q), _BATCH):
-            some = np.arange(first, min(first + _BATCH, len(q)))
-            asked = [(np.repeat(some, len(always)), *np.tile(always, (len(some), 1)).T)]
-            if first == 0:
-                asked.append((np.zeros(len(once), np.int64), *once.T))
-            if judged is not None:
-                part = slice(*np.searchsorted(judged.rows, (first, first + _BATCH)))
-                asked.append((judged.rows[part], judged.a[part], judged.b[part]))
-            ask = np.concatenate([np.array(columns) for columns in asked], axis=1).T
-            if len(ask):
-                rows, ask[:, 0] = np.unique(ask[:, 0], return_inverse=True)
-                found = _ask(solids, self._poses(q[rows], len(grip), held), T_standing, ask)
-                if found is not None:
-                    return int(rows[found[0]]), found[1]
+            part = said[slice(*np.searchsorted(said[:, 0], (first, first + _BATCH)))]
+            looked_at = np.full(min(_BATCH, len(q) - first), len(always) > 0)
+            looked_at[part[:, 0] - first] = True
+            looked_at[:1] |= first == 0 and len(once) > 0
+            rows = first + np.flatnonzero(looked_at)
+            if len(rows) == 0:
+                continue
+            T, ask = self._poses(q[rows], grip, held), np.empty((len(rows) * len(always) + len(once) + len(part), 3), np.int64)
+            count = _near(layout.boxes, T, T_standing, rows, always, once if first == 0 else once[:0], part, ask)
+            found = _ask(layout.solids, T, T_standing, ask[:count])
+            if found is not None:
+                return int(rows[found[0]]), found[1]
         return None
 
-    def _tested(self, names: Sequence[str], movers: int, allowed_contacts: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
+    def _layout(self, held: str | None, standing: tuple[str, ...]) -> _Layout:
+        """What is asked about while an object is held and others stand."""
+        if (held, standing) not in self._layouts:
+            grip = self._objects[held] if held is not None else []
+            around = [*(s for s, _ in self._fixtures), *(s for name in standing for s in self._objects[name])]
+            solids, links, movers = (*self._links, *grip, *around), len(self._links), len(self._links) + len(grip)
+            names, at = tuple(s.name for s in solids), dict[str, list[int]]()
+            for i, name in enumerate(names):
+                at.setdefault(name, []).append(i)
+            tested = np.zeros((movers, len(names)), np.bool_)
+            tested[self._pairs[:, 0], self._pairs[:, 1]] = True
+            tested[links:, :links] = tested[:, movers:] = True
+            obstacles = [i for name in self._obstacles for i in at.get(name, ())]
+            tested[np.ix_(self._fixed_links(), np.array(obstacles, np.int64))] = False
+            self._layouts[held, standing] = _Layout(solids, names, movers, tested, at, np.array([s.box for s in solids]))
+        return self._layouts[held, standing]
+
+    def _tested(self, layout: _Layout, allowed_contacts: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
         """Which pairs are tested (movers, solids): links as the robot lists them, what is held against links, movers against the rest,
-        but for links that are fixed to the world against obstacles."""
-        tested, links = np.zeros((movers, len(names)), np.bool_), len(self._links)
-        tested[self._pairs[:, 0], self._pairs[:, 1]] = True
-        tested[links:, :links] = tested[:, movers:] = True
-        still = np.array([name in self._obstacles for name in names])
-        tested[np.ix_(self._fixed_links(), np.flatnonzero(still))] = False
-        for pair in allowed_contacts:
-            first, second = (np.array([n == name for n in names]) for name in pair)
-            tested[first[:movers, None] & second | second[:movers, None] & first] = False
+        but for links that are fixed to the world against obstacles, and for allowed contacts."""
+        tested = layout.tested.copy()
+        for a, b in allowed_contacts:
+            for one, other in ((a, b), (b, a)):
+                movers = [i for i in layout.at.get(one, ()) if i < layout.movers]
+                tested[np.ix_(movers, layout.at.get(other, ()))] = False
         return tested
 
     def _fixed_links(self) -> Int:
@@ -125,9 +154,25 @@ class Verdict:
 
     def _poses(self, q: Array, grip: int, held: Held | None) -> Array:
         """Poses (N, movers, 4, 4) of the link hulls and the held object's parts at q (N, J), in the world."""
-        T = self.T_world_base @ self.robot.tree.poses(q)[:, self._carriers]
-        T_held = T[:, -1:] @ held.T_hand_body if held is not None else T[:, -1:]
-        return np.concatenate([T[:, :-1], np.repeat(T_held, grip, axis=1)], axis=1)
+        joints, T = self.robot.tree.joints, np.empty((len(q), len(self._links) + grip, 4, 4))
+        T_held = np.eye(4) if held is None else np.ascontiguousarray(held.T_hand_body, float)
+        base, scratch = np.ascontiguousarray(self.T_world_base, float), np.empty((1, len(joints.parent), 4, 4))
+        _mover_poses(joints, q, self._carriers, base, T_held, np.empty((2, 4, 4)), scratch, T)
+        return T
+
+
+@jit_entry
+def _mover_poses(joints: Joints, q: Array, carriers: Int, base: Array, T_held: Array, local: Array, links: Array, T: Array) -> None:
+    """`Verdict._poses` into T (N, M, 4, 4). carriers (H + 1,): of the H link hulls, and the hand. local (2, 4, 4), links (1, L, 4, 4):
+    scratch."""
+    hulls = carriers.shape[0] - 1
+    for r in range(q.shape[0]):
+        link_poses(joints, q[r : r + 1], local[0], links)
+        for i in range(hulls):
+            product(base, links[0, carriers[i]], T[r, i])
+        product(base, links[0, carriers[hulls]], local[0])
+        for i in range(hulls, T.shape[1]):
+            product(local[0], T_held, T[r, i])
 
 
 @lru_cache(maxsize=8)
@@ -150,16 +195,15 @@ def _ways(robot: Robot) -> tuple[Int, NDArray[np.bool_]]:
 
 
 def _ask(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> tuple[int, list[Contact]] | None:
-    """What FCL says of rows (n, i, j): solids i and j at configuration n. The first n with contacts, and these, deepest first.
+    """What FCL says of rows (n, i, j), n rising: solids i and j at configuration n. The first n with contacts, and these, deepest first.
 
     T (N, M, 4, 4): poses of the first M solids; T_standing (S, 4, 4): of the rest.
     """
     movers = T.shape[1]
-    ask = ask[_boxes_meet(solids, T, T_standing, ask)]
     placed: dict[int, int] = {}  # the configuration for which each solid was moved last
     found: dict[tuple[str, str], float] = {}
     first = -1
-    for n, i, j in ask[np.argsort(ask[:, 0], kind="stable")].tolist():
+    for n, i, j in ask.tolist():
         if found and n != first:
             break
         for k in (i, j):
@@ -172,28 +216,39 @@ def _ask(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> tupl
     return (first, sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)) if found else None
 
 
-def _boxes_meet(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> NDArray[np.bool_]:
-    """Of rows (n, i, j) those where boxes along the world's axes around the two solids overlap; see `_ask`."""
-    meet = np.empty(len(ask), np.bool_)
-    T_standing = np.ascontiguousarray(T_standing, float).reshape(-1, 4, 4)
-    _meet(np.array([s.box for s in solids]), np.ascontiguousarray(T), T_standing, np.ascontiguousarray(ask), meet)
-    return meet
-
-
 @jit_entry
-def _meet(boxes: Array, T: Array, T_standing: Array, ask: Int, meet: NDArray[np.bool_]) -> None:
-    """`_boxes_meet` for boxes (M + S, 2, 3), middle and half edges of each in the solid's own frame."""
+def _near(boxes: Array, T: Array, T_standing: Array, rows: Int, always: Int, once: Int, said: Int, ask: Int) -> int:
+    """Fill in rows (n, i, j) of `ask`, n rising: pairs whose boxes overlap at T[n], and return how many there are.
+
+    boxes (M + S, 2, 3): middle and half edges of each solid's in its own frame. T (N, M, 4, 4): poses of the first M at configurations
+    rows (N,), T_standing (S, 4, 4) of the rest. Pairs (i, j): always (·, 2) at every configuration, once (·, 2) at the first; said
+    (·, 3) at the configuration that it names, these rising.
+    """
+    count, next_said = 0, 0
+    for n in range(rows.shape[0]):
+        for k in range(always.shape[0]):
+            count = _add(boxes, T, T_standing, n, always[k, 0], always[k, 1], ask, count)
+        if n == 0:
+            for k in range(once.shape[0]):
+                count = _add(boxes, T, T_standing, n, once[k, 0], once[k, 1], ask, count)
+        while next_said < said.shape[0] and said[next_said, 0] == rows[n]:
+            count = _add(boxes, T, T_standing, n, said[next_said, 1], said[next_said, 2], ask, count)
+            next_said += 1
+    return count
+
+
+@jit_inline
+def _add(boxes: Array, T: Array, T_standing: Array, n: int, i: int, j: int, ask: Int, count: int) -> int:
+    """Add (n, i, j) to `ask` if boxes along the world's axes around the two solids overlap; how many there are then."""
     movers = T.shape[1]
-    for row in range(ask.shape[0]):
-        n, i, j = ask[row, 0], ask[row, 1], ask[row, 2]
-        A = T[n, i] if i < movers else T_standing[i - movers]
-        B = T[n, j] if j < movers else T_standing[j - movers]
-        meet[row] = True
-        for r in range(3):
-            apart, room = A[r, 3] - B[r, 3], 1e-9
-            for c in range(3):
-                apart += A[r, c] * boxes[i, 0, c] - B[r, c] * boxes[j, 0, c]
-                room += abs(A[r, c]) * boxes[i, 1, c] + abs(B[r, c]) * boxes[j, 1, c]
-            if abs(apart) > room:
-                meet[row] = False
-                break
+    A = T[n, i] if i < movers else T_standing[i - movers]
+    B = T[n, j] if j < movers else T_standing[j - movers]
+    for r in range(3):
+        apart, room = A[r, 3] - B[r, 3], 1e-9
+        for c in range(3):
+            apart += A[r, c] * boxes[i, 0, c] - B[r, c] * boxes[j, 0, c]
+            room += abs(A[r, c]) * boxes[i, 1, c] + abs(B[r, c]) * boxes[j, 1, c]
+        if abs(apart) > room:
+            return count
+    ask[count, 0], ask[count, 1], ask[count, 2] = n, i, j
+    return count + 1

@@ -74,8 +74,15 @@ class Tree:
         q = self._checked(q)
         rows = np.ascontiguousarray(q).reshape(-1, self.coordinates)
         T = np.empty((len(rows), len(self.names), 4, 4))
-        _poses(self.joints, rows, np.empty((4, 4)), T)
+        link_poses(self.joints, rows, np.empty((4, 4)), T)
         return T.reshape(*q.shape[:-1], len(self.names), 4, 4)
+
+    def link(self, name: str, q: Array) -> Array:
+        """Forward kinematics of one link: q (..., J) to (..., 4, 4) in the base frame. Raises: ValueError for another shape."""
+        q = self._checked(q)
+        rows, T = np.ascontiguousarray(q).reshape(-1, self.coordinates), np.empty((q.size // self.coordinates, 4, 4))
+        _one_link(self.joints, np.array(self.path(self.index[name])), rows, np.empty((2, 4, 4)), T)
+        return T.reshape(*q.shape[:-1], 4, 4)
 
     def local(self, i: int, q: Array) -> Array:
         """Link i's pose (4, 4) in its parent at q (J,). Raises: ValueError for another shape, or when there is no link i."""
@@ -121,7 +128,7 @@ def carried(joints: Joints, q: Array, frame: Int, T_frame: Array) -> tuple[Int, 
 
 
 @jit_entry
-def _poses(joints: Joints, q: Array, local: Array, T: Array) -> None:
+def link_poses(joints: Joints, q: Array, local: Array, T: Array) -> None:
     """Poses T (R, N, 4, 4) of the links in the base frame at q (R, J). local (4, 4): scratch."""
     for r in range(q.shape[0]):
         for i in range(joints.parent.shape[0]):
@@ -130,6 +137,19 @@ def _poses(joints: Joints, q: Array, local: Array, T: Array) -> None:
             else:
                 _local(joints, i, q[r], local)
                 product(T[r, joints.parent[i]], local, T[r, i])
+
+
+@jit_entry
+def _one_link(joints: Joints, path: Int, q: Array, local: Array, T: Array) -> None:
+    """Poses T (R, 4, 4) of the last link of a path from the root, at q (R, J). local (2, 4, 4): scratch."""
+    for r in range(q.shape[0]):
+        for n in range(path.shape[0]):
+            if n == 0:
+                _local(joints, path[n], q[r], T[r])
+            else:
+                _local(joints, path[n], q[r], local[0])
+                copy_rows(T[r], local[1])
+                product(local[1], local[0], T[r])
 
 
 @jit_entry

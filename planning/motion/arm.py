@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kinematics import inverse
 from kinematics.chain import Int, forward
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed, make_geometry_model
-from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, link_covers
+from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, link_covers, robot_collision_model
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
@@ -43,6 +43,7 @@ class Arm(RobotCollisionModel):
 
     def __init__(self, robot: Robot, T_world_base: Array) -> None:
         super().__init__(robot, T_world_base)
+        self._posed = robot_collision_model(robot, T_world_base)._posed  # what the final check packs is what the planner has packed
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
         self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,14 +29,20 @@ def replay(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Iterator[tu
         before = motion
 
 
-def with_clearances(robot: Robot, scene: Scene, motions: Sequence[Motion], bodies: BroadPhase | None = None) -> tuple[Motion, ...]:
+def with_clearances(
+    robot: Robot,
+    scene: Scene,
+    motions: Sequence[Motion],
+    bodies: BroadPhase | None = None,
+    sampled: Callable[[Motion], Array] | None = None,
+) -> tuple[Motion, ...]:
     """The same motions, each with the least distance that it keeps outside allowed contacts, and between which two bodies that is.
 
-    bodies: the scene's, packed before.
+    bodies: the scene's, packed before. sampled: `sampling.samples` of this scene's motions, if they are known already.
     """
     bodies, out = bodies or BroadPhase(robot, scene), list[Motion]()
     for motion, poses in replay(robot, scene, motions):
-        rows = samples(robot, scene, motion)
+        rows = samples(robot, scene, motion) if sampled is None else sampled(motion)
         measured = (
             least_clearance(bodies, some, poses, motion.held, motion.allowed_contacts, RESOLUTION_M)
             for some in while_fingers_move(robot, rows)
@@ -49,4 +55,4 @@ def with_clearances(robot: Robot, scene: Scene, motions: Sequence[Motion], bodie
 
 def hand_poses(robot: Robot, scene: Scene, q: Array) -> Array:
     """T_world_hand (..., 4, 4) at full configurations q (..., J)."""
-    return np.asarray(scene.robot.T_world_base @ robot.tree.poses(q)[..., robot.tree.index["hand"], :, :])
+    return np.asarray(scene.robot.T_world_base @ robot.tree.link("hand", q))

@@ -6,7 +6,7 @@ FCL. Pairs that the sphere covers prove apart (kinematics.collision.robot_model)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -28,13 +28,19 @@ SAME_DEG = 0.01  # what a tilt may exceed its limit by, for rounding
 
 
 def verify(
-    robot: Robot, scene: Scene, motions: Sequence[Motion], *, max_tilt_deg: float = MOST_TILT_DEG, bodies: BroadPhase | None = None
+    robot: Robot,
+    scene: Scene,
+    motions: Sequence[Motion],
+    *,
+    max_tilt_deg: float = MOST_TILT_DEG,
+    bodies: BroadPhase | None = None,
+    sampled: Callable[[Motion], Array] | None = None,
 ) -> Blocked | None:
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
     Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand, kept as they are held and
     upright, and no contact outside the allowed ones. max_tilt_deg: how far what is carried may lean, where the object itself does not say.
-    bodies: the scene's, packed before.
+    bodies: the scene's, packed before. sampled: `sampling.samples` of this scene's motions, if they are known already.
     Raises: ValueError when two things have one name, for then nobody can tell what may touch what.
     """
     check_names(robot, scene)
@@ -45,8 +51,7 @@ def verify(
     before: Motion | None = None
     for number, motion in enumerate(motions):
         where = f"motion {number}, {motion.stage}"
-        low, high = (motion.q, motion.q) if motion.spline is None else extremes(motion.spline, 0, 1e-10)
-        if not (np.isfinite(motion.q).all() and (low >= robot.lower - 1e-9).all() and (high <= robot.upper + 1e-9).all()):
+        if not _within_limits(robot, motion):
             return Blocked("verify", detail=f"{where}: a joint leaves its limits")
         if before is not None and np.abs(before.q[-1] - motion.q[0]).max() > 1e-9:
             return Blocked("verify", detail=f"{where}: it does not start where the one before ends")
@@ -56,7 +61,7 @@ def verify(
             jump = inverse(poses.pop(motion.held.body)) @ hand_poses(robot, scene, motion.q[0]) @ motion.held.T_hand_body
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
-        rows = samples(robot, scene, motion)
+        rows = samples(robot, scene, motion) if sampled is None else sampled(motion)
         if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
             return Blocked("verify", "hand", motion.held.body, detail=f"{where}: {leans}")
         for some in while_fingers_move(robot, rows):
@@ -67,6 +72,18 @@ def verify(
                 return Blocked("verify", worst.a, worst.b, worst.depth_m, where)
         before = motion
     return None
+
+
+def _within_limits(robot: Robot, motion: Motion) -> bool:
+    """Whether no joint leaves its limits anywhere on a motion's way."""
+    low, high = robot.lower - 1e-9, robot.upper + 1e-9
+    if not (np.isfinite(motion.q).all() and (motion.q >= low).all() and (motion.q <= high).all()):
+        return False
+    spline = motion.spline
+    if spline is None or ((spline.control >= low).all() and (spline.control <= high).all()):  # it stays within its coefficients
+        return True
+    least, most = extremes(spline, 0, 1e-10)
+    return bool((least >= low).all() and (most <= high).all())
 
 
 def _leans_too_far(robot: Robot, scene: Scene, held: Held, q: Array, max_tilt_deg: float) -> str | None:

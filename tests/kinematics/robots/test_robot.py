@@ -325,3 +325,12 @@ def test_a_circle_of_mimics_ends(first: str, second: str | None, says: str, toy_
         )
     with pytest.raises(ValueError, match=re.escape(says)):
         load(str(toy_urdf(*changes)), "tcp")
+
+
+def test_one_link_is_where_it_is_among_all(ur5e: Robot) -> None:
+    q = np.random.default_rng(3).uniform(ur5e.lower, ur5e.upper, (2, 5, len(ur5e.lower)))
+    at = ur5e.tree.poses(q)
+    for name, i in ur5e.tree.index.items():
+        assert np.allclose(ur5e.tree.link(name, q), at[..., i, :, :], atol=1e-12)
+    with pytest.raises(ValueError, match="actuated joint"):
+        ur5e.tree.link("hand", q[..., :-1])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,9 +34,11 @@ def slider() -> Any:
         T = transform(rotations_about((0.0, 0.0, 1.0), q[..., 2]), at)
         return np.stack([np.broadcast_to(np.eye(4), T.shape), T], -3)
 
-    return SimpleNamespace(
-        name="slider", lower=LOWER, upper=UPPER, tree=SimpleNamespace(poses=poses, names=("base", "hand"), index={"base": 0, "hand": 1})
-    )
+    def link(name: str, q: Array) -> Array:
+        return poses(q)[..., tree.index[name], :, :]
+
+    tree = SimpleNamespace(poses=poses, link=link, names=("base", "hand"), index={"base": 0, "hand": 1})
+    return SimpleNamespace(name="slider", lower=LOWER, upper=UPPER, tree=tree)
 
 
 class Engines:
@@ -130,14 +133,22 @@ def test_numbers_that_are_none_are_outside_the_limits(engines: Engines, value: f
 
 
 def test_a_spline_keeps_the_limits_between_its_waypoints(engines: Engines, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its extremes count, to 1e-10, not its waypoints alone."""
+    """Its extremes count, to 1e-10, not its waypoints alone; coefficients within the limits say as much, and nobody asks for extremes."""
     asked: list[tuple[int, float]] = []
-    monkeypatch.setattr(module, "extremes", lambda spline, order, exactly: asked.append((order, exactly)) or spline)
+    monkeypatch.setattr(module, "extremes", lambda spline, order, exactly: asked.append((order, exactly)) or spline.reached)
     for low, high, well in (([-1, -2, -9], [1, 2, 9], True), ([-1.1, 0, 0], [0, 0, 0], False), ([0, 0, 0], [0, 2.1, 0], False)):
-        spline: Any = np.array([low]), np.array([high])
+        reached = np.array([low]), np.array([high])
+        spline: Any = SimpleNamespace(control=np.full((1, 6, 3), 99.0), reached=reached)
         said = says(SimpleNamespace(stage="transit", q=np.zeros((1, 3)), spline=spline, held=None, allowed_contacts=()))  # type: ignore[arg-type]
         assert said == (None if well else Blocked("verify", detail="motion 0, transit: a joint leaves its limits"))
-    assert set(asked) == {(0, 1e-10)}
+    assert asked == 3 * [(0, 1e-10)]
+    for joint, (value, well) in product(range(3), ((0.99, True), (np.nan, False))):
+        control = np.zeros((1, 6, 3))
+        control[0, 2, joint] = value
+        spline = SimpleNamespace(control=control, reached=(control[0], control[0]))
+        said = says(SimpleNamespace(stage="transit", q=np.zeros((1, 3)), spline=spline, held=None, allowed_contacts=()))  # type: ignore[arg-type]
+        assert (said is None) == well
+    assert len(asked) == 6
 
 
 def test_motions_follow_one_another_without_a_gap(engines: Engines) -> None:

@@ -53,6 +53,7 @@ class Engines:
         patch.setattr(module, "BroadPhase", lambda robot, scene: self._make("broad phase", robot, scene))
         patch.setattr(module, "start_q", lambda robot, ref: self.start)
         patch.setattr(module, "samples", lambda robot, scene, motion: ("rows of", motion.stage))
+        patch.setattr(module, "while_fingers_move", lambda robot, rows: [rows])
         return self
 
     def _make(self, what: str, robot: Any, scene: Scene) -> Engines:

@@ -29,9 +29,11 @@ DEVICE ?= auto
 # The table. TABLE_SCENES=1000 gives tighter intervals. Times are truest with WORKERS=1.
 TABLE_SEED ?= 20261122
 TABLE_SCENES ?= 100
-TABLE_SPECS ?= paper paper-any
-POLICIES ?= random local osnet-only rpnet-only neural-paper neural search
-RULES ?= deep region strict
+TABLE_SPECS ?= paper paper-any shelf hard hard-any lab-s lab-l
+POLICIES ?= random local rrt osnet-only osnet-only-paper rpnet-only rpnet-only-paper neural-paper neural-greedy neural lookahead search
+RULES ?= deep strict
+SENSED_SPECS ?= paper paper-any
+SENSED_POLICIES ?= random local neural
 
 .PHONY: demo test docs bench covers weights table clean
 
@@ -83,17 +85,18 @@ $(MADE)/%/model/config.json: $(MADE)/%/labelled
 $(MADE)/%/model-paper/config.json: $(MADE)/%/labelled
 	$(call train,paper,$(PAPER_EPOCHS))
 
-# Table: scenes, plans of every policy under every rule, a report for each spec; what is up to date is not planned again ----------------
+# Table: scenes, plans of every policy under every rule, some after sensing, a report for each spec; what is up to date is not planned again
 
 TABLE := out/table
 PLANNED := $(TABLE)/$(TABLE_SEED)-$(TABLE_SCENES)
 SOURCES := $(shell find kinematics perception planning -name '*.py' -o -name '*.toml' -o -path '$(SHIPPED)/*' -type f)
 SCENES := $(TABLE_SPECS:%=$(PLANNED)/%/scenes.jsonl)
 PLANS := $(foreach spec,$(TABLE_SPECS),$(foreach rule,$(RULES),$(POLICIES:%=$(PLANNED)/$(spec)/%.$(rule).jsonl)))
+SENSED := $(foreach spec,$(filter $(SENSED_SPECS),$(TABLE_SPECS)),$(SENSED_POLICIES:%=$(PLANNED)/$(spec)/%.sensed.jsonl))
 
-table: $(PLANS)
+table: $(PLANS) $(SENSED)
 	for spec in $(TABLE_SPECS); do \
-		$(RETRIEVE) report $(foreach rule,$(RULES),$(POLICIES:%=$(PLANNED)/$$spec/%.$(rule).jsonl)) \
+		$(RETRIEVE) report $$(ls $(PLANS) $(SENSED) | grep "/$$spec/") \
 			--scenes $(PLANNED)/$$spec/scenes.jsonl -o $(TABLE)/$$spec.md -o $(TABLE)/$$spec.html -o $(TABLE)/$$spec.csv || exit 1; \
 	done
 	for spec in $(TABLE_SPECS); do echo; echo "Spec $$spec"; echo; cat $(TABLE)/$$spec.md; done
@@ -105,6 +108,9 @@ $(SCENES): $(PLANNED)/%/scenes.jsonl: $(SOURCES) | $(VENV)/ready
 $(PLANS): $(SOURCES) | $(SCENES)
 	$(RETRIEVE) plan $(@D)/scenes.jsonl --policy $(word 1,$(subst ., ,$(@F))) --rule $(word 2,$(subst ., ,$(@F))) \
 		--workers $(WORKERS) -o $@
+
+$(SENSED): $(SOURCES) | $(SCENES)
+	$(RETRIEVE) plan $(@D)/scenes.jsonl --sense --policy $(word 1,$(subst ., ,$(@F))) --workers $(WORKERS) -o $@
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -32,6 +32,9 @@ SAID = ("look", "verify", "moves", "unsolvable", "scene")
 SHARES = (0.1, 0.5, 0.9, 0.95)
 """Of which the quantiles of times are given."""
 
+SENSED = ", sensed"
+"""What the name of a planner ends with when it had to look around first."""
+
 RULES = ("deep", "region", "strict")
 """Of the retrieval loop, in the order in which reports give them."""
 
@@ -45,9 +48,10 @@ _PLACE = frozenset({"transfer", "lower", "release", "retreat"})
 class Episode:
     """What is counted of one plan.
 
-    moved: relocations carried out; reason: the stage that stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a
-    success; blocked: the stages of failed attempts. kept_in: what keeps the target in at the end, and stopped: what stopped the attempts,
-    in words. least_moves: a lower bound on the moves; proved: that no moves help. Both where the planner looked.
+    policy: with `SENSED` behind it where nothing was known but what the camera saw. moved: relocations carried out; reason: the stage that
+    stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a success; blocked: the stages of failed attempts.
+    kept_in: what keeps the target in at the end, and stopped: what stopped the attempts, in words. least_moves: a lower bound on the moves;
+    proved: that no moves help. Both where the planner looked.
     """
 
     scene: str
@@ -80,7 +84,7 @@ class Episode:
         """The figures of a plan, without its motions, so that many fit in memory."""
         return Episode(
             scene=plan.scene,
-            policy=plan.policy,
+            policy=plan.policy + SENSED * any(motion.stage == "look" for motion in plan.motions),
             rule=plan.rule,
             success=plan.success,
             verified=plan.verified is True,
@@ -355,10 +359,10 @@ PAPER = tuple(
 
 def _rank(key: tuple[str, str]) -> tuple[int, str, int, str]:
     policy, rule = key
-    order = [row.policy for row in PAPER]
+    order, plain = [row.policy for row in PAPER], policy.removesuffix(SENSED)
     return (
         RULES.index(rule) if rule in RULES else len(RULES),
         rule,
-        order.index(policy) if policy in order else len(order),
+        order.index(plain) if plain in order else len(order),
         policy,
     )

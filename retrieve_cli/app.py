@@ -327,7 +327,8 @@ def plan(
     seed: Seed = 0,
     iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
     time_budget_s: Annotated[
-        float | None, typer.Option("--time-budget-s", help="Budget in seconds instead, as in the paper: not repeatable.", min=1e-3)
+        float | None,
+        typer.Option("--time-budget-s", help="Seconds for a try of the target, or of a move, instead: not repeatable.", min=1e-3),
     ] = None,
     max_moves: Annotated[int, typer.Option("--max-moves", help="How many objects may be moved.", min=0)] = 5,
     robot: Robot = None,

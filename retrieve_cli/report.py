@@ -10,6 +10,7 @@ from planning import metrics
 from planning.io.files import read_plans, read_scenes
 from planning.io.outputs import write_text
 from planning.metrics import Episode
+from planning.policies import LOOK_AHEAD
 from retrieve_cli import terminal
 from retrieve_cli.reporting.forms import WRITERS, to_json, to_terminal
 from retrieve_cli.reporting.tables import Report, name
@@ -66,4 +67,7 @@ def collect(episodes: Sequence[Episode], objects: Mapping[str, int] | None = Non
             remarks.append(f"{name(r)}: {r.repeated} plans are for scenes already counted; all are counted, but not compared in pairs")
         if r.unverified:
             remarks.append(f"{name(r)}: {r.unverified} of the successes were not verified")
+    ahead = {policy for policy in LOOK_AHEAD if len({r.rule for r in rows if r.policy == policy}) > 1}
+    if ahead:
+        remarks.append(f"{', '.join(sorted(ahead))}: what they propose was tried while they chose, so all rules come to the same")
     return Report(rows, pairs, metrics.headlines(pairs), remarks)

@@ -75,7 +75,7 @@ class Done:
 class Motions:
     """All motion planning for one scene: what the loop and the policies ask. Budgets count RRT-Connect's iterations.
 
-    time_budget_s: the paper's protocol instead, wall-clock seconds for one RRT-Connect.
+    time_budget_s: the paper's protocol instead, wall-clock seconds for the whole indicator, way out included, and for each move.
     obstacles: more that stands still, besides what the scene has: space that was not seen yet.
     settings: how far motions keep from everything, how upright things are carried, how paths are sought.
     target_grasps: with which of them the target may be taken out, the best first; by default with the scene's x_g alone. more_grasps: with
@@ -128,7 +128,8 @@ class Motions:
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         """Take the target out with one of its grasps, x_g alone as a rule: the paper's indicator I, and the way out of the cabinet."""
-        return self._found_once(state, None, lambda: self._retrieve_target(state, rng))
+        with self.cell.within_budget():
+            return self._found_once(state, None, lambda: self._retrieve_target(state, rng))
 
     def _retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         name = self.scene.target_name
@@ -152,7 +153,8 @@ class Motions:
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
         """Move an object to a region. What was found once is found again: a plan that was looked ahead for can be carried out."""
-        return self._found_once(state, (name, region), lambda: self._relocate(state, name, region, rng))
+        with self.cell.within_budget():
+            return self._found_once(state, (name, region), lambda: self._relocate(state, name, region, rng))
 
     def _relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
         picks, why = self.picks(state, name)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, pairwise
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +40,7 @@ OUTSIDE_M = 0.03  # before the cabinet's front ends what is pulled straight out 
 LEAST_OUTWARD = 0.5  # a hand that looks in more steeply is not pulled back along its own axis
 PULL_TRIES = 6  # starts of inverse kinematics
 ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
+TIME_IS_UP = "the time for it is up"
 TILTS = "what is carried would lean too far"
 KEPT = 6  # sets of poses for which the packed bodies are kept
 
@@ -128,6 +131,7 @@ class Workcell:
         pairs = (n_links + most + fingers) * len(self._rows) + MOST_OPENINGS * len(self.arm.self_pairs) + most * n_links
         self.memory = memory_for(self.arm.chain, n_links + most + fingers, len(self._rows), pairs)
         self._entered: PlanningQuery | None = None
+        self._until_s: float | None = None  # perf_counter's time when the budget that searches share is used up
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
         self.hand = make_hand(self.arm.chain, self.arm.T_frame_hand)
         T = scene.cabinet.T_world_cabinet
@@ -338,6 +342,19 @@ class Workcell:
             self._solutions[key] = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
         return self._solutions[key]
 
+    @contextmanager
+    def within_budget(self) -> Iterator[None]:
+        """All that is sought inside shares one time budget, if there is one: the paper's second for the whole indicator."""
+        self._until_s = None if self.time_budget_s is None else perf_counter() + self.time_budget_s
+        try:
+            yield
+        finally:
+            self._until_s = None
+
+    def _left_s(self) -> float | None:
+        """How many seconds a search may take; None without a time budget."""
+        return self.time_budget_s if self._until_s is None else self._until_s - perf_counter()
+
     def connect(
         self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
     ) -> Array | Blocked:
@@ -346,10 +363,13 @@ class Workcell:
         seed = int(rng.integers(2**31))
         if touch := self.touch(query, start):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
+        left_s = None if iterations else self._left_s()
+        if left_s is not None and left_s <= 0:
+            return Blocked("transit", detail=TIME_IS_UP)
         found = connect(
             query.task, lambda clearance_m: self.keeping(query, clearance_m).task, start, goals,
             max_iterations=iterations or (self.iterations if self.time_budget_s is None else 2**62),
-            time_budget_s=None if iterations else self.time_budget_s, seed=seed, memory=self.memory, settings=self.settings,
+            time_budget_s=left_s, seed=seed, memory=self.memory, settings=self.settings,
         )  # fmt: skip
         self._entered = None
         if found.path is not None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from planning import metrics
-from planning.metrics import KINDS, MEASURES, PAPER, RULES, SHARES, Episode, failure, headlines, in_general, pairs, rows
-from planning.plan import PLACE_OUT_OF_REACH, Blocked, Move, Plan, Unsolvable
+from planning.metrics import KINDS, MEASURES, PAPER, RULES, SENSED, SHARES, Episode, failure, headlines, in_general, pairs, rows
+from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion, Move, Plan, Unsolvable
 from planning.retrieval import Rule
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
 
@@ -336,3 +337,11 @@ def test_the_papers_measures_by_name() -> None:
         "relocation_travel_m": row.relocation_travel_m, "hand_travel_m": None, "duration_s": None, "value": None,
     }  # fmt: skip
     assert metrics.PaperRow("x", row.success, row.moved, row.moved, row.moved).printed
+
+
+def test_plans_after_sensing_are_a_planner_of_their_own() -> None:
+    look = Motion("look", ("j",), np.zeros((1, 1)), np.zeros(1))
+    sensed = Episode.of(replace(plan("a", "local"), motions=(look,)))
+    found = rows([sensed, episode("a", "local"), episode("a", "search")])
+    assert [row.policy for row in found] == ["local", f"local{SENSED}", "search"]
+    assert [row.repeated for row in found] == [0, 0, 0]

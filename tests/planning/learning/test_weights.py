@@ -15,6 +15,7 @@ import pytest
 
 from planning.io.files import read_plans
 from planning.learning.model import from_pretrained
+from planning.policies import POLICIES
 from retrieve_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -126,12 +127,17 @@ def test_make_weights_says_what_it_does() -> None:
     assert "planning/learning/weights" in dry_run("weights")
 
 
-def test_make_table_plans_every_policy_under_every_rule() -> None:
+def test_make_table_plans_every_policy_on_every_spec_under_every_rule() -> None:
     found = commands(dry_run("table", "TABLE_SCENES=7", "TABLE_SEED=5"))
     made, plans = [c for c in found if c[0] == "gen"], [c for c in found if c[0] == "plan"]
-    assert [(c[c.index("-n") + 1], c[c.index("--seed") + 1]) for c in made] == [("7", "5")] * 2
-    assert {c[c.index("--spec") + 1] for c in made} == {"paper", "paper-any"}
-    asked = {(c[1], c[c.index("--policy") + 1], c[c.index("--rule") + 1]) for c in plans}
-    assert len(asked) == len(plans) == 2 * 3 * 7
-    assert {policy for _, policy, _ in asked} == {"random", "local", "osnet-only", "rpnet-only", "neural", "neural-paper", "search"}
+    specs = {file.stem for file in (ROOT / "planning" / "specs").glob("*.toml")}
+    assert [(c[c.index("-n") + 1], c[c.index("--seed") + 1]) for c in made] == [("7", "5")] * len(specs)
+    assert {c[c.index("--spec") + 1] for c in made} == specs
+    sensed = [c for c in plans if "--sense" in c]
+    asked = {(c[1], c[c.index("--policy") + 1], c[c.index("--rule") + 1]) for c in plans if c not in sensed}
+    assert len(asked) == len(plans) - len(sensed) == len(specs) * 2 * len(POLICIES)
+    assert {policy for _, policy, _ in asked} == set(POLICIES)
+    assert {rule for *_, rule in asked} == {"deep", "strict"}
+    assert {Path(c[1]).parent.name for c in sensed} == {"paper", "paper-any"}
+    assert {c[c.index("--policy") + 1] for c in sensed} == {"random", "local", "neural"}
     assert len({c[-1] for c in plans}) == len(plans)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import islice, product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
 from planning.grasps import open_width, sample_grasps
-from planning.motion import reaching
+from planning.motion import reaching, workcell
 from planning.motion.pick_place import Done, Motions
 from planning.motion.verify import verify
 from planning.plan import Blocked
@@ -203,3 +204,31 @@ def test_what_was_found_once_is_found_again(ur5e: Robot) -> None:
         assert motions.state is state
         found += isinstance(done, Done)
     assert found
+
+
+def test_a_time_budget_is_one_for_the_whole_indicator(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each search takes 0.7 s of a second here: what is left is given to the next, none is begun after that, and the next question has a
+    second of its own."""
+    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    now, given = [0.0], list[float | None]()
+
+    def search(*args: object, time_budget_s: float | None, **more: object) -> SimpleNamespace:
+        given.append(time_budget_s)
+        now[0] += 0.7
+        return SimpleNamespace(path=None, why="budget", iterations=7)
+
+    monkeypatch.setattr(workcell, "connect", search)
+    monkeypatch.setattr(workcell, "perf_counter", lambda: now[0])
+    alone = replace(scene, objects=(scene.target_body,))
+    for _ in range(2):
+        motions = Motions(ur5e, alone, time_budget_s=1.0)
+        given.clear()
+        state, rng = motions.start(), np.random.default_rng(0)
+        assert len(motions.picks(state, alone.target_name, motions.target_grasps)[0]) >= 2
+        assert isinstance(motions.retrieve_target(state, rng), Blocked)
+        assert given == pytest.approx([1.0, 0.3])
+        with motions.cell.within_budget():
+            now[0] += 1.1
+            assert motions.cell.connect(motions.cell.problem(state.poses, 0.0), ur5e.arm_q(state.q), np.zeros((1, 6)), rng) == Blocked(
+                "transit", detail=workcell.TIME_IS_UP
+            )

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from kinematics.scene import APPROACHES
 from perception.observation import Observation
@@ -74,6 +76,15 @@ class Placed:
         return [int(i) for i in self.regions[np.argsort(-self.score, kind="stable")]]
 
 
+_BLAS = ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Within it numpy's matrix products run on one thread, whatever the process is set to: to wake up others takes a hundred times as long
+    as products as small as these. It costs 8 µs."""
+    return cast(AbstractContextManager[object], _BLAS.limit(limits=1, user_api="blas"))
+
+
 class Seen:
     """One observation as the networks see it; what does not depend on the chosen object is computed once."""
 
@@ -87,10 +98,12 @@ class Seen:
         if not names:
             return Chosen((), *np.zeros((5, 0), np.float32))
         if model.form == "paper":
-            p = sigmoid(numpy_inference.paper_osnet(model.osnet, self.tokens, model.heads)[:, 0])
+            with one_thread():
+                p = sigmoid(numpy_inference.paper_osnet(model.osnet, self.tokens, model.heads)[:, 0])
             unknown = np.full_like(p, np.nan)
             return Chosen(names, p, unknown, unknown, unknown, p)
-        p, pickable, opens, *ahead = sigmoid(numpy_inference.osnet(model.osnet, self.tokens, model.heads)).T
+        with one_thread():
+            p, pickable, opens, *ahead = sigmoid(numpy_inference.osnet(model.osnet, self.tokens, model.heads)).T
         first = ahead[0] if ahead else np.full_like(p, np.nan)
         return Chosen(names, p, pickable, opens, first, object_score(p, pickable, opens, *ahead))
 
@@ -100,14 +113,16 @@ class Seen:
         index = np.arange(len(t.regions)) if regions is None else np.asarray(regions, np.intp)
         moved = 1 + self.observation.movable.index(name)
         if model.form == "paper":
-            self._encoding = self._encoding or numpy_inference.paper_rpnet_encode(model.rpnet, t, model.heads)
-            cost = sigmoid(numpy_inference.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
+            with one_thread():
+                self._encoding = self._encoding or numpy_inference.paper_rpnet_encode(model.rpnet, t, model.heads)
+                cost = sigmoid(numpy_inference.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
             unknown = np.full_like(cost, np.nan)
             return Placed(index, cost, unknown, unknown, unknown, -cost)
-        self._encoding = self._encoding or numpy_inference.rpnet_encode(model.rpnet, t, model.heads)
         if len(index) == 0:
             return Placed(index, *np.zeros((5, 0), np.float32))
-        cost, feasible, hits, *ahead = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
+        with one_thread():
+            self._encoding = self._encoding or numpy_inference.rpnet_encode(model.rpnet, t, model.heads)
+            cost, feasible, hits, *ahead = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
         shorter = ahead[0] if ahead else np.full_like(cost, np.nan)
         away = np.linalg.norm(t.regions[index, :2] - t.boxes[moved, :2], axis=1) / np.linalg.norm(t.context[3:5])
         return Placed(index, cost, feasible, hits, shorter, region_score(feasible, hits, away, *ahead))

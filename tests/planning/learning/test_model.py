@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -213,3 +214,35 @@ def test_weights_that_are_no_numbers_are_refused(folder: Callable[..., Path]) ->
     save_file(weights, model / "rpnet.safetensors")
     with pytest.raises(ValueError, match=r"rpnet.safetensors: .* holds what is no finite number"):
         from_pretrained(model)
+
+
+def test_the_networks_run_on_one_thread_whatever_the_process_is_set_to(folder: Callable[..., Path]) -> None:
+    """In the library, where numpy was imported long before, and its threads may be the user's choice."""
+    code = f"""if True:
+        import numpy, threadpoolctl
+        from planning.learning import model
+        from test_networks import observation
+        told = []
+        for form in {list(FORMS)!r}:
+            threads = lambda: max(lib["num_threads"] for lib in threadpoolctl.threadpool_info() if "numpy" in lib["filepath"])
+            matmul = model.numpy_inference._linear
+            def linear(*args):
+                told.append(threads())
+                return matmul(*args)
+            model.numpy_inference._linear = linear
+            seen = observation()
+            asked = model.from_pretrained({str(folder("objects").parent)!r} + "/" + form)
+            asked.select(seen), asked.place(seen, seen.movable[0])
+            model.numpy_inference._linear = matmul
+        print(threads(), sorted(set(told)), len(told) > 10)
+    """
+    folder("paper")
+    env = {**os.environ, "OPENBLAS_NUM_THREADS": "2", "PYTHONPATH": os.pathsep.join(sys.path)}
+    said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+    assert said.split("\n")[0] == "2 [1] True"
+
+
+def test_a_command_has_one_thread_from_the_beginning() -> None:
+    code = "import retrieve_cli.__main__, numpy, threadpoolctl; print([lib['num_threads'] for lib in threadpoolctl.threadpool_info()])"
+    env = {**{k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}, "PYTHONPATH": os.pathsep.join(sys.path)}
+    assert subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout == "[1]\n"

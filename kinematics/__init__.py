@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from kinematics.errors import InputError, RetrieveError
     from kinematics.robots.robot import Robot, load, named_robots
     from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, State
-    from kinematics.shapes import Box, ConvexMesh, Cylinder, load_mesh
+    from kinematics.shapes import Box, ConvexMesh, Cylinder
 
 __all__ = [
     "Body",
@@ -45,7 +45,7 @@ _WHERE = {
     "Scene": "kinematics.scene",
     "State": "kinematics.scene",
     "load": "kinematics.robots.robot",
-    "load_mesh": "kinematics.shapes",
+    "load_mesh": "kinematics.meshes.load",
     "named_robots": "kinematics.robots.robot",
 }
 

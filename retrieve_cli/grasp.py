@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from kinematics.errors import InputError, blame, choose
 from planning.io.files import read_scenes
 from planning.io.results import scene_writer
-from retrieve_cli.terminal import announce_first_run, say
+from retrieve_cli.terminal import announce_first_run, mesh_progress, say
 
 if TYPE_CHECKING:
     from kinematics.scene import Scene
@@ -35,7 +35,7 @@ def run(
     announce_first_run()
     first: Scene | None = None
     with scene_writer(out) as write:
-        for where, scene in read_scenes(scenes, "grasp"):
+        for where, scene in read_scenes(scenes, "grasp", on_mesh=mesh_progress):
             with blame(where):
                 from kinematics.robots.robot import from_ref
 

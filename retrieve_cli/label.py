@@ -17,7 +17,7 @@ from planning.io.files import read_scenes
 from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.gen import robot_ref, spec_hash
-from retrieve_cli.terminal import announce_first_run, say, say_settled
+from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_settled
 
 if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
@@ -140,7 +140,7 @@ def label_item(job: Job, item: Item) -> list[Row]:
 def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
     """The scenes of a file or of stdin, and what the manifest says of them."""
     items, digest, robots = list[Item](), hashlib.sha256(), set[str]()
-    for index, (where, scene) in enumerate(read_scenes(scenes, "label")):
+    for index, (where, scene) in enumerate(read_scenes(scenes, "label", on_mesh=mesh_progress)):
         say_settled(where, scene)
         items.append(Item(index, where, scene))
         digest.update(json.dumps(scene_to_json(scene), sort_keys=True).encode())

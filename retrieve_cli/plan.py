@@ -19,7 +19,7 @@ from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.sense import parse_box
 from retrieve_cli.story import story
-from retrieve_cli.terminal import announce_first_run, on_terminal, progress, say, say_settled
+from retrieve_cli.terminal import announce_first_run, mesh_progress, on_terminal, progress, say, say_settled
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def run(
     picture: tuple[Scene, Plan] | None = None
 
     def lines() -> Iterator[SceneLine]:
-        for line in read_scene_lines(scenes, noise_m=pose_noise_mm / 1000):
+        for line in read_scene_lines(scenes, noise_m=pose_noise_mm / 1000, on_mesh=mesh_progress):
             if line.scene is not None:
                 say_settled(line.where, line.scene)
             line = _overridden(line, *override)

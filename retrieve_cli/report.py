@@ -52,7 +52,7 @@ def count_objects(scenes: Sequence[Path]) -> dict[str, int]:
     """How many objects each scene of some files has, the target among them. Raises: InputError for two scenes of one name that differ."""
     found: dict[str, int] = {}
     for file in scenes:
-        for where, scene in read_scenes(file, "report"):
+        for where, scene in read_scenes(file, "report", on_mesh=terminal.mesh_progress):
             if found.setdefault(scene.id, len(scene.objects)) != len(scene.objects):
                 raise InputError(f"{where}: another scene is called {scene.id}, too; report on them one after the other")
     return found

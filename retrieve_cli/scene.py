@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame, did_you_mean
 from planning.io.results import scene_writer
-from retrieve_cli.terminal import announce_first_run, say
+from retrieve_cli.terminal import announce_first_run, mesh_progress, say
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
@@ -64,12 +64,15 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
 
     if source is not None and source.is_dir():
         with blame(f"scene: {source}"):
-            made, load, files = _words(words, "scene"), mesh_loader(Path.cwd()), mesh_files(source)
+            made, load, files = _words(words, "scene"), mesh_loader(Path.cwd(), mesh_progress), mesh_files(source)
             for index in range(n):
                 yield f"scene {index}", random_scene(made, files, count, scale, load, seed, index, say)
     elif source is not None and source.suffix.lower() in (".yaml", ".yml"):
         said = {**_read_yaml(source), **words}
-        yield str(source), _settled(scene_from_words(_words(said, str(source)), mesh_loader(source.resolve().parent), say), str(source))
+        yield (
+            str(source),
+            _settled(scene_from_words(_words(said, str(source)), mesh_loader(source.resolve().parent, mesh_progress), say), str(source)),
+        )
     elif source is not None:
         for where, scene in read_scenes(source, "scene"):
             with blame(where):
@@ -77,7 +80,7 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
     else:
         if not words.get("objects"):
             raise InputError("scene: name at least one object: --object can:0.03x0.12@0.6,0; or give a YAML file, or a folder of meshes")
-        yield "scene", _settled(scene_from_words(_words(words, "scene"), mesh_loader(Path.cwd()), say), "scene")
+        yield "scene", _settled(scene_from_words(_words(words, "scene"), mesh_loader(Path.cwd(), mesh_progress), say), "scene")
 
 
 def _words(said: dict[str, Any], where: str) -> Words:

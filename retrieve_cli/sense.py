@@ -10,7 +10,7 @@ from kinematics.errors import InputError, blame, choose
 from planning.io.files import UNREADABLE, read_scene_lines
 from planning.io.observation_documents import observation_to_json
 from planning.io.results import scene_writer
-from retrieve_cli.terminal import announce_first_run, progress, say, say_settled
+from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say, say_settled
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -68,7 +68,9 @@ def run(
         "from_views": None if from_views is None else str(from_views.absolute()),
     }
     with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", out=out) as advance:
-        for index, line in write.left(enumerate(read_scene_lines(scenes, "sense")), key=lambda numbered: numbered[1].key):
+        for index, line in write.left(
+            enumerate(read_scene_lines(scenes, "sense", on_mesh=mesh_progress)), key=lambda numbered: numbered[1].key
+        ):
             if line.scene is None:
                 raise InputError(line.error)
             where, scene = line.where, line.scene

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from kinematics.errors import InputError, blame, did_you_mean
 from planning.io.files import read_either, read_scenes
 from planning.io.outputs import replacing
-from retrieve_cli.terminal import say
+from retrieve_cli.terminal import mesh_progress, say
 
 if TYPE_CHECKING:
     from kinematics.scene import Scene
@@ -77,7 +77,7 @@ def _find(file: Path | None, index: int, scenes: Path | None) -> tuple[str, Scen
     """Where it stands, the scene and, if the line is one, the plan."""
     from kinematics.scene import Scene
 
-    lines = list(islice(read_either(file), index + 1))
+    lines = list(islice(read_either(file, on_mesh=mesh_progress), index + 1))
     if len(lines) <= index:
         count = "1 line" if len(lines) == 1 else f"{len(lines)} lines"
         raise InputError(f"{_name(file)}: there is no line for --index {index}: it has {count}, and the first is --index 0")
@@ -89,7 +89,7 @@ def _find(file: Path | None, index: int, scenes: Path | None) -> tuple[str, Scen
     if file is None and str(scenes) == "-":
         raise InputError("show: plan and scenes can't both come from stdin; give one of them as a file")
     known = []
-    for _, scene in read_scenes(scenes, "show"):
+    for _, scene in read_scenes(scenes, "show", on_mesh=mesh_progress):
         if scene.id == value.scene:
             return where, scene, value
         known.append(scene.id)

@@ -26,6 +26,15 @@ def say_settled(where: str, scene: Scene) -> None:
         say(f"{where}: {settlement}")
 
 
+def mesh_progress(file: str, share: float) -> None:
+    """How much of taking a mesh apart is done, on one line of stderr that goes when it is; only on a terminal."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        return
+    line = f"{Path(file).name}: taken apart into convex parts, this once: {100 * share:.0f} %" if share < 1 else ""
+    with suppress(OSError):
+        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+
+
 def announce_first_run() -> None:
     """Say why the first run takes long, lest anybody stare at a silent terminal; and why every run does, if compiled code can't be kept."""
     from kinematics.jit.cache_folder import WRONG, compiled_before

@@ -14,7 +14,7 @@ from planning.io.files import read_plans, read_scenes
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.plan import other_robot
-from retrieve_cli.terminal import announce_first_run, progress, say
+from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say
 
 if TYPE_CHECKING:
     from kinematics.scene import Scene
@@ -69,7 +69,7 @@ def by_id(file: Path, noise_m: float) -> Mapping[str, Scene]:
     from planning.io.scene_documents import scene_to_json
 
     found: dict[str, Scene] = {}
-    for where, scene in read_scenes(file, "verify", noise_m=noise_m):
+    for where, scene in read_scenes(file, "verify", noise_m=noise_m, on_mesh=mesh_progress):
         if scene.id in found and scene_to_json(found[scene.id]) != scene_to_json(scene):
             raise InputError(f"{where}: another scene is called {scene.id}, too, and plans say no more; verify them one after the other")
         found[scene.id] = scene

@@ -18,7 +18,7 @@ from kinematics.scene import Scene
 from planning.io.checked import Node, is_text, parse_json
 from planning.io.documents import kind_and_version
 from planning.io.plan_documents import plan_from_node
-from planning.io.scene_documents import mesh_loader, scene_from_node
+from planning.io.scene_documents import OnMesh, mesh_loader, scene_from_node
 from planning.plan import Plan
 from planning.settling import NOISE_M
 
@@ -45,20 +45,24 @@ class SceneLine:
     error: str = ""
 
 
-def read_scenes(source: Path | None, command: str = "plan", *, noise_m: float = NOISE_M) -> Iterator[tuple[str, Scene]]:
+def read_scenes(
+    source: Path | None, command: str = "plan", *, noise_m: float = NOISE_M, on_mesh: OnMesh = lambda *_: None
+) -> Iterator[tuple[str, Scene]]:
     """Yield (where, scene) for every line of a file, or of stdin (None or "-"), as they arrive; where is "scenes.jsonl:7".
 
-    noise_m: how much overlap is taken for noise of the objects' poses (see `planning.settling`).
+    noise_m: how much overlap is taken for noise of the objects' poses (see `planning.settling`). on_mesh: see `mesh_loader`.
     Raises: InputError (where, what, how to mend) for a line that is no valid scene, and when there is none at all.
     """
-    folder, load = folder_of(source), mesh_loader(folder_of(source))
+    folder, load = folder_of(source), mesh_loader(folder_of(source), on_mesh)
     decode = partial(scene_from_node, folder=folder, load=load, noise_m=noise_m)
     yield from _read(source, decode, _SCENES_FROM.format(command=command))
 
 
-def read_scene_lines(source: Path | None, command: str = "plan", *, noise_m: float = NOISE_M) -> Iterator[SceneLine]:
+def read_scene_lines(
+    source: Path | None, command: str = "plan", *, noise_m: float = NOISE_M, on_mesh: OnMesh = lambda *_: None
+) -> Iterator[SceneLine]:
     """Yield every line like `read_scenes`, those that are no valid scenes, too. Raises: InputError when there is no line at all."""
-    decode = partial(scene_from_node, folder=folder_of(source), load=mesh_loader(folder_of(source)), noise_m=noise_m)
+    decode = partial(scene_from_node, folder=folder_of(source), load=mesh_loader(folder_of(source), on_mesh), noise_m=noise_m)
     how, empty = _SCENES_FROM.format(command=command), True
     for where, raw in _lines(source, how):
         empty = False
@@ -81,9 +85,9 @@ def read_plans(source: Path | None, command: str = "report") -> Iterator[tuple[s
     yield from _read(source, plan_from_node, _PLANS_FROM.format(command=command))
 
 
-def read_either(source: Path | None, command: str = "show") -> Iterator[tuple[str, Scene | Plan]]:
+def read_either(source: Path | None, command: str = "show", *, on_mesh: OnMesh = lambda *_: None) -> Iterator[tuple[str, Scene | Plan]]:
     """Yield (where, scene or plan) like `read_scenes`, as each line says what it is."""
-    folder, load = folder_of(source), mesh_loader(folder_of(source))
+    folder, load = folder_of(source), mesh_loader(folder_of(source), on_mesh)
 
     def decode(node: Node) -> Scene | Plan:
         return plan_from_node(node) if kind_and_version(node)[0] == "plan" else scene_from_node(node, folder, load)

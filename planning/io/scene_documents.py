@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from kinematics.errors import blame, did_you_mean
+from kinematics.meshes.load import load_mesh
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, load_mesh
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from planning.io.checked import LARGEST_M, SMALLEST_M, Node
 from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
 from planning.io.observation_documents import observation_from_node
@@ -25,15 +26,17 @@ MOST_REGIONS, MOST_BODIES = 100, 500
 """Rows of the floor's grid; objects, and obstacles."""
 
 LoadMesh = Callable[[str, float], ConvexMesh]
+OnMesh = Callable[[str, float], None]
+"""Told how much of taking a mesh apart is done: its path, and a share."""
 
 
-def mesh_loader(folder: Path) -> LoadMesh:
+def mesh_loader(folder: Path, on_mesh: OnMesh = lambda *_: None) -> LoadMesh:
     """Reads the meshes of one file, each once."""
 
     @cache
     def load(file: str, scale: float) -> ConvexMesh:
         path = (folder / file).resolve()
-        return load_mesh(path, scale, str(path))
+        return load_mesh(path, scale, str(path), on_share=lambda share: on_mesh(str(path), share))
 
     return load
 

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL, join_parts, make_parts, make_solids
+from kinematics.meshes.load import load_mesh
 from kinematics.scene import WALLS, Body, Cabinet, Grasp, Held, RobotRef, Scene, State, object_box
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners, convex_parts, load_mesh, prism
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners, convex_parts, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 
 seeds = st.integers(0, 2**32 - 1)

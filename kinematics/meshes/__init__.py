@@ -1,0 +1,1 @@
+"""Meshes as scans are, in: convex parts that provably contain them, out."""

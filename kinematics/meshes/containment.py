@@ -1,0 +1,89 @@
+"""Whether convex parts contain a surface, and how much else: measured on the parts alone, without the code that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kinematics.meshes.cutting import planes_of
+from kinematics.meshes.surface import Surface
+from kinematics.transforms import Array
+
+MOST_ROUNDS = 40
+CHUNK = 20_000
+FINE_M = 8e-5
+"""What reaches out of the parts by no more is not looked at closer."""
+
+
+def largest_protrusion(surface: Surface, parts: Sequence[Array], fine_m: float = FINE_M) -> float:
+    """How far a surface, the inside of its triangles too, reaches out of the union of convex parts at most, in metres; proven from above.
+
+    How far a point is outside a part, by the part's planes, is a convex function, so its largest value on a triangle is at a corner. A
+    triangle with no part that holds all three corners to `fine_m` is halved along its longest side, again and again; what is too small to
+    be halved counts with the part that holds it best.
+    """
+    if not parts:
+        return float("inf")
+    planes, boxes = [planes_of(p) for p in parts], np.array([[p.min(0), p.max(0)] for p in parts])
+    worst, left = _held_by_one(surface, planes, boxes, fine_m)
+    for _ in range(MOST_ROUNDS):
+        if len(left) == 0:
+            return worst
+        out = np.concatenate([_outside(left[i : i + CHUNK], planes, boxes, fine_m) for i in range(0, len(left), CHUNK)])
+        longest = np.linalg.norm(left - np.roll(left, 1, axis=1), axis=2).max(1)
+        settled = (out <= fine_m) | (longest <= fine_m)
+        worst = max(worst, float(out[settled].max(initial=0.0)))
+        left = _halved(left[~settled])
+    return max(worst, float(_outside(left, planes, boxes, 0.0).max(initial=0.0)))
+
+
+def _held_by_one(surface: Surface, planes: Sequence[Array], boxes: Array, fine_m: float) -> tuple[float, Array]:
+    """The first round, a vertex at a time: how far triangles that one part holds to `fine_m` reach out of it, and the others (F, 3, 3)."""
+    best = np.full(len(surface.faces), np.inf)
+    for (low, high), rows in zip(boxes, planes):
+        near = np.flatnonzero(((surface.vertices >= low - fine_m) & (surface.vertices <= high + fine_m)).all(1))
+        out = np.full(len(surface.vertices), np.inf)
+        for some in (near[i : i + CHUNK] for i in range(0, len(near), CHUNK)):
+            out[some] = (surface.vertices[some] @ rows[:, :3].T - rows[:, 3]).max(1)
+        np.minimum(best, out[surface.faces].max(1), out=best)
+    held = best <= fine_m
+    return max(float(best[held].max(initial=0.0)), 0.0), surface.triangles[~held]
+
+
+def _outside(triangles: Array, planes: Sequence[Array], boxes: Array, fine_m: float) -> Array:
+    """How far triangles (F, 3, 3) reach out of the part that holds each best (F,): exact where that is no more than fine_m."""
+    out = np.full(len(triangles), np.inf)
+    low, high = triangles.min(1), triangles.max(1)
+    for (part_low, part_high), rows in zip(boxes, planes):
+        beside = np.maximum(part_low - low, high - part_high).max(1)  # no less than this is the answer
+        some = np.flatnonzero((out > fine_m) & (beside < out))
+        if len(some):
+            reach = (triangles[some].reshape(-1, 3) @ rows[:, :3].T - rows[:, 3]).max(1).reshape(-1, 3).max(1)
+            out[some] = np.minimum(out[some], np.maximum(reach, beside[some]))
+    return np.asarray(np.maximum(out, 0.0))
+
+
+def _halved(triangles: Array) -> Array:
+    """Triangles (2 F, 3, 3): each cut at the middle of its longest side."""
+    if len(triangles) == 0:
+        return triangles
+    sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
+    order = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(np.take_along_axis(triangles, order[:, :, None], axis=1), 1, 0)
+    middle = (a + b) / 2
+    return np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+
+
+def union_volume(parts: Sequence[Array], points: int = 200_000) -> float:
+    """The volume (m³) of the union of convex parts, to about 0.3 %: of evenly spread points of their box, the share in any part."""
+    from scipy.stats import qmc
+
+    low, high = np.min([p.min(0) for p in parts], axis=0), np.max([p.max(0) for p in parts], axis=0)
+    at = low + (high - low) * qmc.Halton(3, scramble=False).random(points)
+    within = np.zeros(points, bool)
+    for part in parts:
+        rows = planes_of(part)
+        some = np.flatnonzero(~within & (at >= part.min(0)).all(1) & (at <= part.max(0)).all(1))
+        within[some[(at[some] @ rows[:, :3].T <= rows[:, 3]).all(1)]] = True
+    return float(within.mean() * np.prod(high - low))

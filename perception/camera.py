@@ -42,10 +42,10 @@ class Intrinsics:
             float(np.arctan((self.cy + 0.5) / self.fy) + np.arctan((h - 0.5 - self.cy) / self.fy)),
         )
 
-    def scaled(self, factor: int) -> Intrinsics:
-        """The same camera with every pixel divided into factor × factor."""
+    def scaled(self, factor: float) -> Intrinsics:
+        """The same camera with every pixel divided into factor × factor; with 1 / k, every k × k pixels joined."""
         k, shift = factor, (factor - 1) / 2
-        return Intrinsics(self.width * k, self.height * k, self.fx * k, self.fy * k, self.cx * k + shift, self.cy * k + shift)
+        return Intrinsics(round(self.width * k), round(self.height * k), self.fx * k, self.fy * k, self.cx * k + shift, self.cy * k + shift)
 
 
 def pinhole(width: int, height: int, hfov_rad: float) -> Intrinsics:

@@ -407,13 +407,27 @@ def _draw_triangles(s: Surfaces, k: int, P: Array, p: Array, fx: float, fy: floa
         name = np.int32(base + f)
         for v in range(v0, v1 + 1):
             r0, r1, r2, rw = e0b * v + e0c, e1b * v + e1c, e2b * v + e2c, wb * v + wc
+            first, last = u0, u1
+            if u1 - u0 > 16:  # above all where a corner is behind the camera, and nothing is known of the columns
+                first, last = _inside(e0a, r0, first, last)
+                first, last = _inside(e1a, r1, first, last)
+                first, last = _inside(e2a, r2, first, last)
             row, row_primitive = w[v], primitive[v]
-            for u in range(u0, u1 + 1):
+            for u in range(first, last + 1):
                 least = min(min(e0a * u + r0, e1a * u + r1), e2a * u + r2)
                 near = min(max(wa * u + rw, w_low), w_high)
                 seen = (least >= 0.0) & (near > row[u])
                 row[u] = near if seen else row[u]
                 row_primitive[u] = name if seen else row_primitive[u]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _inside(a: float, rest: float, first: int, last: int) -> tuple[int, int]:
+    """The columns first to last without those, but for one, where a·u + rest < 0."""
+    if a == 0.0:
+        return (first, last) if rest >= 0.0 else (1, 0)
+    at = min(max(-rest / a, -1.0), 1e6)
+    return (max(first, int(at) - 1), last) if a > 0.0 else (first, min(last, int(at) + 1))
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -7,7 +7,9 @@ behind them, far ones first, and get their edges drawn; polylines are hidden by 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,10 +41,15 @@ PALETTE: tuple[Colour, ...] = (
 )
 """Ten colours that differ in lightness as well as in hue, after Okabe and Ito and P. Tol, without the reds that mark the target."""
 WALL_COLOUR: Colour = (0.62, 0.70, 0.80)
-KEY_PX, SKY_PX = 768, 320
+KEY_PX, SKY_PX = 640, 256
 """Width of the shadow images of one light."""
-GROUND_PX, GROUND_REACH = 448, 2.0
+GROUND_PX, GROUND_REACH = 288, 2.0
 """The grid on which shadows on the floor are computed, and how far it goes, in radii of the scene."""
+GLASS_SHARE = 4
+"""One in so many of the lights casts the faint shadows of see-through solids."""
+BAND_SAMPLES = 600_000
+"""An image is drawn in bands of so many samples: fewer ask for all solids too often, more take too much memory."""
+THREADS = min(8, os.cpu_count() or 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +116,16 @@ def shade(
     """Draw a still (H, W, 3), 8-bit sRGB, as the camera at T_world_camera (4, 4) sees it. The same input gives the same bytes."""
     still = _Still.of(items, polylines, np.ascontiguousarray(T_world_camera, float), studio, supersampling)
     fine = intrinsics.scaled(supersampling)
-    rows = max(1, 200_000 // (intrinsics.width * supersampling**2))
-    bands = []
-    for v in range(0, intrinsics.height, rows):
+    rows = max(1, BAND_SAMPLES // (intrinsics.width * supersampling**2))
+
+    def band_from(v: int) -> Image:
         height = min(rows, intrinsics.height - v) * supersampling
         band = Intrinsics(fine.width, height, fine.fx, fine.fy, fine.cx, fine.cy - v * supersampling)
         background = _background(band, v * supersampling / fine.height, height / fine.height, studio)
-        bands.append(_develop(_shade_band(still, band, background), supersampling))
-    return np.concatenate(bands)
+        return _develop(_shade_band(still, band, background), supersampling)
+
+    with ThreadPoolExecutor(THREADS) as pool:  # compiled code holds no lock
+        return np.concatenate(list(pool.map(band_from, range(0, intrinsics.height, rows))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,13 +188,20 @@ def _shade_band(still: _Still, band: Intrinsics, out: Float32) -> Float32:
         if lines:
             _lay_lines(lines, T_camera_world, band, still.factor, alpha, w, out)
     if still.panes:
-        layers, lights = np.zeros((len(still.panes), *w.shape), np.float32), np.zeros((len(still.panes), *w.shape, 4), np.float32)
+        layers, lights = np.zeros((len(still.panes), *w.shape), np.float32), np.zeros((len(still.panes), *w.shape), np.float32)
+        coarse = band.scaled(1 / still.factor)  # a pane's border lies below its edge, which is a line
         for i, pane in enumerate(still.panes):
-            pane_w, _, pane_normals = _draw_with_normals(pane, T_world_camera, np.zeros((0, 3, 3)), band)
-            layers[i] = np.where(pane_w > w, pane_w, 0.0)
-            lights[i] = _illuminate(still, band, layers[i], pane_normals)
+            pane_w, _, pane_normals = _draw_with_normals(pane, T_world_camera, np.zeros((0, 3, 3)), coarse)
+            light = np.zeros(pane_w.shape, np.float32)
+            _light_glass(pane_normals, lighting.key[0, :3], np.float32(still.studio.key), np.float32(still.studio.sky), light)
+            layers[i], lights[i] = _enlarged(pane_w, still.factor), _enlarged(light, still.factor)
+        layers[layers <= w] = 0.0
         _lay_glass(layers, lights, still.glass, out)
     return out
+
+
+def _enlarged(image: Array | Float32, factor: int) -> Array | Float32:
+    return np.repeat(np.repeat(image, factor, 0), factor, 1)
 
 
 def _draw_with_normals(s: Surfaces, T_world_camera: Array, corner_normals: Array, band: Intrinsics) -> tuple[Array, Ids, Float32]:
@@ -251,7 +267,7 @@ def _encode(x: Float32) -> Float32:
 class _Lighting:
     """Lights as rows [direction (3), weight, projection (12)], and what each sees of the solids: inverse depth (L, M, M).
 
-    key_panes, sky_panes: what each sees of the see-through solids. offset: how far a lookup starts off the surface, metres.
+    key_panes, sky_panes: what one in GLASS_SHARE sees of the see-through solids. offset: how far a lookup starts off the surface, metres.
     eye_light (3,): the direction of the fill light. centre (3,), radius: a ball around the solids.
     """
 
@@ -293,11 +309,11 @@ class _Lighting:
         return _Lighting(
             key,
             _shadows(scene, centre, radius, key, KEY_PX),
-            _shadows(panes, centre, radius, key, KEY_PX) if studio.ground_z is not None else np.zeros((0, 1, 1), np.float32),
+            _shadows(panes, centre, radius, key[::GLASS_SHARE], KEY_PX) if studio.ground_z is not None else np.zeros((0, 1, 1), np.float32),
             1.5 * texel[0],
             sky,
             _shadows(scene, centre, radius, sky, SKY_PX),
-            _shadows(panes, centre, radius, sky, SKY_PX) if studio.ground_z is not None else np.zeros((0, 1, 1), np.float32),
+            _shadows(panes, centre, radius, sky[::GLASS_SHARE], SKY_PX) if studio.ground_z is not None else np.zeros((0, 1, 1), np.float32),
             1.5 * texel[1],
             eye / np.linalg.norm(eye),
             centre,
@@ -337,9 +353,13 @@ def _lights(centre: Array, radius: float, towards: Array, weights: Array, size: 
 def _shadows(s: Surfaces, centre: Array, radius: float, lights: Float32, size: int) -> Float32:
     """What each light sees: inverse depth (L, M, M), with an empty border."""
     maps, f, middle = np.zeros((len(lights), size, size), np.float32), _focal(radius, size), (size - 1) / 2
-    for light, image in zip(lights, maps):
-        w, _ = inverse_depth(s, _eye_of(light, centre, radius), Intrinsics(size, size, f, f, middle, middle))
-        image[1:-1, 1:-1] = w[1:-1, 1:-1]
+
+    def draw(i: int) -> None:
+        w, _ = inverse_depth(s, _eye_of(lights[i], centre, radius), Intrinsics(size, size, f, f, middle, middle))
+        maps[i, 1:-1, 1:-1] = w[1:-1, 1:-1]
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(draw, range(len(lights))))
     return maps
 
 
@@ -437,10 +457,10 @@ def _ground_shadow(lighting: _Lighting, studio: Studio) -> Float32:
     points[0], points[1] = np.tile(lighting.centre[0] + steps, GROUND_PX), np.repeat(lighting.centre[1] + steps, GROUND_PX)
     points[2], points[5] = studio.ground_z, 1
     dark = []
-    for key_maps, sky_maps in ((lighting.key_maps, lighting.sky_maps), (lighting.key_panes, lighting.sky_panes)):
+    for one_in, key_maps, sky_maps in ((1, lighting.key_maps, lighting.sky_maps), (GLASS_SHARE, lighting.key_panes, lighting.sky_panes)):
         key, sky = np.zeros((2, points.shape[1]), np.float32), np.zeros((2, points.shape[1]), np.float32)
-        n_key = _look_up(points, lighting.key, key_maps, 0, 1, np.float32(lighting.key_offset), key)
-        n_sky = _look_up(points, lighting.sky, sky_maps, 0, 1, np.float32(lighting.sky_offset), sky)
+        n_key = _look_up(points, lighting.key[::one_in], key_maps, 0, 1, np.float32(lighting.key_offset), key)
+        n_sky = _look_up(points, lighting.sky[::one_in], sky_maps, 0, 1, np.float32(lighting.sky_offset), sky)
         light = key * np.float32(studio.key / max(n_key, 1)) + sky * np.float32(4 * studio.sky / max(n_sky, 1))
         dark.append(1 - light[0] / np.maximum(light[1], np.float32(1e-6)))
     return np.asarray(dark[0] * (1 - dark[1]) + 0.30 * dark[1], np.float32).reshape(GROUND_PX, GROUND_PX)
@@ -522,8 +542,18 @@ def _shade_solids(
 
 
 @njit(cache=True, nogil=True)
+def _light_glass(normals: Float32, key_direction: Float32, key: np.float32, sky: np.float32, light: Float32) -> None:
+    """The light (h, w) on surfaces that lie in no shadow: the key light, and a sky that is brighter above."""
+    for v in range(light.shape[0]):
+        for u in range(light.shape[1]):
+            n = normals[v, u]
+            facing = n[0] * key_direction[0] + n[1] * key_direction[1] + n[2] * key_direction[2]
+            light[v, u] = key * max(facing, np.float32(0.0)) + sky * (np.float32(0.71) + np.float32(0.29) * n[2])
+
+
+@njit(cache=True, nogil=True)
 def _lay_glass(layers: Float32, lights: Float32, glass: Array, out: Float32) -> None:
-    """Blend see-through solids (G, h, w) over the image, the farthest first. Where they lie in shadow they are darker and denser."""
+    """Blend see-through solids (G, h, w) over the image, the farthest first. No shadow falls on them: it would look like dirt."""
     n = layers.shape[0]
     order = np.empty(n, np.int64)
     for v in range(out.shape[0]):
@@ -539,12 +569,9 @@ def _lay_glass(layers: Float32, lights: Float32, glass: Array, out: Float32) -> 
                     count += 1
             for j in range(count):
                 i = order[j]
-                lit, full = lights[i, v, u, 0] + lights[i, v, u, 2], lights[i, v, u, 1] + lights[i, v, u, 3]
-                shadow = 1.0 - lit / max(full, 1e-6)
-                alpha = glass[i, 3] + 0.85 * shadow * (1.0 - glass[i, 3])
-                light = 0.35 + 0.65 * lit
+                light = 0.35 + 0.65 * lights[i, v, u]
                 for c in range(3):
-                    out[v, u, c] += alpha * (glass[i, c] * light - out[v, u, c])
+                    out[v, u, c] += glass[i, 3] * (glass[i, c] * light - out[v, u, c])
 
 
 def _edges(item: Item) -> list[Array]:

@@ -201,8 +201,8 @@ def plan_lines(film: Film, move: int | None = None) -> list[Polyline]:
 
 
 def _studio(film: Film) -> Studio:
-    """Twice the usual lights: the arm's shadows fall on a white floor, where bands would show."""
-    return Studio(ground_z=ground(film), key_lights=48, sky_lights=192)
+    """A third more lights than usual: the arm's shadows fall on a white floor, where bands would show."""
+    return Studio(ground_z=ground(film), key_lights=32, sky_lights=128)
 
 
 def _darker(colour: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -139,10 +139,16 @@ def _draw(film: Film, folder: Path) -> None:
     from retrieve_cli.drawing.picture import best_view
     from retrieve_cli.drawing.still import hand_view, save, side_view, time_of_best_carry, time_of_best_sight
 
-    write_text(folder / "plan.html", page(film))
     camera = best_view(film)
     time_s, move = time_of_best_carry(film, camera)
-    save(side_view(film, 0.0, camera), folder / "before.png")
-    save(side_view(film, time_s, camera, move=move), folder / "during.png")
-    save(side_view(film, film.length_s, camera, move=len(film.done)), folder / "after.png")
-    save(hand_view(film, time_of_best_sight(film)), folder / "hand.png")
+    with progress("pictures", 5) as step:
+        write_text(folder / "plan.html", page(film))
+        step()
+        for name, draw in {
+            "before": lambda: side_view(film, 0.0, camera),
+            "during": lambda: side_view(film, time_s, camera, move=move),
+            "after": lambda: side_view(film, film.length_s, camera, move=len(film.done)),
+            "hand": lambda: hand_view(film, time_of_best_sight(film)),
+        }.items():
+            save(draw(), folder / f"{name}.png")
+            step()

@@ -12,8 +12,11 @@ from planning.io.results import plan_writer, scene_writer
 from retrieve_cli.terminal import announce_first_run, progress, say
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
+    from perception.rendering.shading import Image
     from planning.motion.pick_place import Motions
     from planning.plan import Plan
     from retrieve_cli.drawing.picture import Film
@@ -141,14 +144,15 @@ def _draw(film: Film, folder: Path) -> None:
 
     camera = best_view(film)
     time_s, move = time_of_best_carry(film, camera)
-    with progress("pictures", 5) as step:
+    pictures: dict[str, Callable[[], Image]] = {
+        "before": lambda: side_view(film, 0.0, camera),
+        "during": lambda: side_view(film, time_s, camera, move=move),
+        "after": lambda: side_view(film, film.length_s, camera, move=len(film.done)),
+        "hand": lambda: hand_view(film, time_of_best_sight(film)),
+    }
+    with progress("pictures", 1 + len(pictures)) as step:
         write_text(folder / "plan.html", page(film))
         step()
-        for name, draw in {
-            "before": lambda: side_view(film, 0.0, camera),
-            "during": lambda: side_view(film, time_s, camera, move=move),
-            "after": lambda: side_view(film, film.length_s, camera, move=len(film.done)),
-            "hand": lambda: hand_view(film, time_of_best_sight(film)),
-        }.items():
+        for name, draw in pictures.items():
             save(draw(), folder / f"{name}.png")
             step()

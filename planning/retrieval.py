@@ -16,9 +16,9 @@ import numpy as np
 
 from kinematics.collision.broad_phase import BroadPhase
 from kinematics.robots.robot import Robot
-from kinematics.scene import Grasp, Scene
+from kinematics.scene import Grasp, Scene, State
 from perception.observation import Observation, observe
-from planning.motion.pick_place import Motions
+from planning.motion.pick_place import Done, Motions
 from planning.motion.replay import hand_poses, with_clearances
 from planning.motion.sampling import samples
 from planning.motion.settings import DEFAULTS, MotionSettings
@@ -116,19 +116,18 @@ def retrieve(
     """
     state = motions.start()
     moves: list[Move] = []
-    way: list[Motion] = []
+    found: list[tuple[State, Done]] = []
     failed: set[tuple[str, int]] = set()
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
     kept_in: list[Blocked] = []
     if blocked := motions.start_blocked():
-        return conclude(motions.robot, scene, blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+        return conclude(motions.robot, scene, blocked, moves, (), name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
         on_step(f"trying the target {scene.target_name}")
         with moving:
             taken = motions.retrieve_target(state, rng)  # the indicator I
         if not isinstance(taken, Blocked):
-            with moving:
-                way += motions.trajectories(state, taken.motions)
+            found.append((state, taken))
             break
         kept_in[sum(move.done for move in moves) :] = [taken]
         if steps == max_moves:
@@ -149,8 +148,7 @@ def retrieve(
                 continue
             on_step(f"moved {object_name} to region {region}")
             moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))
-            with moving:
-                way += motions.trajectories(state, moved.motions)
+            found.append((state, moved))
             state, stuck = moved.after, False
             failed.clear()  # a new state: what failed before may work now
             break
@@ -160,7 +158,10 @@ def retrieve(
     if steps == 0:
         outlook = Outlook(0)
     why = _why(taken, outlook, max_moves) if isinstance(taken, Blocked) else None
-    grasp = None if isinstance(taken, Blocked) else taken.grasp
+    with moving:
+        found = motions.quickest(found, rng)
+        way = [motion for before, done in found for motion in motions.trajectories(before, done.motions)]
+    grasp = None if isinstance(taken, Blocked) else found[-1][1].grasp
     plan = conclude(
         motions.robot, scene, why, moves, way,
         name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp,

@@ -83,6 +83,10 @@ class FakeMotions:
         """The waypoints themselves."""
         return tuple(motions)
 
+    def quickest(self, found: Sequence[tuple[State, Done]], rng: np.random.Generator) -> list[tuple[State, Done]]:
+        """As they were found."""
+        return list(found)
+
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         self._note(rng, "target", self.made[id(state)])
         made = self.made[id(state)]

@@ -88,6 +88,11 @@ class Robot:
         """Limits (J,) in rad/s³ or m/s³."""
         return self.limits.jerk
 
+    @property
+    def arm_limits(self) -> tuple[Array, Array, Array]:
+        """Limits of velocity, acceleration and jerk of the arm's joints (A,)."""
+        return self.arm_q(self.velocity), self.arm_q(self.acceleration), self.arm_q(self.jerk)
+
     def link_poses(self, q: Array) -> dict[str, Array]:
         """Pose (4, 4) of every link in the base frame at q (J,). Raises: ValueError for another number of values."""
         if np.shape(q) != (len(self.joint_names),):

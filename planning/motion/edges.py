@@ -121,3 +121,26 @@ def connects(task: Task, qa: Array, qb: Array, memory: Memory) -> bool:
     if n == _EVERYTHING:
         return bool(edge_check.edge_free(task.exact, qa, qb, memory.exact))
     return bool(edge_check.pieces_free(task.exact, qa, qb, memory.pieces, n, memory.lanes.left, memory.exact))
+
+
+@jit_entry
+def connects_from_ends(task: Task, clear: Task, qa: Array, qb: Array, ends: int, near_m: float, middle: Array, memory: Memory) -> bool:
+    """As `connects` by the clear task, but near the ends of a path the other one will do: both are the same but for their clearances.
+
+    ends: 1 when qa is an end, 2 when qb is, 3 for both, else 0. near_m: so far from an end, in metres moved. middle (2, J): scratch.
+    """
+    length = 0.0
+    for j in range(qa.shape[0]):
+        length += (task.exact.weight[j] * (qb[j] - qa[j])) ** 2
+    length = np.sqrt(length)
+    first, last = near_m if ends & 1 else 0.0, length - (near_m if ends & 2 else 0.0)
+    if first >= last:
+        return connects(task if ends else clear, qa, qb, memory)
+    for j in range(qa.shape[0]):
+        middle[0, j] = qa[j] + first / length * (qb[j] - qa[j])
+        middle[1, j] = qa[j] + last / length * (qb[j] - qa[j]) if ends & 2 else qb[j]
+    if not connects(clear, middle[0], middle[1], memory):
+        return False
+    if ends & 1 and not connects(task, qa, middle[0], memory):
+        return False
+    return not (ends & 2) or connects(task, middle[1], qb, memory)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain, islice
 from weakref import WeakKeyDictionary
@@ -21,14 +21,16 @@ from kinematics.chain import Int
 from kinematics.collision.robot_model import bare_geometry
 from kinematics.doors import indices
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, Held, Scene, State, object_box
-from kinematics.transforms import Array
+from kinematics.scene import Body, Grasp, Scene, State, object_box
+from kinematics.transforms import Array, inverse
 from perception.objects.settle import LOWEST_M, stands_on
 from planning.grasps import Sampling
+from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import WAY_IN, WHOLE_WAY, Obstruction, View
 from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
+from planning.motion.quickest import Choices, quickest
 from planning.motion.reaching import place_on_floor
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace, timed
@@ -58,18 +60,6 @@ class _Memory:
         self.placing: dict[Pick, Placing] = {}
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
         self.without: dict[str, dict[str, Array]] = {}
-
-
-@dataclass(frozen=True, eq=False)
-class Done:
-    """Motions that were found, as waypoints (`Motions.trajectories` makes them smooth), and the state after them.
-
-    grasp: with which they take hold of the object.
-    """
-
-    motions: tuple[Motion, ...]
-    after: State
-    grasp: Grasp | None = None
 
 
 class Motions:
@@ -119,6 +109,47 @@ class Motions:
         """Motions that were found for a state, smooth and timed: see `trajectory.timed`."""
         return timed(self.cell, state.poses, motions, self.pace)
 
+    def quickest(self, found: Sequence[tuple[State, Done]], rng: np.random.Generator) -> list[tuple[State, Done]]:
+        """Moves that were found one after the other, each with the state before it, made as quick as can be: see `planning.motion.quickest`.
+        Every object ends where it did."""
+        moves = [self._choices(state, done.carry) for state, done in found if done.carry is not None]
+        if not moves:
+            return []
+        out, q = list[tuple[State, Done]](), moves[0].before.q
+        for move, carry in zip(moves, quickest(self.cell, self.robot.arm_q(q), moves, rng)):
+            state = State(q, move.before.poses, move.before.held)
+            done = carried(self.cell, state, move.name, move.rest, carry)
+            assert isinstance(done, Done), done
+            out.append((state, done))
+            q = done.after.q
+        return out
+
+    def _choices(self, state: State, found: Carry) -> Choices:
+        """The ways to make a move that was found."""
+        name, place = found.pick.held.body, found.place
+        rest = self._without(state, name)
+        if place is None:
+            picks = [pick for pick in self.picks(state, name, self.target_grasps)[0] if pick.grasp is found.pick.grasp]
+            outside: dict[bytes, Array] = {}
+
+            def goals(pick: Pick) -> Array:
+                key = pick.held.T_hand_body.tobytes()
+                if key not in outside:
+                    outside[key] = self.cell.outside(pick.carrying, pick.held)
+                return np.concatenate([self.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1]), outside[key]])
+
+            return Choices(state, name, rest, found, picks, goals, None)
+
+        picks, _ = self.picks(state, name)
+
+        def solutions(pick: Pick) -> Array:
+            return self.cell.ik(place.T_world_object @ inverse(pick.held.T_hand_body))
+
+        def put(pick: Pick, end: Array) -> Place | None:
+            return self._placing(state, pick).at(place.T_world_object, end)
+
+        return Choices(state, name, rest, found, picks, solutions, put)
+
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
         indices("regions", region, self.scene.regions_n**2)
@@ -147,8 +178,7 @@ class Motions:
             if isinstance(way_out, Blocked):
                 why = way_out
                 continue
-            motions = [*self._taking(state, name, pick, way_in), self._motion("transfer", way_out, pick.gripper_closed, pick.held)]
-            return Done(tuple(motions), State(motions[-1].q[-1], self._without(state, name), pick.held), pick.grasp)
+            return carried(self.cell, state, name, self._without(state, name), Carry(pick, None, way_in, way_out))
         return why
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
@@ -181,7 +211,7 @@ class Motions:
                 continue
             across = self.cell.connect(pick.carrying, pick.lift[-1], place.lower[:1], rng)
             if not isinstance(across, Blocked):
-                return self._relocated(state, self._without(state, name), name, pick, place, way_in, across)
+                return carried(self.cell, state, name, self._without(state, name), Carry(pick, place, way_in, across))
             why = replace(across, stage="transfer")
             tries += 1
             if tries == MAX_TRIES:
@@ -311,29 +341,14 @@ class Motions:
             known[pick] = Placing(self.cell, pick, state.poses[name], release_query[key])
         return known[pick]
 
-    def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> list[Motion] | Blocked:
-        """From where the arm is to the beginning of a pick's approach, the fingers moving to its opening on the way, or first."""
+    def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
+        """From where the arm is to the beginning of a pick's approach, with the fingers at its opening."""
         known = self._recall(state).transits
-        q, gripper = self.robot.arm_q(state.q), float(state.q[self.robot.gripper_joint])
         if pick not in known:
-            for value in np.linspace(gripper, pick.gripper_open, 4)[1:]:
-                if touch := self.cell.touch(self.cell.problem(state.poses, float(value)), q):
-                    known[pick] = Blocked("transit", touch.link, touch.body, detail=touch.detail)
-                    break
-            else:
-                moving = self.cell.problem(state.poses, pick.gripper_open)
-                known[pick] = self.cell.connect(moving, q, pick.approach[:1], rng)
-        path = known[pick]
-        if isinstance(path, Blocked):
-            return path
-        if abs(gripper - pick.gripper_open) <= 1e-9:
-            return [self._motion("transit", path, pick.gripper_open)]
-        if self.cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
-            return [self._motion("transit", path, gripper, to_gripper=pick.gripper_open)]
-        return [
-            self._motion("transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open),
-            self._motion("transit", path, pick.gripper_open),
-        ]
+            moving = self.cell.problem(state.poses, pick.gripper_open)
+            blocked = opening_blocked(self.cell, state, pick)
+            known[pick] = blocked or self.cell.connect(moving, self.robot.arm_q(state.q), pick.approach[:1], rng)
+        return known[pick]
 
     def _way_out(self, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
         """From the lifted target to a configuration with all of it outside the cabinet: straight out of it where there is a way."""
@@ -366,46 +381,3 @@ class Motions:
         if name not in known:
             known[name] = {n: T for n, T in state.poses.items() if n != name}
         return known[name]
-
-    def _taking(self, state: State, name: str, pick: Pick, way_in: list[Motion]) -> list[Motion]:
-        """The motions from where the arm is to the lifted object."""
-        at = pick.approach[-1]
-        return [
-            *way_in,
-            self._motion("approach", pick.approach, pick.gripper_open),
-            self._motion("grasp", np.stack([at, at]), pick.gripper_open, to_gripper=pick.gripper_closed, touching=name),
-            self._motion("lift", pick.lift, pick.gripper_closed, pick.held, on_floor=True),
-        ]
-
-    def _relocated(
-        self, state: State, rest: dict[str, Array], name: str, pick: Pick, place: Place, way_in: list[Motion], across: Array
-    ) -> Done:
-        at = place.lower[-1]
-        motions = [
-            *self._taking(state, name, pick, way_in),
-            self._motion("transfer", across, pick.gripper_closed, pick.held),
-            self._motion("lower", place.lower, pick.gripper_closed, pick.held, on_floor=True),
-            self._motion("release", np.stack([at, at]), pick.gripper_closed, to_gripper=pick.gripper_open, touching=name),
-            self._motion("retreat", place.retreat, pick.gripper_open),
-        ]
-        return Done(tuple(motions), State(motions[-1].q[-1], {**rest, name: place.T_world_object}), pick.grasp)
-
-    def _motion(
-        self,
-        stage: str,
-        arm: Array,
-        gripper: float,
-        held: Held | None = None,
-        *,
-        to_gripper: float | None = None,
-        touching: str | None = None,
-        on_floor: bool = False,
-    ) -> Motion:
-        """A motion over every actuated joint through arm waypoints (K, A), without times yet; the gripper may move along, evenly."""
-        values = np.linspace(gripper, gripper if to_gripper is None else to_gripper, len(arm))
-        q = np.array([self.robot.with_arm(a, float(g)) for a, g in zip(arm, values)])
-        body = held.body if held else touching
-        allowed_contacts = [(pad, body) for pad in sorted(self.robot.pads)] if body else []
-        if on_floor and body:
-            allowed_contacts.append((body, "floor"))
-        return Motion(stage, self.robot.joint_names, q, np.arange(len(q), dtype=float), held, tuple(allowed_contacts))

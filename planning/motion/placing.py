@@ -79,6 +79,16 @@ class Placing:
                         code, pair = got, touch
         return cell.blocked(STAGES[code], self._seen_at(code), pair, self.pick.held.body)
 
+    def at(self, T_world_object: Array, start: Array) -> Place | None:
+        """Put the object down at T_world_object (4, 4) on the floor, by the solution of inverse kinematics that `start` (A,) leads to; None
+        when that is not free."""
+        p, R = self._compiled, np.ascontiguousarray(T_world_object[:3, :3])
+        low, high = (R @ p.standing.body.vertices).min(1), (R @ p.standing.body.vertices).max(1)
+        centre, (lower, retreat, T) = T_world_object[:3, 3] + np.append((low + high)[:2] / 2, low[2]), self._waypoints()
+        code, _ = reaching.put_down(self.cell.hand, p, R, 0.0, centre, np.zeros(1), start[None], self.cell.memory, lower, retreat, T)
+        self.cell.forget()
+        return Place(lower, retreat, T_world_object) if code == reaching.OK else None
+
     def ends(self, centres: Array) -> tuple[Int, Array]:
         """Over which of centres (N, 3) the object can be put down by solutions near the pick's: their indices (K,), and the arm's
         configurations where the ways down begin (K, A)."""

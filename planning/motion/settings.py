@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from kinematics.scene import Body
+from planning.motion.quicken import QuickenSettings
 from planning.motion.rrt_connect import RRTConnectSettings
 from planning.motion.shortcut import ShortcutSettings
 
@@ -51,14 +52,31 @@ def tilt_limit_deg(body: Body, max_tilt_deg: float) -> float:
 
 
 @dataclass(frozen=True)
+class QuickestSettings:
+    """How hard quick ways are sought. looks: how many shortest paths are looked at. planned: how many ways that are not straight are planned
+    for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker.
+    iterations: of each such search."""
+
+    looks: int = 100
+    planned: int = 4
+    again: int = 2
+    iterations: int = 500
+
+
+@dataclass(frozen=True)
 class MotionSettings:
-    """All that may be chosen about motions. max_tilt_deg: how far what is carried may lean from how it stood, where the object itself does
-    not say; 180 frees it."""
+    """All that may be chosen about motions.
+
+    max_tilt_deg: how far what is carried may lean from how it stood, where the object itself does not say; 180 frees it. rrt, shortcuts: of
+    each search for a path. quicken, quickest: of how the moves of a whole plan are made quick at last.
+    """
 
     clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
     max_tilt_deg: float = 30.0
     rrt: RRTConnectSettings = field(default_factory=RRTConnectSettings)
     shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(tries=40))
+    quicken: QuickenSettings = field(default_factory=QuickenSettings)
+    quickest: QuickestSettings = field(default_factory=QuickestSettings)
 
     def __post_init__(self) -> None:
         """Raises ValueError for a tilt that is none, or too narrow."""

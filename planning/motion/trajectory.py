@@ -69,7 +69,7 @@ class _Drive:
     def __init__(self, cell: Workcell, pace: Pace) -> None:
         self.cell, self.pace = cell, pace
         robot, arm = cell.robot, list(cell.robot.arm_joints)
-        self.limits = robot.velocity[arm], robot.acceleration[arm], robot.jerk[arm]
+        self.limits = robot.arm_limits
         self.positions = robot.lower[arm], robot.upper[arm]
         self.t, self.rows = np.empty(_ROWS), np.empty((_ROWS, 3, len(arm)))
         self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))

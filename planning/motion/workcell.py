@@ -28,7 +28,8 @@ from kinematics.shapes import bounds, convex_parts
 from kinematics.transforms import Array, transform
 from planning.motion.arm import MOST_OPENINGS, arm_at
 from planning.motion.connecting import connect
-from planning.motion.edges import Memory, Task, connects, memory_for, pose_task, with_clearance, without_still
+from planning.motion.edges import Memory, Task, connects, connects_from_ends, memory_for, pose_task, with_clearance, without_still
+from planning.motion.quicken import quicken
 from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
 from planning.motion.rrt_connect import reach
 from planning.motion.settings import DEFAULTS, LEAST_TILT_DEG, MotionSettings, tilt_limit_deg
@@ -42,7 +43,8 @@ PULL_TRIES = 6  # starts of inverse kinematics
 ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
 TIME_IS_UP = "the time for it is up"
 TILTS = "what is carried would lean too far"
-KEPT = 6  # sets of poses for which the packed bodies are kept
+NEAR_M = 0.2  # so far from the ends of a path, in metres moved, the least clearance will do
+KEPT = 16  # sets of poses for which the packed bodies are kept
 
 
 @dataclass(frozen=True)
@@ -320,6 +322,27 @@ class Workcell:
             return CollisionPair(detail=TILTS)
         pair = edge_check.edge_contact(query.task.exact, qa, qb, memory.exact)
         return self.name_of(query, pair) if pair >= 0 else CollisionPair(detail="touches by less than the margin")
+
+    def straight(self, query: PlanningQuery, qa: Array, qb: Array) -> bool:
+        """Whether the straight way from qa to qb (A,) keeps the clearance that is wanted, but near its ends, for certain."""
+        clear = self.keeping(query, self.settings.clearance.wanted_m).task
+        memory, middle = self.enter(query), np.empty((2, len(qa)))
+        return bool(connects_from_ends(query.task, clear, qa, qb, 3, NEAR_M, middle, memory))
+
+    def quickened(self, query: PlanningQuery, path: Array, rng: np.random.Generator) -> Array:
+        """A certified path (K, A) that takes less time, with the same ends and as much clearance as it has now, near its ends apart."""
+        seed = int(rng.integers(2**31))
+        if len(path) < 3:
+            return path
+        memory, middle, last = self.enter(query), np.empty((2, path.shape[1])), len(path) - 2
+        for level in self.settings.clearance.levels_m:
+            clear = self.keeping(query, level).task
+            if all(
+                connects_from_ends(query.task, clear, a, b, (k == 0) + 2 * (k == last), NEAR_M, middle, memory)
+                for k, (a, b) in enumerate(pairwise(path))
+            ):
+                break
+        return quicken(query.task, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken)
 
     def enter(self, query: PlanningQuery) -> Memory:
         """The memory, made ready for this situation."""

@@ -215,6 +215,7 @@ def retrieve_unseen(
                     continue
                 on_step(f"moved {object_name} to region {region}")
                 with moving:
+                    ((_, done),) = motions.quickest([(state, done)], rng)
                     driven = motions.trajectories(state, done.motions)
                     doubts += _as_seen(mind, state, driven, settings.max_tilt_deg)
                 carried, world = world.move(driven, names)
@@ -278,7 +279,10 @@ def _try_target(mind: _BeliefState, looked: Looked, motions: Motions, state: Sta
     if mind.belief.body(target) is None:
         return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
     taken = motions.retrieve_target(state, rng)
-    return taken if isinstance(taken, Blocked) else replace(taken, motions=motions.trajectories(state, taken.motions))
+    if isinstance(taken, Blocked):
+        return taken
+    ((_, taken),) = motions.quickest([(state, taken)], rng)
+    return replace(taken, motions=motions.trajectories(state, taken.motions))
 
 
 def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]]) -> list[str]:

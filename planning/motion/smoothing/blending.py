@@ -4,7 +4,8 @@ Along each straight piece the arm follows a jerk-limited profile (jerk_limited.p
 from one piece's direction to the next one's with such a profile, so the jerk is constant but for three switches, all joints' limits hold
 exactly, and the whole is a spline of cubic pieces: C², with rows at the switches. The curve stays in the triangle between the corner and
 the two points where it leaves and rejoins the polyline; the faster the corner is passed, the larger that triangle. `choose_speeds` looks
-for the speeds at the corners that make the whole fastest, within the deviation that is allowed at each.
+for the speeds at the corners that make the whole fastest, within the deviation that is allowed at each: among a few levels first, by dynamic
+programming, then around these.
 
 Lengths and speeds along a piece are scaled: at speed 1 some joint is at its velocity limit, and a piece's length is its duration then.
 """
@@ -19,8 +20,10 @@ from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.smoothing.jerk_limited import change_time, driving_time, peak_speed, ramp_time
 
-SWEEPS = 4
-_FIRST_STEP, _LAST_STEP = 0.25, 0.004
+LEVELS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.65, 1.0)
+"""Speeds among which those at the corners are chosen at first."""
+SWEEPS = 2
+_FIRST_STEP, _LAST_STEP = 0.08, 0.005
 _WORTH_S = 1e-3  # another sweep is made when the last one saved as much
 LEAST_S = 2e-4
 """Rows are at least so far apart: in double precision, the jerk can't be told from positions that lie closer together."""
@@ -34,6 +37,7 @@ class Corners(NamedTuple):
     polyline at each waypoint, in metres moved.
     direction (K - 1, A); limits (K - 1, 3): length, acceleration and jerk along it. speed (K, 2): at each waypoint, before and behind it.
     took, strays (K,): for each corner its seconds, and how far the curve leaves the polyline there at most, in metres moved.
+    table (3, K, number of levels): scratch.
     """
 
     q: Array
@@ -48,6 +52,7 @@ class Corners(NamedTuple):
     speed: Array
     took: Array
     strays: Array
+    table: Array
 
 
 def make_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, weight: Array, most: Array | None = None) -> Corners:
@@ -55,7 +60,7 @@ def make_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, we
     K, A = q.shape
     corners = Corners(
         np.ascontiguousarray(q, float), velocity, acceleration, jerk, np.ones(K - 1) if most is None else most, weight, np.full(K, np.inf),
-        np.empty((K - 1, A)), np.empty((K - 1, 3)), np.zeros((K, 2)), np.zeros(K), np.zeros(K),
+        np.empty((K - 1, A)), np.empty((K - 1, 3)), np.zeros((K, 2)), np.zeros(K), np.zeros(K), np.empty((3, K, len(LEVELS))),
     )  # fmt: skip
     measure(*corners)
     return corners
@@ -64,42 +69,41 @@ def make_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, we
 @jit_entry
 def measure(
     q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array,
+    limits: Array, speed: Array, took: Array, strays: Array, table: Array,
 ) -> None:  # fmt: skip
     """Fill in direction and limits."""
-    for i in range(q.shape[0] - 1):
+    measure_pieces(q, q.shape[0], velocity, acceleration, jerk, direction, limits)
+
+
+@jit_inline
+def measure_pieces(q: Array, n: int, velocity: Array, acceleration: Array, jerk: Array, direction: Array, limits: Array) -> bool:
+    """Fill in direction and limits for the pieces of q[:n]; False when one of them has no length."""
+    for i in range(n - 1):
         length, a, b = 0.0, np.inf, np.inf
         for j in range(q.shape[1]):
             length = max(length, abs(q[i + 1, j] - q[i, j]) / velocity[j])
+        if length == 0.0:
+            return False
         for j in range(q.shape[1]):
             d = (q[i + 1, j] - q[i, j]) / length
             direction[i, j] = d
             if d != 0.0:
                 a, b = min(a, acceleration[j] / abs(d)), min(b, jerk[j] / abs(d))
         limits[i, 0], limits[i, 1], limits[i, 2] = length, a, b
+    return True
 
 
 @jit_entry
 def choose_speeds(
     q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array,
+    limits: Array, speed: Array, took: Array, strays: Array, table: Array,
 ) -> float:  # fmt: skip
-    """Choose speed and took; the duration of the whole comes back. Corners whose curve would stray too far are slowed down first.
+    """Choose speed and took; the duration of the whole comes back.
 
-    A pattern search, corner by corner: both speeds of a corner at once, then either.
+    Levels first, then a pattern search, corner by corner: both speeds of a corner at once, then either.
     """
     K = q.shape[0]
-    for i in range(1, K - 1):
-        for _ in range(100):
-            took[i] = _corner_time(acceleration, jerk, direction, speed, i)
-            if _off_corner(weight, direction, speed, took, i) <= allowed[i]:
-                break
-            for side in range(2):
-                speed[i, side] = 0.8 * speed[i, side] if speed[i, side] > 1e-6 else 0.0
-    total = _whole(limits, most, speed, took)
-    if total == np.inf:  # a way that was feasible before need not be so with slower neighbours
-        for i in range(1, K - 1):
-            speed[i, 0] = speed[i, 1] = took[i] = 0.0
+    choose_levels(K, acceleration, jerk, most, weight, allowed, direction, limits, speed, took, table)
     for sweep in range(SWEEPS):
         saved = 0.0
         for i in range(1, K - 1):
@@ -110,6 +114,62 @@ def choose_speeds(
     for i in range(1, K - 1):
         strays[i] = _off_corner(weight, direction, speed, took, i)
     return _whole(limits, most, speed, took)
+
+
+@jit_inline
+def choose_levels(
+    n: int, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array, limits: Array, speed: Array,
+    took: Array, table: Array,
+) -> float:  # fmt: skip
+    """Choose among levels the speeds, the same before and behind it, at each of the first n waypoints; the duration comes back.
+
+    table[0] holds the seconds of each corner at each level, table[1] those of the best way to there, table[2] the level before on it.
+    """
+    corner, best, before = table[0], table[1], table[2]
+    for i in range(n):
+        for s in range(len(LEVELS)):
+            corner[i, s] = best[i, s] = np.inf
+            if s == 0:
+                corner[i, s] = 0.0
+            elif 0 < i < n - 1 and LEVELS[s] <= min(most[i - 1], most[i]):
+                speed[i, 0] = speed[i, 1] = LEVELS[s]
+                took[i] = _corner_time(acceleration, jerk, direction, speed, i)
+                if _off_corner(weight, direction, speed, took, i) <= allowed[i]:
+                    corner[i, s] = took[i]
+    best[0, 0] = 0.0
+    for i in range(1, n):
+        length, a, b = limits[i - 1, 0], limits[i - 1, 1], limits[i - 1, 2]
+        for s in range(len(LEVELS)):
+            if corner[i, s] == np.inf:
+                continue
+            for r in range(len(LEVELS)):
+                if best[i - 1, r] < np.inf:
+                    left = length - 0.5 * (LEVELS[r] * corner[i - 1, r] + LEVELS[s] * corner[i, s])
+                    if left >= 0.0:
+                        now = best[i - 1, r] + corner[i, s] + _quick_drive(left, LEVELS[r], LEVELS[s], most[i - 1], a, b)
+                        if now < best[i, s]:
+                            best[i, s], before[i, s] = now, r
+    level = 0
+    for i in range(n - 1, 0, -1):
+        speed[i, 0] = speed[i, 1] = LEVELS[level]
+        took[i] = corner[i, level]
+        level = int(before[i, level])
+    speed[0, 0] = speed[0, 1] = took[0] = 0.0
+    return float(best[n - 1, 0])
+
+
+@jit_inline
+def _quick_drive(left: float, first: float, last: float, most: float, a: float, b: float) -> float:
+    """Seconds over a distance between two speeds by way of the highest level that it has room for; infinite without room for any."""
+    for k in range(len(LEVELS) - 1, -1, -1):
+        peak = min(LEVELS[k], most)
+        if peak < max(first, last):
+            return np.inf
+        up, down = change_time(peak - first, a, b), change_time(peak - last, a, b)
+        over = 0.5 * ((first + peak) * up + (peak + last) * down)
+        if over <= left and peak > 0.0:
+            return up + down + (left - over) / peak
+    return float((32.0 * left / b) ** (1.0 / 3.0))  # from rest to rest, slower than the slowest level: four pulses of the jerk
 
 
 @jit_inline
@@ -195,7 +255,7 @@ def _whole(limits: Array, most: Array, speed: Array, took: Array) -> float:
 @jit_entry
 def write_corner(
     q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, i: int, t: Array, rows: Array,
+    limits: Array, speed: Array, took: Array, strays: Array, table: Array, i: int, t: Array, rows: Array,
 ) -> int:  # fmt: skip
     """The corner at waypoint i alone: its rows, see `write_rows`; how many come back."""
     for j in range(q.shape[1]):
@@ -209,7 +269,7 @@ def write_corner(
 @jit_entry
 def write_rows(
     q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, t: Array, rows: Array,
+    limits: Array, speed: Array, took: Array, strays: Array, table: Array, t: Array, rows: Array,
 ) -> int:  # fmt: skip
     """The rows of the spline: t (R,) times and rows (R, 3, A) positions, velocities, accelerations; how many come back. R ≥ 10 K."""
     n, last = 1, q.shape[0] - 1

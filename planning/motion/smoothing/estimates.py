@@ -1,0 +1,49 @@
+"""How long ways take, at once: straight ones from rest to rest, and polylines whose corners are rounded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kinematics.jit.decorators import jit_entry
+from kinematics.transforms import Array
+from planning.motion.smoothing.blending import Corners, choose_levels, make_corners, measure_pieces
+
+Limits = tuple[Array, Array, Array]
+"""Of velocity, acceleration and jerk (A,)."""
+
+
+def straight_s(by: Array, limits: Limits) -> Array:
+    """Seconds (...,) from rest to rest for joints that turn `by` (..., A) rad or m: those of the joint that takes longest."""
+    v, a, j = limits
+    d = np.abs(by)
+    ramp = np.where(v * j >= a * a, v / a + a / j, 2 * np.sqrt(v / j))  # to full speed
+    full = d / v + ramp
+    trapezoid = a / j + np.sqrt((a / j) ** 2 + 4 * d / a)
+    pulses = np.cbrt(32 * d / j)
+    short = np.where(d >= 2 * a**3 / j**2, trapezoid, pulses)
+    return np.asarray(np.where(d >= v * ramp, full, short).max(-1))
+
+
+def polyline_s(q: Array, limits: Limits) -> float:
+    """Seconds from rest to rest along a polyline (K, A), its corners rounded as is quickest."""
+    q = q[np.append(True, np.abs(np.diff(q, axis=0)).max(1, initial=0.0) > 1e-9)]
+    if len(q) < 3:
+        return float(straight_s(q[-1] - q[0], limits))
+    return float(seconds(len(q), *make_corners(q, *limits, np.ones(q.shape[1]))))
+
+
+def room_for(q: Array, limits: Limits) -> Corners:
+    """What `seconds` works on, for polylines that are no longer than q (K, A)."""
+    K, A = q.shape
+    return make_corners(np.arange(K)[:, None] + np.zeros(A), *limits, np.ones(A))
+
+
+@jit_entry
+def seconds(
+    n: int, q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
+    limits: Array, speed: Array, took: Array, strays: Array, table: Array,
+) -> float:  # fmt: skip
+    """Seconds along q[:n] from rest to rest, about; infinite when a waypoint is repeated."""
+    if not measure_pieces(q, n, velocity, acceleration, jerk, direction, limits):
+        return np.inf
+    return float(choose_levels(n, acceleration, jerk, most, weight, allowed, direction, limits, speed, took, table))

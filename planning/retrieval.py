@@ -18,7 +18,8 @@ from kinematics.collision.broad_phase import BroadPhase
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from perception.observation import Observation, observe
-from planning.motion.pick_place import Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import Motions
 from planning.motion.replay import hand_poses, with_clearances
 from planning.motion.sampling import samples
 from planning.motion.settings import DEFAULTS, MotionSettings

@@ -15,7 +15,8 @@ from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
 from planning.learning.labels import PATHS, Row, label, movable, paths_to_target
 from planning.learning.partial_views import glimpsed
-from planning.motion.pick_place import Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.scene_generation import Spec, generate
 

@@ -1,4 +1,4 @@
-"""One way to carry an object, waypoints and all, and the motions that it consists of: transit, approach, grasp, lift, transfer and so on."""
+"""One way to carry an object, waypoints and all, and the motions that it consists of, from transit to retreat."""
 
 from __future__ import annotations
 

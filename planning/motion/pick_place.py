@@ -110,7 +110,7 @@ class Motions:
         return timed(self.cell, state.poses, motions, self.pace)
 
     def quickest(self, found: Sequence[tuple[State, Done]], rng: np.random.Generator) -> list[tuple[State, Done]]:
-        """Moves that were found one after the other, each with the state before it, made as quick as can be: see `planning.motion.quickest`.
+        """Moves that were found one after the other, each with the state before it, made as quick as can be (`planning.motion.quickest`).
         Every object ends where it did."""
         moves = [self._choices(state, done.carry) for state, done in found if done.carry is not None]
         if not moves:

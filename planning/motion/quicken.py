@@ -1,7 +1,7 @@
 """Make a path quicker: random changes that save time, compiled, every edge certified.
 
-What is tried: waypoints left out, moved at random or towards the chord beside them, corners cut, stretches gone straight. How long a polyline
-takes is estimated (smoothing/estimates.py).
+What is tried: waypoints left out, moved at random or towards the chord beside them, corners cut, stretches gone straight. How long a
+polyline takes is estimated (smoothing/estimates.py).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """The quickest of many ways to make moves that were found: grasps, branches of the arm, turns and ends chosen together.
 
 A move is found with what came first. Here it is known which moves follow one another, and where each object ends stays as it is; all else
-is chosen anew: with which grasp and which of the arm's solutions an object is taken, with which it is put down, where the target ends. These
-are the nodes of a graph, a layer a move, and ways between them its edges, weighted by time. The shortest path is sought lazily: ways are
-taken to be straight and free until a shortest path comes to use them; then they are looked at, and where they are not free they are planned
-(LazySP; Dellin and Srinivasa 2016, A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations). The moves as they were
-found are a path of the graph, too, so the result takes no longer, as far as times are estimated well.
+is chosen anew: with which grasp and which of the arm's solutions an object is taken, with which it is put down, where the target ends.
+These are the nodes of a graph, a layer a move, and ways between them its edges, weighted by time. The shortest path is sought lazily: ways
+are taken to be straight and free until a shortest path comes to use them; then they are looked at, and where they are not free they are
+planned (LazySP; Dellin and Srinivasa 2016, A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations). The moves as
+they were found are a path of the graph, too, so the result takes no longer, as far as times are estimated well.
 """
 
 from __future__ import annotations
@@ -168,7 +168,10 @@ class _Graph:
                 layer.across[n] = self._better(layer.picks[p].carrying, layer.across[n])
 
     def _better(self, query: PlanningQuery, path: Array) -> Array:
-        found = [path, *(self.cell.connect(query, path[0], path[-1:], self.rng, self.settings.iterations) for _ in range(self.settings.again))]
+        found = [
+            path,
+            *(self.cell.connect(query, path[0], path[-1:], self.rng, self.settings.iterations) for _ in range(self.settings.again)),
+        ]
         paths = [self.cell.quickened(query, p, self.rng) for p in found if not isinstance(p, Blocked)]
         return min(paths, key=lambda p: polyline_s(p, self.limits))
 

@@ -53,8 +53,8 @@ def tilt_limit_deg(body: Body, max_tilt_deg: float) -> float:
 
 @dataclass(frozen=True)
 class QuickestSettings:
-    """How hard quick ways are sought. looks: how many shortest paths are looked at. planned: how many ways that are not straight are planned
-    for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker.
+    """How hard quick ways are sought. looks: how many shortest paths are looked at. planned: how many ways that are not straight are
+    planned for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker.
     iterations: of each such search."""
 
     looks: int = 100

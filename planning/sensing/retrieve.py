@@ -22,7 +22,8 @@ from perception.frames import Frame
 from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
 from perception.objects.clustering import NoSurfaces
 from perception.rendering.synthetic_camera import Camera, synthetic_camera
-from planning.motion.pick_place import ITERATIONS, Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.replay import hand_poses
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace

@@ -4,8 +4,8 @@ Along each straight piece the arm follows a jerk-limited profile (jerk_limited.p
 from one piece's direction to the next one's with such a profile, so the jerk is constant but for three switches, all joints' limits hold
 exactly, and the whole is a spline of cubic pieces: C², with rows at the switches. The curve stays in the triangle between the corner and
 the two points where it leaves and rejoins the polyline; the faster the corner is passed, the larger that triangle. `choose_speeds` looks
-for the speeds at the corners that make the whole fastest, within the deviation that is allowed at each: among a few levels first, by dynamic
-programming, then around these.
+for the speeds at the corners that make the whole fastest, within the deviation that is allowed at each: among a few levels first, by
+dynamic programming, then around these.
 
 Lengths and speeds along a piece are scaled: at speed 1 some joint is at its velocity limit, and a piece's length is its duration then.
 """

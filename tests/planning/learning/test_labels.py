@@ -23,7 +23,8 @@ from planning.learning.label_file import UNKNOWN, Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target
 from planning.learning.states import MOVES, Variety, next_move, rows, varied_scene
 from planning.learning.swept import footprint, meets
-from planning.motion.pick_place import Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.relaxed_plan import relaxed_plan
 from planning.scene_generation import generate, load_spec

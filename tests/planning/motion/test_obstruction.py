@@ -12,7 +12,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene, State
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
-from planning.motion.pick_place import Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import Motions
 from planning.motion.picking import THOROUGH, Picking
 from planning.policies.unsolvable import Prover
 from planning.relaxed_plan import relaxed_plan, stuck_set

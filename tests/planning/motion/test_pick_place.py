@@ -19,7 +19,8 @@ from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
 from planning.grasps import open_width, sample_grasps
 from planning.motion import reaching, workcell
-from planning.motion.pick_place import Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
 from planning.plan import Blocked
 from planning.scene_generation import generate, load_spec

@@ -14,7 +14,8 @@ from kinematics.robots.robot import Robot, load
 from kinematics.shapes import bounds
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
-from planning.motion.pick_place import Done, Motions
+from planning.motion.carry import Done
+from planning.motion.pick_place import Motions
 from planning.motion.replay import replay
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.trajectory import STRAIGHT, Pace, timed

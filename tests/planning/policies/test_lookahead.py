@@ -10,7 +10,8 @@ from written_world import WrittenWorld, at_first
 
 from kinematics.scene import State
 from perception.observation import Observation, observe
-from planning.motion.pick_place import Choice, Done
+from planning.motion.carry import Done
+from planning.motion.pick_place import Choice
 from planning.plan import Unsolvable
 from planning.policies.lookahead import NEAREST, Lookahead, nearest_regions
 from planning.policies.search import Effort, Preferences, Search

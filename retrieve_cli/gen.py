@@ -78,4 +78,8 @@ def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:
     T_base = transform(p=arm.base_p)
     if arm.name in named_robots():
         return RobotRef(T_base, name=arm.name)
-    return RobotRef(T_base, urdf=str(Path(arm.name).resolve()), hand_frame=hand_frame, gripper_joint=arm.joint_names[arm.gripper_joint])
+    urdf, grip = str(Path(arm.name).resolve()), arm.grip
+    if grip is None or (hand_frame is not None and len(grip.joints) == 1):
+        return RobotRef(T_base, urdf=urdf, hand_frame=hand_frame, gripper_joint=arm.joint_names[arm.gripper_joint])
+    T = grip.T_link_hand if grip.measured else None
+    return RobotRef(T_base, urdf=urdf, hand_frame=grip.link, T_link_hand=T, gripper_joints=grip.joints)

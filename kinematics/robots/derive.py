@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 
 from kinematics import cache
 from kinematics.robots.link_geometry import check_sizes, link_hulls
-from kinematics.robots.tree import FIXED, SLIDES, TURNS, Tree
+from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree
+from kinematics.transforms import Array
 
 
 def fingerprint(data: dict[str, NDArray[Any]]) -> str:
@@ -22,11 +24,20 @@ def fingerprint(data: dict[str, NDArray[Any]]) -> str:
     return cache.key(*(str(n) for n in data["links"]), *(a.tobytes() for a in arrays))
 
 
-def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) -> dict[str, NDArray[Any]]:
-    """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays."""
-    import yourdfpy
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A URDF as read: the tree, its actuated joints' names, limits (J, 3), lower, upper and velocity, the link hulls; notes about these."""
 
-    from kinematics.collision.fcl_solids import always_touching
+    tree: Tree
+    joints: tuple[str, ...]
+    limits: Array
+    hulls: tuple[LinkHull, ...]
+    notes: tuple[str, ...]
+
+
+def read_description(text: str, name: str) -> Description:
+    """The tree and the hulls of a cleaned URDF. Raises: ValueError where it has no collision geometry, or a mesh that can't be meant."""
+    import yourdfpy
 
     model = yourdfpy.URDF.load(
         BytesIO(text.encode()), filename_handler=lambda fname: fname, load_meshes=False, build_scene_graph=True, load_collision_meshes=False
@@ -35,11 +46,20 @@ def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) 
     tree, joints = _tree(model)
     at_grippers = _at_grippers(tree)
     found = [link_hulls(model.link_map[link], at_grippers) for link in tree.names]
-    hulls, notes = [h for hulls, _ in found for h in hulls], [note for _, notes in found for note in notes]
+    hulls, notes = tuple(h for hulls, _ in found for h in hulls), tuple(note for _, notes in found for note in notes)
     if not hulls:
         raise ValueError(f"robot {name} has links but no collision geometry: add <collision> elements to its URDF")
-    skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf, renamed)
     limits = np.array([_limits(model.joint_map[j]) for j in joints]).reshape(-1, 3)
+    return Description(tree, tuple(joints), limits, hulls, notes)
+
+
+def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) -> dict[str, NDArray[Any]]:
+    """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays."""
+    from kinematics.collision.fcl_solids import always_touching
+
+    known = read_description(text, name)
+    tree, joints, limits, hulls = known.tree, known.joints, known.limits, known.hulls
+    skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf, renamed)
     rng = np.random.default_rng(0)
     low, high = np.where(np.isinf(limits[:, 0]), -np.pi, limits[:, 0]), np.where(np.isinf(limits[:, 1]), np.pi, limits[:, 1])
     samples = [dict(zip(tree.names, tree.poses(rng.uniform(low, high)))) for _ in range(200)]
@@ -53,7 +73,7 @@ def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) 
         "hull_vertices": np.concatenate([h.vertices for h in hulls]),
         "hull_faces": np.concatenate([h.faces for h in hulls]),
         "hull_counts": np.array([(len(h.vertices), len(h.faces)) for h in hulls]),
-        "notes": np.array(notes, dtype=np.str_),
+        "notes": np.array(known.notes, dtype=np.str_),
         "skip": np.array(sorted(tuple(sorted(pair)) for pair in skip if len(pair) == 2), dtype=np.str_).reshape(-1, 2),
     }
 

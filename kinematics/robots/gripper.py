@@ -19,20 +19,25 @@ PAD_M = 0.008  # a finger link that stays within 8 mm of being the innermost one
 _Z = np.linspace(-0.12, 0.04, 161)  # where the fingers are looked at, along the hand's z
 ROOM_M = 0.005
 """What an object in the hand is to keep from all that does not hold it."""
+SLIVER_M = 1e-6
+"""Triangles that are no higher than that say nothing about a hull's faces."""
 _BETWEEN = np.abs(_Z) <= 0.015  # the hand frame's origin lies between the pads
 
 
 @dataclass(frozen=True, eq=False)
 class Opening:
     """The gripper's table, by rising width: joint value, width between the pads, where the pads' middle is along the hand's z, and how far
-    behind that an object of this width may reach if it is to end ROOM_M before a knuckle or the palm, which then are nowhere nearer;
-    metres.
+    behind that an object of this width may reach if it is to end ROOM_M before a knuckle or the palm, which then are nowhere nearer; and
+    where the pads' middle is along the hand's y, which is 0 but for a jaw that moves alone; metres.
+    jaw: on which side along y the one jaw is that moves against a fixed one, 1 or -1; 0 where both sides move.
     """
 
     value: Array
     width_m: Array
     pad_z_m: Array
     depth_m: Array
+    pad_y_m: Array
+    jaw: int = 0
 
     @property
     def max_m(self) -> float:
@@ -51,6 +56,16 @@ class Opening:
         """The middle of the pads along the hand's z, at a width."""
         return float(np.interp(width_m, self.width_m, self.pad_z_m))
 
+    def pad_y_at(self, width_m: float) -> float:
+        """The middle of the pads along the hand's y, at a width."""
+        return float(np.interp(width_m, self.width_m, self.pad_y_m))
+
+    def hand_position(self, middle: Array, R: Array, width_m: float) -> Array:
+        """Where the hand frame (3,) is when it is turned by R (3, 3) and the middle between its pads is at a point (3,), at a width."""
+        if self.jaw == 0:
+            return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2])
+        return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2] - self.pad_y_at(width_m) * R[:, 1])
+
     def depth_at(self, width_m: float) -> float:
         """How far behind the pads' middle an object of this width may reach."""
         return float(np.interp(width_m, self.width_m, self.depth_m))
@@ -59,47 +74,137 @@ class Opening:
 def measure(
     tree: Tree, hulls: tuple[LinkHull, ...], fingers: frozenset[str], gripper: int, limits: tuple[float, float], rest: Array, name: str
 ) -> tuple[Opening, frozenset[str]]:
-    """Tabulate the opening over the gripper joint's limits, the other joints at rest (J,), and find the pads among the finger links.
+    """Tabulate the opening over the gripper joint's limits, the other joints at rest (J,), and find the pads among the links of the hand.
 
-    Raises: ValueError when the fingers don't close along the hand frame's y; name: the robot's, for that message.
+    Raises: NotClosing when the fingers don't close along the hand frame's y; name: the robot's, for that message.
     """
     mover = max(i for i in tree.path(tree.index["hand"]) if tree.kind[i] != FIXED)
     hand = [hull for hull in hulls if mover in tree.path(tree.index[hull.link])]
-    profiles, widths, pad_z, places = [], [], [], []
     values = np.linspace(*limits, 33)
-    for value in values:
-        q = rest.copy()
-        q[gripper] = value
-        poses = tree.poses(q)
-        T_hand = inverse(poses[tree.index["hand"]])
-        inner = {hull.link: np.full(len(_Z), np.inf) for hull in hand}
-        sides = {1: np.full(len(_Z), np.inf), -1: np.full(len(_Z), np.inf)}
-        placed = [(h.link, h.vertices @ T[:3, :3].T + T[:3, 3], h.faces) for h in hand for T in [T_hand @ poses[tree.index[h.link]]]]
-        for hull, (_, vertices, faces) in zip(hand, placed):
-            low, high = _cross(vertices, faces, _Z)
-            gap = np.where(np.isnan(low), np.inf, np.maximum(0.0, np.maximum(low, -high)))
-            inner[hull.link] = np.minimum(inner[hull.link], gap)
-            if hull.link in fingers and np.isfinite(low).any():
-                side = 1 if np.nanmean(low + high) > 0 else -1
-                sides[side] = np.minimum(sides[side], gap)
-        width = sides[1] + sides[-1]
-        if not np.isfinite(width[_BETWEEN]).any():
-            raise ValueError(f"robot {name}: no fingers on both sides of the hand frame along its y axis; "
-                             "put the hand frame between the pads, z along the approach, y the way the fingers close")  # fmt: skip
-        widths.append(float(np.min(width[_BETWEEN])))
-        pad_z.append(float(_Z[(np.abs(width - widths[-1]) <= 0.0005) & (_Z > -0.04)].mean()))
-        profiles.append(inner)
-        places.append(placed)
-    if max(widths) - min(widths) < 0.005:
-        raise ValueError(f"robot {name}: the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis; "
-                         "is it the right joint, and does the frame's y point the way the fingers close?")  # fmt: skip
-    wide = [i for i, w in enumerate(widths) if w > 0.4 * max(widths)]  # when the fingers are closed, the knuckles are innermost too
-    pads = frozenset(f for f in fingers if max(np.min(profiles[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
-    depth = [_free_depth(placed, pads, width, z) for placed, width, z in zip(places, widths, pad_z)]
-    order = np.argsort(widths, kind="stable")
-    table = np.stack([values, widths, pad_z, depth])[:, order]
-    rising = np.concatenate([[True], np.diff(table[1]) > 1e-6])
-    return Opening(*table[:, rising]), pads
+    places = [_placed(tree, hand, rest, gripper, value) for value in values]
+    profiles = [_profile(placed, fingers) for placed in places]
+    jaw = _jaw_side(tree, gripper, places, fingers)
+    if jaw:
+        furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
+        profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
+    widths, middles = zip(*(_width(p, jaw) for p in profiles))
+    usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
+    if (len(usable) < len(widths) and not jaw) or len(usable) < 2:
+        raise NotClosing(f"robot {name}: no fingers on both sides of the hand frame along its y axis", sorted(fingers))
+    if max(widths[i] for i in usable) - min(widths[i] for i in usable) < LEAST_WAY_M:
+        words = "the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis"
+        raise NotClosing(f"robot {name}: {words}", sorted(fingers))
+    wide = [i for i in usable if widths[i] > 0.4 * max(widths[k] for k in usable)]  # when they are closed, the knuckles are innermost too
+    if jaw:
+        pads = _inmost(profiles, fingers, jaw, wide) | _inmost(profiles, frozenset(h.link for h in hand) - fingers, -jaw, wide)
+    else:
+        inner = [p.links for p in profiles]
+        pads = frozenset(f for f in fingers if max(np.min(inner[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
+    pad_z = [_pad_z(profiles[i], widths[i], jaw) for i in usable]
+    depth = [_free_depth(_centred(places[i], middles[i]), pads, widths[i], z) for i, z in zip(usable, pad_z)]
+    order = np.argsort([widths[i] for i in usable], kind="stable")
+    columns = (values[usable], [widths[i] for i in usable], pad_z, depth, [middles[i] for i in usable])
+    table = np.stack([np.asarray(c, float) for c in columns])[:, order]
+    value, width, z, deep, y = table[:, np.concatenate([[True], np.diff(table[1]) > 1e-6])]
+    return Opening(value, width, z, deep, y, jaw), pads
+
+
+LEAST_WAY_M = 0.005
+_Placed = list[tuple[str, Array, Int]]
+"""Hulls in the hand's frame: link, vertices (V, 3), faces (F, 3)."""
+
+
+class NotClosing(ValueError):
+    """The fingers don't close along the hand frame's y: the message, and the fingers' links."""
+
+    def __init__(self, message: str, fingers: list[str]) -> None:
+        super().__init__(message)
+        self.fingers = fingers
+
+
+def _placed(tree: Tree, hand: Sequence[LinkHull], rest: Array, gripper: int, value: float) -> _Placed:
+    """The hand's hulls in its frame with the gripper's joint at a value."""
+    q = rest.copy()
+    q[gripper] = value
+    poses = tree.poses(q)
+    T_hand = inverse(poses[tree.index["hand"]])
+    return [(h.link, h.vertices @ T[:3, :3].T + T[:3, 3], h.faces) for h in hand for T in [T_hand @ poses[tree.index[h.link]]]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """What the line x = 0 crosses at each of the heights _Z (Z,). links: how near to y = 0 each link comes, inf where it is not crossed;
+    sides: the nearest of the fingers on either side. Of a jaw that moves alone both are signed: what lies behind y = 0 is negative."""
+
+    links: dict[str, Array]
+    sides: dict[int, Array]
+
+
+def _profile(placed: _Placed, fingers: frozenset[str]) -> _Profile:
+    links, sides = dict[str, Array](), {side: np.full(len(_Z), np.inf) for side in (1, -1)}
+    for link, vertices, faces in placed:
+        low, high = cross_section(vertices, faces, _Z)
+        gap = np.where(np.isnan(low), np.inf, np.maximum(0.0, np.maximum(low, -high)))
+        links[link] = np.minimum(links.get(link, np.inf), gap)
+        if link in fingers and np.isfinite(low).any():
+            side = 1 if np.nanmean(low + high) > 0 else -1
+            sides[side] = np.minimum(sides[side], gap)
+    return _Profile(links, sides)
+
+
+def _jaw_side(tree: Tree, gripper: int, places: Sequence[_Placed], fingers: frozenset[str]) -> int:
+    """On which side along y a jaw is that moves alone, 1 or -1; 0 where the gripper's joint moves several fingers."""
+    moving = [i for i in range(len(tree.names)) if tree.kind[i] != FIXED and tree.q_index[i] == gripper]
+    if len([i for i in moving if not set(tree.path(int(tree.parent[i]))) & set(moving)]) != 1:
+        return 0
+    furthest = max((np.concatenate([v for link, v, _ in placed if link in fingers]).mean(0)[1] for placed in places), key=abs)
+    return 1 if furthest > 0 else -1
+
+
+def _jaw_profile(placed: _Placed, fingers: frozenset[str], jaw: int, furthest: float) -> _Profile:
+    """The same for a jaw that moves alone, never further than that from y = 0: the other side is what it closes on, and stands still."""
+    links, sides = dict[str, Array](), {side: np.full(len(_Z), np.inf) for side in (1, -1)}
+    for link, vertices, faces in placed:
+        low, high = cross_section(vertices, faces, _Z)
+        side = jaw if link in fingers else -jaw
+        inner = np.where(np.isnan(low), np.inf, low if side > 0 else -high)
+        if link not in fingers:
+            inner = np.where(-inner < furthest, inner, np.inf)  # what lies beyond the jaw is not what it closes on
+        links[link] = np.minimum(links.get(link, np.inf), inner)
+        sides[side] = np.minimum(sides[side], inner)
+    return _Profile(links, sides)
+
+
+def _width(profile: _Profile, jaw: int) -> tuple[float, float]:
+    """How far the pads are apart, and where their middle is along y; nan where they don't face each other."""
+    width = (profile.sides[1] + profile.sides[-1])[_BETWEEN]
+    if not np.isfinite(width).any():
+        return np.nan, 0.0
+    at = int(np.argmin(np.where(np.isfinite(width), width, np.inf)))
+    plus, minus = (float(profile.sides[side][_BETWEEN][at]) for side in (1, -1))
+    return float(width[at]), (plus - minus) / 2 if jaw else 0.0
+
+
+def _pad_z(profile: _Profile, width: float, jaw: int) -> float:
+    """The middle of the pads along the hand's z."""
+    z = _Z[(np.abs(profile.sides[1] + profile.sides[-1] - width) <= 0.0005) & (_Z > -0.04)]
+    return float(z[np.abs(z) <= 0.015].mean() if jaw else z.mean())
+
+
+def _inmost(profiles: Sequence[_Profile], links: frozenset[str], side: int, wide: Sequence[int]) -> frozenset[str]:
+    """Those of some links that are always among the nearest on a side."""
+
+    def behind(link: str, p: _Profile) -> float:
+        return float(np.min(p.links[link][_BETWEEN]) - np.min(p.sides[side][_BETWEEN]))
+
+    return frozenset(link for link in links if max(behind(link, profiles[i]) for i in wide) < PAD_M)
+
+
+def _centred(placed: _Placed, middle: float) -> _Placed:
+    """The same with the pads' middle at y = 0."""
+    if middle == 0.0:
+        return placed
+    return [(link, vertices - [0.0, middle, 0.0], faces) for link, vertices, faces in placed]
 
 
 def _free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> float:
@@ -130,10 +235,13 @@ def _furthest(vertices: Array, faces: Int, half: float) -> float:
     return best
 
 
-def _cross(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:
+def cross_section(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:
     """Where the lines x = 0 at heights z (Z,) cross a convex hull: least and greatest y (Z,), nan where they miss."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
+    longest = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)
+    wide = np.linalg.norm(normal, axis=1) > SLIVER_M * longest  # a sliver's normal is rounding; its neighbours speak for it
+    a, normal = a[wide], normal[wide]
     normal *= np.sign(np.einsum("ij,ij->i", normal, a - vertices.mean(0)))[:, None]
     d = np.einsum("ij,ij->i", normal, a)
     rhs = d[:, None] - normal[:, 2:3] * z  # n_y · y <= rhs

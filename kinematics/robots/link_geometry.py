@@ -23,9 +23,9 @@ from kinematics.transforms import Array
 
 LARGEST_M = 3.0
 """A link whose mesh is longer than that was meant in millimetres."""
-FILLS, HAND_FILLS = 0.6, 0.85
+FILLS, HAND_FILLS = 0.6, 0.9
 """A mesh that fills less of its hull is taken apart; of a gripper's links, what lies between jaws matters more."""
-PARTS, HAND_PARTS, FRAME_PARTS = 4, 8, 16
+PARTS, HAND_PARTS, FRAME_PARTS = 4, 12, 16
 FRAME_FILLS = 0.25
 """A mesh that fills less of its hull is a frame or a sheet, and needs more parts."""
 SMALL_M3 = 2e-6
@@ -116,19 +116,20 @@ def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
     return MeshSolid(points, vertices, faces, abs(float(merged.volume)), float(hull.volume))
 
 
-def _mesh_parts(file: Path, scale: tuple[float, float, float], at_hand: bool) -> tuple[tuple[Array, ...], list[str]]:
+@lru_cache(maxsize=256)
+def _mesh_parts(file: Path, scale: tuple[float, float, float], at_hand: bool) -> tuple[tuple[Array, ...], tuple[str, ...]]:
     """The points (P, 3) of convex parts that contain a mesh, and notes."""
     mesh = read_mesh(file, scale)
     fills = HAND_FILLS if at_hand else FILLS
     if mesh.hull_volume < SMALL_M3 or mesh.volume >= fills * mesh.hull_volume:
-        return (mesh.points,), []
+        return (mesh.points,), ()
     parts = _taken_apart(mesh, FRAME_PARTS if mesh.volume < FRAME_FILLS * mesh.hull_volume else HAND_PARTS if at_hand else PARTS)
     if parts is None:
         share = 100 * mesh.volume / mesh.hull_volume
-        return (mesh.points,), [f"{file.name} fills {share:.0f} % of its convex hull and can't be taken apart: its hull stands for it"]
+        return (mesh.points,), (f"{file.name} fills {share:.0f} % of its convex hull and can't be taken apart: its hull stands for it",)
     if _volume(parts) >= fills * mesh.hull_volume:  # hollow, but convex as seen from outside
-        return (mesh.points,), []
-    return parts, []
+        return (mesh.points,), ()
+    return parts, ()
 
 
 def _volume(parts: tuple[Array, ...]) -> float:
@@ -177,7 +178,10 @@ def _containing(mesh: MeshSolid, parts: list[Array]) -> tuple[Array, ...]:
         vertices, faces = remesh.subdivide(vertices, faces, face_index=long)  # type: ignore[no-untyped-call]
     used = np.unique(faces)
     vertices, faces = vertices[used], np.searchsorted(used, faces)
-    planes = [ConvexHull(part).equations for part in parts]
+    parts = [part for part in parts if np.linalg.matrix_rank(part - part.mean(0), tol=1e-4) == 3]  # some are flat
+    if not parts:
+        return (mesh.points,)
+    planes = [ConvexHull(part, qhull_options="QJ").equations for part in parts]
     out = np.array([(vertices @ e[:, :3].T + e[:, 3]).max(1) for e in planes])
     nearest = out[:, faces].max(2).argmin(0)
     grown = list[Array]()
@@ -185,7 +189,7 @@ def _containing(mesh: MeshSolid, parts: list[Array]) -> tuple[Array, ...]:
         corners = np.unique(faces[nearest == k])
         outside = corners[out[k][corners] > 0]
         points = np.concatenate([part, vertices[outside]])
-        grown.append(points[ConvexHull(points).vertices])
+        grown.append(points[ConvexHull(points, qhull_options="QJ").vertices])
     return tuple(grown)
 
 

@@ -26,17 +26,19 @@ from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import Parts, make_parts
 from kinematics.mount import MOUNT, mount
 from kinematics.robots import urdf
-from kinematics.robots.derive import derive, fingerprint
+from kinematics.robots.derive import derive, fingerprint, read_description
+from kinematics.robots.find_gripper import Model
 from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.limits import JointLimits, joint_limits
+from kinematics.robots.own import Grip, find_grip, grip_from_arrays, grip_to_arrays, put_in
 from kinematics.robots.selfcheck import check_kinematics
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 from kinematics.scene import WALLS, Body, RobotRef, Scene
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
 
 WINDOW = 1.3 * np.pi
-_CACHE_VERSION = "robot-4"  # raise it when what `derive` computes changes
+_CACHE_VERSION = "robot-5"  # raise it when what `derive` computes changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ class Robot:
     joints left out; lower, upper (J,): limits, in rad or m, infinite where a joint is continuous; limits: those of its speed.
     arm_joints: indices of those between base and hand, in order; gripper_joint: index of the one that opens the hand.
     grip_force_N: how hard the gripper is told to close on an object, None where that is not known. notes: what of its description was
-    left out, changed or could not be done well, a line each.
+    left out, changed or could not be done well, a line each. grip: how the hand of a URDF of one's own closes, None of a named robot.
     skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves; pads: those of them that close on
     an object.
     """
@@ -72,6 +74,7 @@ class Robot:
     has_camera: bool = False
     grip_force_N: float | None = None
     notes: tuple[str, ...] = ()
+    grip: Grip | None = None
 
     @property
     def velocity(self) -> Array:
@@ -249,9 +252,9 @@ def load(
     """Load a named robot, or a URDF file; what was loaded before comes back as the same object.
 
     hand_frame: the link at the grasp point (z along the approach, y the way the fingers close); gripper_joint: the joint that opens the
-    fingers. Both are needed for a URDF file unless there is just one choice. T_link_hand (4, 4): the hand in that link, where the link is
-    not at the grasp point or is turned; of a named robot: in the hand frame that it has. home: where joints wait, by name, instead of
-    where the robot's description has them. gripper_joints: as gripper_joint, where several joints move fingers. on_step: told what takes
+    fingers. Of a URDF file both are found out where they are not given (`own.py`). T_link_hand (4, 4): the hand in that link, where the
+    link is not at the grasp point or is turned; of a named robot: in the hand frame that it has. home: where joints wait by name, if not
+    where the description has them. gripper_joints: as gripper_joint, where several joints move fingers. on_step: told what takes
     long.
 
     Raises: ValueError for an unknown name or joint, a missing package, and a URDF that can't serve, each saying how to mend it.
@@ -276,14 +279,14 @@ def _load(
         robot = _load(which, hand_frame, gripper_joint, T_link_hand, gripper_joints, None, on_step)
         return _waiting_at(robot, dict(home))
     T, table = np.frombuffer(T_link_hand).reshape(4, 4), named_robots()
-    gripper_joint = _one_gripper_joint(which, gripper_joint, gripper_joints)
+    named = _gripper_joints(which, gripper_joint, gripper_joints)
     if which in table:
         entry = table[which]
-        if gripper_joint not in (None, entry["gripper_joint"]):
-            raise ValueError(f"robot {which}: its gripper is opened by {entry['gripper_joint']!r}, not by {gripper_joint!r}")
+        if named not in ((), (entry["gripper_joint"],)):
+            raise ValueError(f"robot {which}: its gripper is opened by {entry['gripper_joint']!r}, not by {', '.join(map(repr, named))}")
         return _load_named(which, entry, T, on_step)
     if which.endswith((".urdf", ".xml", ".xacro")) or "/" in which:
-        return _load_urdf(Path(which), hand_frame, gripper_joint, T, on_step)
+        return _load_urdf(Path(which), hand_frame, named, T, on_step)
     raise ValueError(f"unknown robot {which!r}: the named ones are {', '.join(table)}; or give a URDF file")
 
 
@@ -300,18 +303,11 @@ def _waiting_at(robot: Robot, values: Mapping[str, float]) -> Robot:
     return replace(robot, home=home)
 
 
-def _one_gripper_joint(which: str, gripper_joint: str | None, gripper_joints: Sequence[str]) -> str | None:
-    """The joint that opens the fingers, said in either way. Raises: ValueError when the two contradict each other, or for several."""
-    if not gripper_joints:
-        return gripper_joint
-    if gripper_joint is not None and gripper_joint not in gripper_joints:
+def _gripper_joints(which: str, gripper_joint: str | None, gripper_joints: Sequence[str]) -> tuple[str, ...]:
+    """The joints that open the fingers, said in either way. Raises: ValueError when the two contradict each other."""
+    if gripper_joint is not None and gripper_joints and gripper_joint not in gripper_joints:
         raise ValueError(f"robot {which}: gripper_joint {gripper_joint!r} is not among its gripper_joints; leave one of the two out")
-    if len(gripper_joints) > 1:
-        raise ValueError(
-            f"robot {which}: fingers that {len(gripper_joints)} joints move ({', '.join(gripper_joints)}) can't be used yet; "
-            "where one of them can be coupled to the other, say so with <mimic> in the URDF"
-        )
-    return gripper_joints[0]
+    return tuple(gripper_joints) if gripper_joints else () if gripper_joint is None else (gripper_joint,)
 
 
 def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: Callable[[str], None] | None) -> Robot:
@@ -337,24 +333,54 @@ def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: C
 
 
 def _load_urdf(
-    file: Path, hand_frame: str | None, gripper_joint: str | None, T_link_hand: Array, on_step: Callable[[str], None] | None
+    file: Path, hand_frame: str | None, named: tuple[str, ...], T_link_hand: Array, on_step: Callable[[str], None] | None
 ) -> Robot:
     root, notes = urdf.read(file)
     links = [e.get("name", "") for e in root.iter("link")]
-    parents = {e.get("link") for e in root.iter("parent")}
-    if hand_frame is None:
-        leaves = ", ".join(n for n in links if n not in parents)
-        raise ValueError(f"{file}: say which link is the grasp point with --hand-frame (links at the ends: {leaves})")
-    if hand_frame not in links:
+    if hand_frame is not None and hand_frame not in links:
         raise ValueError(f"{file} has no link {hand_frame!r} for the hand frame; it has {', '.join(links)}")
-    if "camera" not in links:
-        urdf.add_link(root, "camera", hand_frame, T_link_hand @ transform(rotation_about((0, 0, 1), np.pi / 2)))
-    if hand_frame != "hand" or (T_link_hand != np.eye(4)).any():
-        urdf.add_link(root, "hand", hand_frame, T_link_hand)
+    if hand_frame is None and (T_link_hand != np.eye(4)).any():
+        raise ValueError(f"{file}: T_link_hand is the hand in a link; say in which with hand_frame (links: {', '.join(links)})")
+    grip = _grip(file, root, hand_frame, named, T_link_hand, on_step)
+    put_in(root, grip)
     srdf = file.with_suffix(".srdf")
-    return _assemble(
-        str(file), file.stem, root, gripper_joint, None, np.zeros(3), srdf if srdf.is_file() else None, on_step, notes=notes
+    robot = _assemble(
+        str(file), file.stem, root, grip.joints[0], None, np.zeros(3), srdf if srdf.is_file() else None, on_step,
+        notes=(*notes, *grip.notes),
     )  # fmt: skip
+    return replace(robot, grip=grip)
+
+
+def _grip(
+    file: Path,
+    root: etree._Element,
+    hand_frame: str | None,
+    named: tuple[str, ...],
+    T_link_hand: Array,
+    on_step: Callable[[str], None] | None,
+) -> Grip:
+    """How the hand of a URDF of one's own closes: from the cache, or found out."""
+    text = urdf.to_string(root)
+    name_in_cache = "grip-" + cache.key(_CACHE_VERSION, text, *_stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
+    if (data := cache.load(name_in_cache)) is not None:
+        return grip_from_arrays(data)
+    if on_step:
+        on_step(f"reading the meshes of {file.stem}")
+    try:
+        known = read_description(text, str(file))
+        model = Model(known.tree, known.joints, known.limits[:, 0], known.limits[:, 1], known.hulls)
+        grip = find_grip(model, f"robot {file}", hand_frame, named, T_link_hand)
+    except ValueError as e:
+        raise e if str(e).startswith((f"robot {file}", "mesh file")) else ValueError(f"robot {file}: {e}") from e
+    except Exception as e:  # readers of URDFs and meshes raise many kinds, all of them "this is no robot"
+        raise ValueError(f"robot {file}: its URDF can't be understood ({type(e).__name__}: {e})") from e
+    cache.store(name_in_cache, grip_to_arrays(grip))
+    return grip
+
+
+def _stamps(root: etree._Element) -> list[str]:
+    """What tells a URDF's meshes from others: their names, sizes and dates."""
+    return [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
 
 
 def _locate(entry: dict[str, Any], which: str) -> Path | None:
@@ -372,7 +398,7 @@ def _assemble(
     name: str,
     title: str,
     root: etree._Element,
-    gripper: str | None,
+    gripper: str,
     home: list[float] | None,
     base_p: Array,
     srdf: Path | None,
@@ -385,12 +411,11 @@ def _assemble(
     get another name."""
     renamed = urdf.rename_links(root, WALLS)
     text = urdf.to_string(root)
-    stamps = [f"{f}:{Path(f).stat().st_size}:{Path(f).stat().st_mtime_ns}" for m in root.iter("mesh") if (f := m.get("filename"))]
-    name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *stamps, srdf.read_text() if srdf else "")
+    name_in_cache = "robot-" + cache.key(_CACHE_VERSION, text, *_stamps(root), srdf.read_text() if srdf else "")
     data = cache.load(name_in_cache)
     if data is not None:
         return _told(_robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes), on_step)
-    if on_step:
+    if on_step and name in named_robots():  # of one's own they were read for its grip
         on_step(f"reading the meshes of {title}")
     try:
         data = derive(text, name, srdf, renamed)
@@ -420,7 +445,7 @@ def _robot(
     title: str,
     text: str,
     data: dict[str, NDArray[Any]],
-    gripper: str | None,
+    gripper: str,
     home: list[float] | None,
     base_p: Array,
     sheet: dict[str, Any] | None,
@@ -436,15 +461,6 @@ def _robot(
     arm = list(dict.fromkeys(int(tree.q_index[i]) for i in way if tree.kind[i] != FIXED))
     if not arm:
         raise ValueError(f"robot {name}: no joint moves the hand frame")
-    others = [j for j in range(len(joints)) if j not in arm]
-    if gripper is None:
-        if len(others) != 1:
-            names = ", ".join(joints[j] for j in others) or "none besides the arm's"
-            raise ValueError(f"robot {name}: say which joint opens the fingers with --gripper-joint (actuated joints: {names})")
-        gripper = joints[others[0]]
-    if gripper not in joints or joints.index(gripper) in arm:
-        names = ", ".join(joints[j] for j in others) or "none"
-        raise ValueError(f"robot {name}: {gripper!r} is no joint that can open the fingers; actuated joints besides the arm's: {names}")
     g = joints.index(gripper)
     vertices, faces, hulls, v, f = data["hull_vertices"], data["hull_faces"], [], 0, 0
     for link, (nv, nf) in zip(data["hull_link"], data["hull_counts"]):

@@ -146,10 +146,12 @@ def to_string(root: etree._Element) -> str:
 
 def _drop_foreign(element: etree._Element) -> None:
     for child in list(element):
-        if not isinstance(child.tag, str) or child.tag not in _KEEP or (element.tag, child.tag) in _MISPLACED:
+        colourless = (element.tag, child.tag) == ("robot", "material") and child.find("color") is None
+        if not isinstance(child.tag, str) or child.tag not in _KEEP or (element.tag, child.tag) in _MISPLACED or colourless:
             element.remove(child)
         else:
-            for key in [k for k in child.attrib if ":" in k or k.startswith("{")]:
+            unwanted = [k for k in child.attrib if ":" in k or k.startswith("{") or (k == "name" and child.tag in ("visual", "collision"))]
+            for key in unwanted:
                 del child.attrib[key]
             _drop_foreign(child)
 

@@ -36,7 +36,8 @@ class Arm:
     """joints (J names): the actuated ones, mimic joints left out, in the URDF's order; lower, upper, velocity (J,): their limits, infinite
     where there is none. moving: one `Joint` for each carrier but the base. links: by name, the carrier and the pose (4, 4) in it.
 
-    above[c]: the carriers on the way from the base to carrier c, itself included.
+    above[c]: the carriers on the way from the base to carrier c, itself included. followers: mimic joints by name, and what they follow:
+    the index of an actuated joint, scale and offset.
     """
 
     joints: tuple[str, ...]
@@ -47,6 +48,7 @@ class Arm:
     links: dict[str, tuple[int, Array]]
     parent_link: dict[str, str]
     above: tuple[frozenset[int], ...]
+    followers: dict[str, tuple[int, float, float]]
 
     def driven_by(self, carrier: int) -> frozenset[int]:
         """The actuated joints that move a carrier."""
@@ -91,7 +93,9 @@ def read(urdf: str) -> Arm:
         above.append(above[carrier] | {len(moving)})
         links[link] = (len(moving), np.eye(4))
     low, high, speed = limits.T
-    return Arm(tuple(actuated), low, high, speed, tuple(moving), links, parents, tuple(above))
+    follow = {name: _source(by_name, joint) for name, joint in by_name.items() if joint.find("mimic") is not None}
+    followers = {name: (actuated.index(source), scale, offset) for name, (source, scale, offset) in follow.items() if source in actuated}
+    return Arm(tuple(actuated), low, high, speed, tuple(moving), links, parents, tuple(above), followers)
 
 
 def _from_the_root(names: list[str], parents: dict[str, str]) -> list[str]:

@@ -19,6 +19,8 @@ MOST = 1e4
 """No joint value, time or rate in a plan is larger than this; what is, was not meant."""
 
 
+FOLLOWS = 1e-4
+"""rad or m: so far from where it follows another joint may a plan have one."""
 LONGEST = 500.0
 """rad or m: no joint goes further in one motion."""
 
@@ -101,7 +103,7 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
     names, known = motion.joint_names, ", ".join(arm.joints)
     if len(set(names)) < len(names):
         return fault("names a joint twice")
-    if strange := [n for n in names if n not in arm.joints]:
+    if strange := [n for n in names if n not in arm.joints and n not in arm.followers]:
         return fault(f"moves {strange[0]!r}, which is no actuated joint of this robot; these are {known}")
     if missing := [n for n in arm.joints if n not in names]:
         return fault(f"does not say where {missing[0]!r} is; the robot's actuated joints are {known}")
@@ -111,6 +113,11 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
         return fault("has one of qd and qdd, and a spline takes both")
     if any(np.shape(t) != (len(motion.t_s), len(names)) for t in tables) or not len(motion.t_s):
         return fault("has tables q, qd, qdd and t_s that don't fit each other and the joints")
+    for name in (n for n in names if n in arm.followers):
+        source, scale, offset = arm.followers[name]
+        own, other = (np.asarray(motion.q, float)[:, names.index(n)] for n in (name, arm.joints[source]))
+        if not (away := float(np.abs(scale * other + offset - own).max())) <= FOLLOWS:
+            return fault(f"moves {name!r} {away:.3g} from where it goes with {arm.joints[source]!r}", away)
     largest = max(float(np.abs(np.asarray(t, float)).max()) for t in (*tables, motion.t_s))
     if not largest <= MOST:
         return fault(f"has a number as large as {largest:.3g}", largest)

@@ -74,7 +74,6 @@ KNOWN_POLICIES = f"the valid names are {', '.join(POLICIES)}"
     [
         (["gen", "--robot", "ur7"], f"gen: {UNKNOWN_ROBOT}"),
         (["gen", "--robot", "missing.urdf"], "gen: URDF file missing.urdf does not exist"),
-        (["gen", "--robot", OWN], f"gen: {OWN}: say which link is the grasp point with --hand-frame (links at the ends: "),
         (["gen", "--robot", OWN, "--hand-frame", "tip"], f"gen: {OWN} has no link 'tip' for the hand frame; it has base, shoulder, "),
         (["gen", "--robot", OWN, "--hand-frame", "tcp", "--gripper-joint", "pan"], f"gen: robot {OWN}: 'pan' is no joint that can open "),
         (["gen", "--spec", "papr"], f"gen: unknown spec 'papr': the specs are {', '.join(SPECS)}; or give a TOML file"),

@@ -215,7 +215,6 @@ NO_COLLISION = tuple(("<" + tag, "<" + other) for tag, other in (("collision", "
     ("changes", "hand", "gripper", "message"),
     [
         (NO_COLLISION, "tcp", "grip", r"no collision geometry: add <collision>"),
-        ((), None, "grip", r"--hand-frame .*tcp"),
         ((), "tool", "grip", r"no link 'tool'.*it has base, .*tcp"),
         ((), "tcp", "grab", r"'grab' is no joint that can open the fingers; actuated joints besides the arm's: grip"),
         ((), "tcp", "out", r"'out' is no joint that can open the fingers.*: grip"),
@@ -226,9 +225,8 @@ NO_COLLISION = tuple(("<" + tag, "<" + other) for tag, other in (("collision", "
         ((('<mimic joint="grip"/>', '<mimic joint="grab"/>'),), "tcp", "grip", r"'grip_mirror': it mimics 'grab', which does not exist"),
         ((('name="up" type="prismatic"', 'name="up" type="planar"'),), "tcp", "grip", r"'up': its type is 'planar'; revolute"),
         ((("</robot>", '<link name="loose"/></robot>'),), "tcp", "grip", r"2 root links \(.*loose"),
-        ((('<origin xyz="0 0 0.08"/>', '<origin xyz="0 0 0.08" rpy="0 0 1.5708"/>'),), "tcp", "grip", r"along (its|the hand frame's) y"),
-        ((('<origin xyz="0 0 0.08"/>', '<origin xyz="0 0 0.3"/>'),), "tcp", "grip", r"put the hand frame between the pads"),
-        ((('<mimic joint="grip"/>', ""),), "tcp", None, r"--gripper-joint \(actuated joints: grip, grip_mirror\)"),
+        ((('<origin xyz="0 0 0.08"/>', '<origin xyz="0 0 0.08" rpy="0 0 1.5708"/>'),), "tcp", "grip", r"two fingers found .*T_link"),
+        ((('<origin xyz="0 0 0.08"/>', '<origin xyz="0 0 0.3"/>'),), "tcp", "grip", r"between whose pads p \[0, 0, -0.22"),
         ((("<robot", "<machine"), ("</robot", "</machine")), "tcp", "grip", r"no URDF: its root element is not <robot>"),
     ],
 )  # fmt: skip

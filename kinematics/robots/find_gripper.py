@@ -1,0 +1,248 @@
+"""Finds the gripper of an arm in its tree of joints: which joints move fingers, how they go together, and where the hand frame is.
+
+The hand is where the tree branches into fingers, or where its last joint moves a jaw against what carries it. Fingers with motors of their
+own are driven as one: each as far as the first. Where nobody says where the hand frame is, it is measured: y is the way the fingers
+close, z leads from the wrist to the tips, and the origin lies between the pads.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.robots.tree import FIXED, SLIDES, LinkHull, Tree
+from kinematics.transforms import Array, inverse
+
+ARM_LEAST, FINGER_MOST = 4, 3
+"""A branch with so many motors is an arm; a finger has fewer."""
+JAW = re.compile(r"grip|jaw|finger|claw|hand|pinch|clamp|grasp", re.IGNORECASE)
+CUP = re.compile(r"suction|vacuum|cup", re.IGNORECASE)
+HINGE_RAD = 0.6
+"""How far a hinged jaw is opened, at most: further, it faces the tip of what it closes on no more."""
+
+
+class NoGripper(ValueError):
+    """There is no gripper that can be used; says what was looked for, and found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motors:
+    """Which actuated joints move the fingers on the link `palm`, and what goes with it: the first, and how the others follow it, by name
+    (multiplier, offset). limits: of the first, where none of the others leaves its own. branches: links of each finger; a jaw is alone."""
+
+    palm: int
+    first: int
+    followers: dict[int, tuple[float, float]]
+    limits: tuple[float, float]
+    branches: tuple[tuple[int, ...], ...]
+    opens_upwards: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What there is to look at: the tree, its actuated joints' names and limits (J,), the hulls."""
+
+    tree: Tree
+    joints: Sequence[str]
+    lower: Array
+    upper: Array
+    hulls: Sequence[LinkHull]
+
+    @property
+    def rest(self) -> Array:
+        """Joints at 0, or as near as they can come (J,)."""
+        return np.clip(np.zeros(len(self.joints)), self.lower, self.upper)
+
+    def group(self, link: int) -> int:
+        """The link that stands for all that is fixed to a link: the one with a moving joint above them, or the root."""
+        while self.tree.kind[link] == FIXED and self.tree.parent[link] >= 0:
+            link = int(self.tree.parent[link])
+        return link
+
+    def moved_on(self, group: int) -> list[int]:
+        """The links that move on a group, by joints of their own."""
+        return [i for i in range(len(self.tree.names)) if self.tree.kind[i] != FIXED and self.group(int(self.tree.parent[i])) == group]
+
+    def below(self, link: int) -> list[int]:
+        """A link and all that it carries."""
+        return [i for i in range(len(self.tree.names)) if link in self.tree.path(i)]
+
+    def motors(self, link: int) -> list[int]:
+        """The actuated joints of a link and of what it carries, in order."""
+        moving = (i for i in self.below(link) if self.tree.kind[i] != FIXED)
+        return list(dict.fromkeys(int(self.tree.q_index[i]) for i in moving))
+
+    def points(self, links: Sequence[int], q: Array, frame: int) -> Array:
+        """The hulls' vertices (V, 3) of some links at q (J,), in a link's frame."""
+        poses = self.tree.poses(q)
+        back, names = inverse(poses[frame]), {self.tree.names[i]: i for i in links}
+        out = [np.empty((0, 3))]
+        for hull in self.hulls:
+            if hull.link in names:
+                T = back @ poses[names[hull.link]]
+                out.append(hull.vertices @ T[:3, :3].T + T[:3, 3])
+        return np.concatenate(out)
+
+
+def find_palm(model: Model) -> int:
+    """The group that carries the fingers, where nobody says which it is: down the one branch that is an arm, to where it ends.
+
+    Raises: NoGripper, where there is none, or several arms.
+    """
+    group, way = next(i for i in range(len(model.tree.names)) if model.tree.parent[i] < 0), list[int]()
+    while True:
+        movers = model.moved_on(group)
+        arms = [m for m in movers if len(model.motors(m)) >= ARM_LEAST]
+        if len(arms) > 1:
+            raise NoGripper(_several(model, arms))
+        if not arms and len(way) >= 2 and len(movers) > 1:
+            return group
+        going = arms or (movers if len(movers) == 1 else [])
+        if not going:
+            return _jaw_or_nothing(model, way, group)
+        way.append(going[0])
+        group = going[0]
+
+
+def _several(model: Model, arms: list[int]) -> str:
+    names = [_joint_behind(model, m) for m in arms]
+    if all(CUP.search(model.tree.names[m]) or JAW.search(model.tree.names[m]) for m in arms):
+        return f"no gripper found: a hand of {len(arms)} fingers with {ARM_LEAST} motors and more each ({', '.join(names)}) can't be used"
+    return f"no gripper found: there are {len(arms)} arms, which begin with the joints {', '.join(names)}; say which with --hand-frame"
+
+
+def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
+    """The group before the last joint, when that joint moves a jaw by its name or its link's."""
+    last = way[-1] if way else group
+    words = [model.tree.names[last], _joint_behind(model, last)] if way else []
+    if len(way) > 2 and any(JAW.search(word) for word in words):
+        return model.group(int(model.tree.parent[last]))
+    after = [model.tree.names[i] for i in model.below(last)]
+    cups = [name for name in after if CUP.search(name)]
+    if cups:
+        raise NoGripper(f"no gripper found: {cups[0]!r} looks like a suction cup, and only fingers can be used")
+    raise NoGripper(
+        f"no gripper found: no joint moves a finger after the last one of the arm, {_joint_behind(model, last)!r} (links there: "
+        f"{', '.join(after)}); give the URDF a gripper, or name the joints of one with --gripper-joint or the scene's robot.gripper_joints"
+    )
+
+
+def _joint_behind(model: Model, link: int) -> str:
+    """The name of the actuated joint that moves a link."""
+    q = int(model.tree.q_index[link])
+    return model.joints[q] if q >= 0 else "none"
+
+
+def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
+    """How the fingers on a group are driven. named: actuated joints that move them, where somebody says so.
+
+    Raises: NoGripper where nothing moves on it, or too much.
+    """
+    tree = model.tree
+    movers = [m for m in model.moved_on(palm) if model.points(model.below(m), model.rest, palm).size]
+    spinning = [m for m in movers if not np.isfinite([model.lower[tree.q_index[m]], model.upper[tree.q_index[m]]]).all()]
+    if len(spinning) < len(movers) and not named:  # what turns without end is a motor's wheel, and no finger
+        movers = [m for m in movers if m not in spinning]
+    if named:
+        movers = [m for m in movers if set(model.motors(m)) & set(named)] + [
+            m for m in movers if not set(model.motors(m)) & set(named) and len(model.motors(m)) <= FINGER_MOST
+        ]
+    arms = [m for m in movers if len(model.motors(m)) > FINGER_MOST]
+    if arms:
+        raise NoGripper(
+            f"no gripper found: what moves on the link {tree.names[palm]!r} is an arm, by the joint {_joint_behind(model, arms[0])!r}"
+        )
+    motors = list(dict.fromkeys([*named, *(int(tree.q_index[m]) for m in movers)]))
+    if not motors or not movers:
+        after = ", ".join(tree.names[i] for i in model.below(palm))
+        raise NoGripper(f"no gripper found: nothing with collision geometry moves on the link {tree.names[palm]!r} (links there: {after})")
+    branches = tuple(tuple(model.below(m)) for m in movers)
+    bodies = _fingers(model, palm, branches, motors)
+    if len(bodies) > 2 or len(motors) > 2:
+        names = ", ".join(model.joints[j] for j in motors)
+        raise NoGripper(
+            f"no gripper that can be used: {len(bodies)} fingers with {len(motors)} motors ({names}) move on {tree.names[palm]!r}; two "
+            "fingers, or one jaw, can be used"
+        )
+    endless = [model.joints[j] for j in motors if not np.isfinite([model.lower[j], model.upper[j]]).all()]
+    if endless:
+        raise NoGripper(f"no gripper that can be used: its joint {endless[0]!r} has no limits, so it is never open or closed")
+    return _coupled(model, palm, motors, bodies)
+
+
+def _fingers(model: Model, palm: int, branches: tuple[tuple[int, ...], ...], motors: Sequence[int]) -> tuple[tuple[int, ...], ...]:
+    """The branches put together to fingers: those of one motor by the side on which they are (a finger of a four-bar has two branches)."""
+    if len(branches) <= 2:
+        return branches
+    if len(motors) == 1:
+        ends = [model.rest.copy(), model.rest.copy()]
+        ends[0][motors[0]], ends[1][motors[0]] = model.lower[motors[0]], model.upper[motors[0]]
+        places = [np.array([model.points(b, q, palm).mean(0) for b in branches]) for q in ends]
+        wide = max(places, key=lambda p: float(np.ptp(p, axis=0).max()))
+        apart = wide - wide.mean(0)
+        across = np.linalg.svd(apart)[2][0]
+        sides = [tuple(i for b, s in zip(branches, apart @ across) if (s > 0) == side for i in b) for side in (True, False)]
+        if all(sides):
+            return tuple(sides)
+    if len(motors) == 2:
+        driven = [{int(model.tree.q_index[i]) for i in b} & set(motors) for b in branches]
+        if all(len(d) == 1 for d in driven):
+            return tuple(tuple(i for b, d in zip(branches, driven) if j in d for i in b) for j in motors)
+    return branches
+
+
+def _coupled(model: Model, palm: int, motors: list[int], fingers: tuple[tuple[int, ...], ...]) -> Motors:
+    """The motors as one, so that all fingers are open, or closed, at once."""
+    ends = [(float(model.lower[j]), float(model.upper[j])) for j in motors]
+    corners = list(itertools.product((0, 1), repeat=len(motors)))
+    spread = []
+    for corner in corners:
+        q = model.rest.copy()
+        q[motors] = [end[k] for end, k in zip(ends, corner)]
+        spread.append(_spread(model, palm, fingers, q))
+    opened = corners[int(np.argmax(spread))]
+    first, (low, high) = motors[0], ends[0]
+    start, stop = ends[0][1 - opened[0]], ends[0][opened[0]]  # closed, and open
+    followers = dict[int, tuple[float, float]]()
+    for j, end, side in zip(motors[1:], ends[1:], opened[1:]):
+        their_start, their_stop = end[1 - side], end[side]
+        same = _slides(model, j) == _slides(model, first)
+        ways = (abs(stop - start), abs(their_stop - their_start))
+        way = ways if not same else (min(ways), min(ways))
+        rate = float(np.sign(their_stop - their_start) * np.sign(stop - start)) * way[1] / way[0]
+        followers[j] = (rate, their_start - rate * start)
+        stop = start + np.sign(stop - start) * way[0]
+    low, high = sorted((start, float(stop)))
+    return Motors(palm, first, followers, (low, high), fingers, stop > start)
+
+
+def _slides(model: Model, joint: int) -> bool:
+    return any(model.tree.kind[i] == SLIDES for i in range(len(model.tree.names)) if model.tree.q_index[i] == joint)
+
+
+def _spread(model: Model, palm: int, fingers: tuple[tuple[int, ...], ...], q: Array) -> float:
+    """How far fingers are apart; of a jaw, how far its tip is from what it closes on."""
+    if len(fingers) > 1:
+        middles = [model.points(f, q, palm).mean(0) for f in fingers]
+        return float(np.linalg.norm(middles[0] - middles[1]))
+    jaw = model.points(fingers[0], q, palm)
+    pivot = _pivot(model, palm, fingers[0][0], q)
+    reach = np.linalg.norm(jaw - pivot, axis=1)
+    fixed = model.points(rigid(model, palm), q, palm)
+    if not len(fixed):
+        return 0.0
+    return float(np.mean([np.linalg.norm(fixed - tip, axis=1).min() for tip in jaw[reach > 0.6 * reach.max()]]))
+
+
+def rigid(model: Model, palm: int) -> list[int]:
+    """The links that are fixed to a group."""
+    return [i for i in range(len(model.tree.names)) if model.group(i) == palm]
+
+
+def _pivot(model: Model, palm: int, link: int, q: Array) -> Array:
+    poses = model.tree.poses(q)
+    return np.asarray((inverse(poses[palm]) @ poses[link])[:3, 3])

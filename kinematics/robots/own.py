@@ -1,0 +1,176 @@
+"""A URDF of one's own: its gripper is found, its motors are made to go together, and the hand and camera frames are put in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from kinematics.errors import did_you_mean
+from kinematics.robots import urdf
+from kinematics.robots.find_gripper import HINGE_RAD, Model, Motors, NoGripper, drive, find_palm
+from kinematics.robots.gripper import NotClosing, measure
+from kinematics.robots.hand_frame import hand_frame as measured_frame
+from kinematics.robots.tree import FIXED, TURNS, Tree
+from kinematics.transforms import Array, inverse, rotation_about, transform, wxyz_from_rotation
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What was understood of a gripper. joints: its motors by name, the first drives the others: follows, by name (multiplier, offset).
+    limits: of the first, where they are narrower than the URDF's. link: what the hand frame is fixed to, and T_link_hand (4, 4) where.
+    kind: in words. measured: whether the frame was measured, because nobody said where it is."""
+
+    joints: tuple[str, ...]
+    follows: dict[str, tuple[float, float]]
+    limits: tuple[float, float]
+    link: str
+    T_link_hand: Array
+    kind: str
+    measured: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know."""
+        first, *others = self.joints
+        notes = [f"the motors {', '.join(others)} go with {first}"] if others else []
+        if self.measured:
+            p, q = self.T_link_hand[:3, 3], wxyz_from_rotation(self.T_link_hand[:3, :3])
+            notes.append(f"{self.kind}, hand frame measured: p {_numbers(p)}, q_wxyz {_numbers(q)} in the link {self.link!r}")
+        return tuple(notes)
+
+
+def grip_to_arrays(grip: Grip) -> dict[str, NDArray[Any]]:
+    """A grip as arrays, for the cache."""
+    return {
+        "joints": np.array(grip.joints, dtype=np.str_),
+        "follows": np.array(list(grip.follows.values()), float).reshape(-1, 2),
+        "limits": np.array(grip.limits),
+        "words": np.array([grip.link, grip.kind], dtype=np.str_),
+        "T_link_hand": grip.T_link_hand,
+        "measured": np.array([grip.measured]),
+    }
+
+
+def grip_from_arrays(data: Mapping[str, NDArray[Any]]) -> Grip:
+    """The inverse of `grip_to_arrays`."""
+    joints = tuple(str(j) for j in data["joints"])
+    follows = {name: (float(rate), float(offset)) for name, (rate, offset) in zip(joints[1:], data["follows"])}
+    (low, high), (link, kind) = data["limits"], data["words"]
+    T = np.asarray(data["T_link_hand"], float)
+    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]))
+
+
+def _numbers(values: Array) -> str:
+    return "[" + ", ".join(f"{v + 0.0:.4g}" for v in np.round(values, 4)) + "]"
+
+
+def find_grip(model: Model, where: str, hand_link: str | None, named: Sequence[str], T_link_hand: Array | None) -> Grip:
+    """Find out how the hand closes, and where its frame is.
+
+    where: the file, for messages; hand_link, T_link_hand: the hand frame, where somebody says it; named: the joints that move fingers,
+    where somebody says it. Raises: ValueError (NoGripper) that says what was found instead, and how to say it better.
+    """
+    tree, joints = model.tree, list(model.joints)
+    arm = [] if hand_link is None else [joints[int(tree.q_index[i])] for i in tree.path(tree.index[hand_link]) if tree.kind[i] != FIXED]
+    if hand_link is not None and not arm:
+        raise ValueError(f"{where}: no joint moves the hand frame {hand_link!r}")
+    others = [j for j in joints if j not in arm]
+    for name in named:
+        if name not in others:
+            known = ", ".join(others) or "none"
+            near = did_you_mean(name, others)
+            words = f"{name!r} is no joint that can open the fingers{near}; actuated joints besides the arm's: {known}"
+            raise ValueError(f"{where}: {words}")
+    indices = [joints.index(name) for name in named]
+    try:
+        palm = _palm(model, hand_link, indices)
+        motors = _narrowed(model, drive(model, palm, indices))
+        if hand_link is not None:
+            T = np.eye(4) if T_link_hand is None else T_link_hand
+            _check_frame(model, motors, hand_link, T)
+            return _grip(model, motors, hand_link, T, measured=False)
+        return _grip(model, motors, tree.names[palm], measured_frame(model, motors), measured=True)
+    except NoGripper as e:
+        raise NoGripper(f"{where}: {e}") from None
+
+
+def _palm(model: Model, hand_link: str | None, named: Sequence[int]) -> int:
+    """The group on which the fingers move."""
+    tree = model.tree
+    if named:
+        movers = [i for i in range(len(tree.names)) if tree.kind[i] != FIXED and tree.q_index[i] == named[0]]
+        return model.group(int(tree.parent[min(movers, key=lambda i: len(tree.path(i)))]))
+    if hand_link is None:
+        return find_palm(model)
+    return model.group(tree.index[hand_link])
+
+
+def _narrowed(model: Model, motors: Motors) -> Motors:
+    """A hinged jaw opens only so far that it still faces what it closes on."""
+    low, high = motors.limits
+    hinged = len(motors.branches) == 1 and model.tree.kind[motors.branches[0][0]] == TURNS
+    if not hinged or high - low <= HINGE_RAD:
+        return motors
+    return replace(motors, limits=(low, low + HINGE_RAD) if motors.opens_upwards else (high - HINGE_RAD, high))
+
+
+def _grip(model: Model, motors: Motors, link: str, T: Array, *, measured: bool) -> Grip:
+    names = model.joints
+    follows = {names[j]: rule for j, rule in motors.followers.items()}
+    kind = "one jaw against a fixed one" if len(motors.branches) == 1 else "two fingers"
+    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured)
+
+
+def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:
+    """Raises: NoGripper with the frame that was measured, where the fingers don't close about the one that was given."""
+    tree = model.tree
+    at = tree.index[link]
+    with_hand = Tree(
+        (*tree.names, "hand"), np.append(tree.parent, at), np.concatenate([tree.T_joint, T[None]]), np.append(tree.kind, FIXED),
+        np.concatenate([tree.axis, [[1.0, 0.0, 0.0]]]), np.append(tree.q_index, -1), np.append(tree.scale, 1.0),
+        np.append(tree.offset, 0.0),
+    )  # fmt: skip
+    for j, (rate, offset) in motors.followers.items():
+        moves = with_hand.q_index == j
+        with_hand.offset[moves] += with_hand.scale[moves] * offset
+        with_hand.scale[moves] *= rate
+        with_hand.q_index[moves] = motors.first
+    fingers = frozenset(tree.names[i] for branch in motors.branches for i in branch) & {h.link for h in model.hulls}
+    try:
+        measure(with_hand, tuple(model.hulls), fingers, motors.first, motors.limits, model.rest[: with_hand.coordinates], "")
+    except NotClosing as e:
+        found = inverse(_pose(model, motors.palm, link)) @ measured_frame(model, motors)
+        p, q = _numbers(found[:3, 3]), _numbers(wxyz_from_rotation(found[:3, :3]))
+        kind = "one jaw" if len(motors.branches) == 1 else "two fingers"
+        raise NoGripper(
+            f"{kind} found ({', '.join(e.fingers)}), between whose pads p {p}, q_wxyz {q} is in the link {link!r}, y the way they "
+            "close: say T_link_hand so in the scene's robot, or leave --hand-frame out, and it is measured"
+        ) from None
+
+
+def _pose(model: Model, frame: int, link: str) -> Array:
+    """A link's pose (4, 4) in another's frame, to which it is fixed."""
+    poses = model.tree.poses(model.rest)
+    return np.asarray(inverse(poses[frame]) @ poses[model.tree.index[link]])
+
+
+def put_in(root: etree._Element, grip: Grip) -> None:
+    """Write a grip into a cleaned URDF, in place: motors that follow as mimic joints, limits, and the links `hand` and `camera`."""
+    links = [e.get("name", "") for e in root.iter("link")]
+    for joint in root.iter("joint"):
+        name = joint.get("name", "")
+        if name in grip.follows:
+            rate, offset = grip.follows[name]
+            etree.SubElement(joint, "mimic", joint=grip.joints[0], multiplier=repr(rate), offset=repr(offset))
+        if name == grip.joints[0] and (limit := joint.find("limit")) is not None:
+            limit.set("lower", repr(max(grip.limits[0], float(limit.get("lower", "0")))))
+            limit.set("upper", repr(min(grip.limits[1], float(limit.get("upper", "0")))))
+    if "camera" not in links:
+        urdf.add_link(root, "camera", grip.link, grip.T_link_hand @ transform(rotation_about((0, 0, 1), np.pi / 2)))
+    if grip.link != "hand" or (grip.T_link_hand != np.eye(4)).any():
+        urdf.add_link(root, "hand", grip.link, grip.T_link_hand)

@@ -1,0 +1,189 @@
+"""Grippers are found in the tree of joints, their motors go together, and the hand frame is measured where nobody says it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinematics.robots.find_gripper import NoGripper
+from kinematics.robots.robot import Robot, load
+from kinematics.transforms import Array, rotation_from_wxyz, rotation_rpy, transform
+
+ROLL = (0.4, -0.9, 1.7)  # how the palm's frame lies to the wrist, so that nothing is along an axis by chance
+SLIDE, TURN = 'type="prismatic"', 'type="revolute"'
+
+
+def box(size: str, xyz: str = "0 0 0") -> str:
+    return f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str, limits: tuple[float, float], more: str = "") -> str:
+    low, high = limits
+    return (
+        f'<joint name="{name}" {kind}><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{low}" upper="{high}" velocity="1" effort="1"/>{more}</joint>'
+    )
+
+
+def arm(gripper: str) -> str:
+    """Four joints, and a palm that is turned by ROLL in the wrist; its own axes are the hand's: fingers close along y, z leads out."""
+    links = "".join(f'<link name="l{i}">{box("0.06 0.06 0.2", "0 0 0.1")}</link>' for i in range(4))
+    joints = "".join(
+        joint(f"a{i}", TURN, f"l{i - 1}" if i else "base", f"l{i}", "0 0 0.25", f"0 {i % 2} {1 - i % 2}", (-2, 2)) for i in range(4)
+    )
+    rpy = " ".join(map(str, ROLL))
+    flange = f'<parent link="l3"/><child link="palm"/><origin xyz="0 0 0.25" rpy="{rpy}"/>'
+    return (
+        f'<robot name="r"><link name="base">{box("0.2 0.2 0.1")}</link>{links}{joints}<joint name="flange" type="fixed">{flange}</joint>'
+        f'<link name="palm">{box("0.04 0.13 0.04")}</link>{gripper}</robot>'
+    )
+
+
+def finger(name: str, side: int, z: float = 0.0) -> str:
+    """A finger 12 mm thick and 80 mm long, its inner face at y = 0 of its frame, its middle at z."""
+    return f'<link name="{name}">{box("0.02 0.012 0.08", f"0 {0.006 * side} {z}")}</link>'
+
+
+FINGERS = finger("plus", 1) + finger("minus", -1)
+
+
+def sliding(plus: tuple[float, int, tuple[float, float]], minus: tuple[float, int, tuple[float, float]], more: str = "") -> str:
+    """Two fingers: of each its place along y, its axis' sign and its limits."""
+    (y1, s1, limits1), (y2, s2, limits2) = plus, minus
+    first = joint("f1", SLIDE, "palm", "plus", f"0 {y1} 0.06", f"0 {s1} 0", limits1)
+    return first + joint("f2", SLIDE, "palm", "minus", f"0 {y2} 0.06", f"0 {s2} 0", limits2, more) + FINGERS
+
+
+MIRRORED = sliding((0, 1, (0, 0.04)), (0, -1, (0, 0.04)))
+SLIDING = {
+    "mirrored axes": MIRRORED,
+    "one direction": sliding((0, 1, (0, 0.04)), (0, 1, (-0.04, 0))),
+    "closing is up": sliding((0.04, -1, (0, 0.04)), (-0.04, 1, (0, 0.04))),
+    "one goes further": sliding((0, 1, (0, 0.04)), (0, -1, (0, 0.07))),
+    "a mimic joint": sliding((0, 1, (0, 0.04)), (0, -1, (0, 0.04)), '<mimic joint="f1"/>'),
+}
+TURNING = joint("f1", TURN, "palm", "plus", "0 0.02 0.02", "1 0 0", (-0.6, 0)) + finger("plus", 1, 0.04)
+TURNING += joint("f2", TURN, "palm", "minus", "0 -0.02 0.02", "1 0 0", (0, 0.6)) + finger("minus", -1, 0.04)
+POST = f'<link name="post">{box("0.02 0.012 0.08", "0 -0.006 0.06")}</link>'
+POST += '<joint name="p" type="fixed"><parent link="palm"/><child link="post"/></joint>'
+JAW = joint("jaw", SLIDE, "palm", "plus", "0 0 0.06", "0 1 0", (0, 0.05)) + finger("plus", 1) + POST
+HINGE = joint("jaw", TURN, "palm", "plus", "0 0.012 0.02", "1 0 0", (-1.5, 0.1))
+HINGE += f'<link name="plus">{box("0.02 0.01 0.1", "0 0 0.05")}</link>' + POST
+CUP = '<link name="cup"/><joint name="c" type="fixed"><parent link="palm"/><child link="cup"/></joint>'
+THIRD = joint("f3", TURN, "palm", "third", "0 0 0", "1 0 0", (0, 1)) + finger("third", 1)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Callable[..., Robot]:
+    def make(gripper: str, *args: object, **more: object) -> Robot:
+        file = tmp_path / "r.urdf"
+        file.write_text(arm(gripper))
+        return load(str(file), *args, **more)  # type: ignore[arg-type]
+
+    return make
+
+
+def in_palm(made: Robot) -> Array:
+    """The hand frame (4, 4) in the palm's."""
+    poses = made.link_poses(made.home)
+    return np.asarray(np.linalg.inv(poses["palm"]) @ poses["hand"])
+
+
+@pytest.mark.parametrize("kind", SLIDING)
+def test_fingers_that_slide_are_driven_as_one_and_measured(kind: str, robot: Callable[..., Robot]) -> None:
+    """Whatever the palm's frame, the axes' signs and which end is open."""
+    made = robot(SLIDING[kind])
+    T = in_palm(made)
+    np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(T[:3, 3], [0, 0, 0.1 - 0.015], atol=0.002)
+    assert (made.opening.width_m[0], made.opening.max_m) == pytest.approx((0.0, 0.08), abs=1e-6)
+    assert made.pads == {"plus", "minus"}
+    assert made.arm_joints == (0, 1, 2, 3)
+    assert len(made.joint_names) == 5
+    for share in (0.0, 0.3, 1.0):
+        q = made.with_arm(np.zeros(4), made.opening.value_at(0.08 * share))
+        poses = made.link_poses(q)
+        y = [(np.linalg.inv(poses["hand"]) @ poses[link])[1, 3] for link in ("plus", "minus")]
+        assert sum(y) == pytest.approx(0.0, abs=1e-9)
+        assert abs(y[0] - y[1]) == pytest.approx(0.08 * share, abs=1e-6)
+
+
+def test_fingers_that_turn_are_driven_as_one(robot: Callable[..., Robot]) -> None:
+    made = robot(TURNING)
+    assert made.grip is not None
+    assert made.grip.joints == ("f1", "f2")
+    assert made.grip.follows["f2"] == pytest.approx((-1.0, 0.0))
+    T = in_palm(made)
+    np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-6)
+    assert made.opening.max_m > 0.04
+
+
+@pytest.mark.parametrize("named", [(), ("jaw",)])
+def test_a_jaw_that_slides_against_a_fixed_one(named: tuple[str, ...], robot: Callable[..., Robot]) -> None:
+    """The middle between the pads moves with the opening; the table has it."""
+    made = robot(JAW, gripper_joints=named)
+    opening, T = made.opening, in_palm(made)
+    assert (opening.jaw, opening.max_m) == (1, pytest.approx(0.05, abs=1e-6))
+    assert made.pads == {"plus", "post"}
+    for width in (0.0, 0.02, 0.05):
+        assert T[1, 3] + opening.pad_y_at(width) == pytest.approx(width / 2, abs=1e-3)
+    R = rotation_rpy((0.3, 0.2, 0.1))
+    hand = transform(R, opening.hand_position(np.array([1.0, 2.0, 3.0]), R, 0.02))
+    assert hand @ [0, opening.pad_y_at(0.02), opening.pad_z_at(0.02), 1] == pytest.approx([1, 2, 3, 1])
+
+
+def test_a_jaw_that_turns_opens_no_further_than_it_faces_the_fixed_one(robot: Callable[..., Robot]) -> None:
+    made = robot(HINGE)
+    assert made.grip is not None
+    assert made.grip.limits == pytest.approx((-0.5, 0.1))
+    np.testing.assert_allclose(in_palm(made)[:3, 1], [0, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(in_palm(made)[:3, 2], [0, 0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.1, 0.02, 0.3)])
+def test_a_frame_that_is_not_between_the_pads_is_answered_with_the_one_that_is(
+    where: tuple[float, float, float], robot: Callable[..., Robot]
+) -> None:
+    """What the message says, said in T_link_hand, is what would have been measured."""
+    x, y, z = where
+    at = f'<parent link="palm"/><child link="tcp"/><origin xyz="{x} {y} {z}" rpy="1 2 3"/>'
+    gripper = MIRRORED + f'<link name="tcp"/><joint name="t" type="fixed">{at}</joint>'
+    with pytest.raises(
+        NoGripper, match=r"two fingers found \(minus, plus\), between whose pads p \[.*\], q_wxyz \[.*\] is in the link 'tcp'"
+    ) as e:
+        robot(gripper, "tcp")
+    p, q = (np.array([float(v) for v in part.split("]")[0].split(",")]) for part in str(e.value).split("[")[1:3])
+    made = robot(gripper, "tcp", T_link_hand=transform(rotation_from_wxyz(q), p))
+    np.testing.assert_allclose(in_palm(made), in_palm(robot(gripper)), atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("gripper", "says"),
+    [
+        ("", "no gripper found: no joint moves a finger after the last one of the arm, 'a3' (links there: l3, palm); give the URDF a"),
+        (CUP, "'cup' looks like a suction cup, and only fingers can be used"),
+        (MIRRORED.replace(SLIDE, 'type="continuous"'), "its joint 'f1' has no limits, so it is never open"),
+        (MIRRORED + THIRD, "3 fingers with 3 motors (f1, f2, f3)"),
+    ],
+    ids=["none", "suction", "endless", "three"],
+)  # fmt: skip
+def test_what_is_no_gripper_is_said_with_what_was_found(gripper: str, says: str, robot: Callable[..., Robot]) -> None:
+    with pytest.raises(NoGripper) as e:
+        robot(gripper)
+    assert says in str(e.value)
+    assert "frame" not in str(e.value)
+
+
+def test_two_arms_are_a_choice(tmp_path: Path) -> None:
+    both = "".join(
+        joint(f"{s}{i}", TURN, f"{s}l{i - 1}" if i else "body", f"{s}l{i}", "0 0 0.2", "0 1 0", (-1, 1)) for s in "lr" for i in range(4)
+    )
+    links = "".join(f'<link name="{s}l{i}">{box("0.05 0.05 0.1")}</link>' for s in "lr" for i in range(4))
+    (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="body"/>{links}{both}</robot>')
+    with pytest.raises(NoGripper, match="there are 2 arms, which begin with the joints l0, r0; say which with --hand-frame"):
+        load(str(tmp_path / "r.urdf"))

@@ -294,6 +294,10 @@ def train(
     threads: Annotated[int | None, typer.Option("--threads", help="Processor threads; PyTorch's choice if left out.", min=1)] = None,
     device: Annotated[Device, typer.Option("--device", help="Where to train; auto takes a CUDA device if there is one.")] = Device.auto,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was broken off, with the same options.")] = False,
+    begin: Annotated[
+        Path | None,
+        typer.Option("--from", help="Begin with a model's weights: few labels of a new cell, or robot, go further.", metavar="DIR"),
+    ] = None,
 ) -> Job:
     """Train the networks on labels, and write a model folder for `retrieve plan --model`."""
     from retrieve_cli import train as command
@@ -311,6 +315,7 @@ def train(
         threads=threads,
         device=device.value,
         resume=resume,
+        begin=begin,
     )
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from planning.io.outputs import replacing, write_text
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
-    from planning.learning.train import Epoch, Trained
+    from planning.learning.train import Begin, Epoch, Trained
 
 VALIDATION_SHARE = 0.1  # of the scenes
 
@@ -32,6 +33,7 @@ def run(
     threads: int | None,
     device: str,
     resume: bool,
+    begin: Path | None = None,
 ) -> None:
     """Train both networks and write the model folder. A run that was broken off leaves OUT/checkpoint, and goes on from there."""
     import torch
@@ -51,9 +53,11 @@ def run(
         data, manifest = dataset.read_all(labels)
         rest, held_out = (data.take(index) for index in dataset.split(data.scene, VALIDATION_SHARE))
     _prepare(out, resume)
+    first = None if begin is None else _first_weights(begin, form)
     settings = Settings(
-        form=form, epochs=epochs, width=width, batch=batch, lr=learning_rate, seed=seed, threads=threads or torch.get_num_threads()
-    )
+        form=form, epochs=epochs, width=width, batch=batch, lr=learning_rate, seed=seed, threads=threads or torch.get_num_threads(),
+        began_with=None if first is None else _digest(first),
+    )  # fmt: skip
     say(f"{len(rest)} states to train on, {len(held_out)} to validate on, of {len(set(data.scene))} scenes; {form} form, on {where}")
     results: dict[str, Trained] = {}
     metrics: dict[str, dict[str, float]] = {}
@@ -62,13 +66,34 @@ def run(
         _same_labels(checkpoint.parent, manifest["hash"])
         with blame("train"), _epochs(name, settings.epochs) as (on_epoch, on_step):
             results[name] = train(
-                name, rest, held_out, settings, device=where, checkpoint=checkpoint, on_epoch=on_epoch, on_step=on_step
+                name, rest, held_out, settings, begin=None if first is None else first[name],
+                device=where, checkpoint=checkpoint, on_epoch=on_epoch, on_step=on_step,
             )  # fmt: skip
         net = make_net(name, settings)
         net.load_state_dict(results[name].weights)
         metrics[name] = (judge_osnet if name == "osnet" else judge_rpnet)(net, held_out, settings)
     _write_model(out, results, settings, manifest, metrics, (len(rest), len(held_out)))
     _show_metrics(metrics)
+
+
+def _first_weights(folder: Path, form: str) -> dict[str, Begin]:
+    """The weights of a model to begin with. Raises: InputError for a folder that is none, or networks of the other form."""
+    from planning.learning.model import from_pretrained
+
+    with blame("train: --from"):
+        model = from_pretrained(folder)
+    if model.form != form:
+        raise InputError(f"train: --from: {folder}: networks of the form {model.form}; train those with --form {model.form}")
+    nets = {"osnet": model.osnet, "rpnet": model.rpnet}
+    return {name: {key: w.T for key, w in weights.items()} for name, weights in nets.items()}  # as torch has them
+
+
+def _digest(weights: Mapping[str, Begin]) -> str:
+    digest = hashlib.sha256()
+    for name, tensors in sorted(weights.items()):
+        for key, w in sorted(tensors.items()):
+            digest.update(f"{name}.{key}".encode() + w.tobytes())
+    return digest.hexdigest()[:16]
 
 
 def _prepare(out: Path, resume: bool) -> None:

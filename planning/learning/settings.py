@@ -22,3 +22,4 @@ class Settings:
     warmup: float = 0.03  # share of all steps
     seed: int = 0
     threads: int = 1
+    began_with: str | None = None  # a hash of the weights that the run began with, if not with random ones

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -50,8 +50,30 @@ class Trained:
     best: int
 
 
-def make_net(name: str, settings: Settings) -> nn.Module:
-    """osnet or rpnet, with first weights from the seed."""
+Begin = Mapping[str, NDArray[np.float32]]
+"""Weights that a run begins with, by torch's names."""
+
+
+def make_net(name: str, settings: Settings, begin: Begin | None = None) -> nn.Module:
+    """osnet or rpnet, with first weights from the seed, or with those of another run; heads that those don't have are from the seed.
+
+    Raises: ValueError for weights of networks of another size or form.
+    """
+    net = _random_net(name, settings)
+    if begin is None:
+        return net
+    first = net.state_dict()
+    for key in sorted(set(first) | set(begin)):
+        ours, theirs = (tuple(w[key].shape) if key in w else None for w in (first, begin))
+        head = key.startswith("head.2.") and ours is not None and theirs is not None and ours[1:] == theirs[1:] and ours[0] >= theirs[0]
+        if ours != theirs and not head:
+            raise ValueError(f"{name}: {key}: the networks to begin with have {theirs or 'none'}, and these have {ours or 'none'}")
+        first[key][: len(begin[key])] = torch.from_numpy(np.ascontiguousarray(begin[key]))
+    net.load_state_dict(first)
+    return net
+
+
+def _random_net(name: str, settings: Settings) -> nn.Module:
     paper = settings.form == "paper"
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(np.random.default_rng([settings.seed, STAGE, NETS.index(name)]).integers(2**31)))
@@ -66,6 +88,7 @@ def train(
     held_out: Data,
     settings: Settings,
     *,
+    begin: Begin | None = None,
     device: str = "cpu",
     checkpoint: Path | None = None,
     on_epoch: Callable[[Epoch], None] = lambda _: None,
@@ -73,8 +96,9 @@ def train(
 ) -> Trained:
     """Train osnet or rpnet on `data`; `held_out` decides which epoch was best and when to stop.
 
-    checkpoint: a file that is written after each epoch; when it is there already, the run goes on behind it. on_step: steps done, of how
-    many in an epoch. Raises: ValueError when the checkpoint is of another run, or no state has what this network learns from.
+    begin: weights to begin with. checkpoint: a file that is written after each epoch; when it is there already, the run goes on behind it.
+    on_step: steps done, of how many in an epoch. Raises: ValueError when the checkpoint is of another run, the weights to begin with are of
+    other networks, or no state has what this network learns from.
     """
     torch.set_num_threads(settings.threads)
     make = osnet_batch if name == "osnet" else rpnet_batch
@@ -83,7 +107,7 @@ def train(
     for what, found in (("training", states), ("validation", checked)):
         if len(found) == 0:
             raise ValueError(f"no state for {what} says what {name} learns from; label more scenes")
-    net = make_net(name, settings).to(device)
+    net = make_net(name, settings, begin).to(device)
     optimizer = torch.optim.AdamW(net.parameters(), lr=settings.lr, weight_decay=settings.weight_decay)
     best = {k: v.detach().clone() for k, v in net.state_dict().items()}
     done: list[Epoch] = []

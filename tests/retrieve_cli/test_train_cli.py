@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import synthetic_labels
+from safetensors.numpy import load_file
 
 from planning.learning import train as training
 from planning.learning.model import from_pretrained
@@ -135,3 +138,32 @@ def test_a_curve_in_one_line() -> None:
     assert sparkline([3, 2, 1]) == "█▅▁"
     assert sparkline([1, 1]) == "▁▁"
     assert len(sparkline(list(range(100)))) == 40
+
+
+def test_a_run_begins_with_the_weights_of_a_model(labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    """At a learning rate of next to nothing they stay as they were; with another form or width they are refused."""
+    assert retrieve("train", labels, "-o", tmp_path / "first", *FAST)[0] == 0
+    gentle = ("--learning-rate", "1e-6", "--from", tmp_path / "first")
+    assert retrieve("train", labels, "-o", tmp_path / "second", *FAST, *gentle)[0] == 0
+    first, second = (load_file(tmp_path / which / "rpnet.safetensors") for which in ("first", "second"))
+    assert all(np.abs(first[key] - second[key]).max() < 1e-3 for key in first)
+    assert any(np.abs(first[key] - second[key]).max() > 0 for key in first)
+    config = json.loads((tmp_path / "second" / "config.json").read_text())
+    assert config["settings"]["began_with"]
+    code, _, err = retrieve("train", labels, "-o", tmp_path / "third", *FAST, "--width", "32", *gentle)
+    assert (code, "the networks to begin with have (" in err) == (2, True)
+    code, _, err = retrieve("train", labels, "-o", tmp_path / "fourth", *FAST, "--form", "paper", *gentle)
+    assert (code, "networks of the form objects; train those with --form objects" in err) == (2, True)
+
+
+def test_heads_that_older_networks_lack_are_new(labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    from planning.learning.settings import Settings
+    from planning.learning.train import make_net
+
+    settings = Settings(width=16)
+    old = {key: w.numpy() for key, w in make_net("osnet", replace(settings, seed=5)).state_dict().items()}
+    old |= {key: old[key][:3] for key in ("head.2.weight", "head.2.bias")}
+    net = make_net("osnet", settings, old).state_dict()
+    fresh = make_net("osnet", settings).state_dict()
+    assert all(np.array_equal(net[key][: len(w)], w) for key, w in old.items())
+    assert np.array_equal(net["head.2.weight"][3], fresh["head.2.weight"][3])

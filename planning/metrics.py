@@ -51,7 +51,8 @@ class Episode:
     policy: with `SENSED` behind it where nothing was known but what the camera saw. moved: relocations carried out; reason: the stage that
     stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a success; blocked: the stages of failed attempts.
     kept_in: what keeps the target in at the end, and stopped: what stopped the attempts, in words. least_moves: a lower bound on the moves;
-    proved: that no moves help. Both where the planner looked.
+    proved: that no moves help. Both where the planner looked. clearance_m, free_clearance_m: the least distance that all motions, and the
+    free ones, keep from what they may not touch; None where it was not measured.
     """
 
     scene: str
@@ -73,6 +74,8 @@ class Episode:
     stopped: tuple[str, ...]
     least_moves: int | None
     proved: bool
+    clearance_m: float | None
+    free_clearance_m: float | None
 
     @property
     def whole_time_s(self) -> float:
@@ -102,6 +105,8 @@ class Episode:
             stopped=tuple(in_general(move.reason, move.object) for move in plan.moves if not move.done and move.reason),
             least_moves=plan.least_moves,
             proved=plan.unsolvable is not None,
+            clearance_m=plan.clearance_m,
+            free_clearance_m=plan.free_clearance_m,
         )
 
 
@@ -168,7 +173,8 @@ class Row:
     least: moves and the lower bound on them, summed over the solved scenes for which any planner knows a bound of at least one, and how
     many those are; at_least: how many of them were solved with no more. proved: unsolved scenes for which any planner has a proof.
     planning_s: quantiles (`SHARES`) over all scenes of the time of choosing; whole_s: over successes of the time to a verified plan;
-    solved_s: that time of each success, in ascending order.
+    solved_s: that time of each success, in ascending order. clearance_m, free_clearance_m: the least distance that each success keeps, in
+    ascending order.
     unverified: successes whose motions did not pass the exact check; repeated: plans for a scene that was counted before.
     """
 
@@ -190,6 +196,8 @@ class Row:
     planning_s: tuple[float, ...]
     whole_s: tuple[float, ...]
     solved_s: tuple[float, ...]
+    clearance_m: tuple[float, ...]
+    free_clearance_m: tuple[float, ...]
     unverified: int
     repeated: int
 
@@ -281,6 +289,8 @@ def _row(policy: str, rule: str, episodes: Sequence[Episode], objects: Mapping[s
         planning_s=quantiles([e.planning_time_s for e in episodes], SHARES),
         whole_s=quantiles(whole_s, SHARES),
         solved_s=tuple(whole_s),
+        clearance_m=tuple(sorted(_values(solved, "clearance_m"))),
+        free_clearance_m=tuple(sorted(_values(solved, "free_clearance_m"))),
         unverified=sum(not e.verified for e in solved),
         repeated=len(episodes) - len({e.scene for e in episodes}),
     )

@@ -15,6 +15,8 @@ PLACE_OUT_OF_REACH = "the place is out of reach"
 """The detail that tells a place's stage "ik" from a grasp's."""
 
 SCENE = "scene"
+FREE = ("transit", "transfer", "look")
+"""The stages of motions that are planned freely, from place to place."""
 """The stage of what is wrong with a scene itself: it can't be meant."""
 
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
@@ -190,3 +192,8 @@ class Plan:
     def clearance_m(self) -> float | None:
         """The least distance that any motion keeps outside allowed contacts; None where there is no motion, or nothing was measured."""
         return min((m.clearance_m for m in self.motions if m.clearance_m is not None), default=None)
+
+    @property
+    def free_clearance_m(self) -> float | None:
+        """The same of the free motions alone: not of those that reach for an object or set it down, which end beside others."""
+        return min((m.clearance_m for m in self.motions if m.clearance_m is not None and m.stage in FREE), default=None)

@@ -8,7 +8,7 @@ from math import floor, log10
 
 from planning import metrics
 from planning.metrics import KINDS, MEASURES, PAPER, SAID, SHARES, Headline, Pair, Row
-from planning.statistics import Difference, Share, Spread
+from planning.statistics import Difference, Share, Spread, quantiles
 
 HEADINGS = {
     "moved": "objects moved",
@@ -23,6 +23,7 @@ NOTHING = "–"
 RARE = SAID  # kinds of failure with a column only where there are some
 WITHIN_S = (0.1, 1, 10)
 MOST_REASONS = 3
+CLEAR_MM = (3, 5)
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ def tables(report: Report) -> list[Table]:
     if any(r.by_objects for r in rows):
         found.append(_table_objects(rows))
     found += [_table_times(rows), _table_moves(rows)]
+    if any(r.clearance_m for r in rows):
+        found.append(_table_clearance(rows))
     if any(r.least[2] or r.proved for r in rows):
         found.append(_table_bounds(rows))
     if any(r.failures for r in rows):
@@ -124,9 +127,9 @@ def _table_times(rows: Sequence[Row]) -> Table:
     for r in rows:
         choosing = dict(zip(SHARES, r.planning_s))
         within = [sum(t <= limit for t in r.solved_s) / max(r.success.n, 1) for limit in WITHIN_S]
-        quantiles = r.whole_s or (None,) * len(SHARES)
+        whole = r.whole_s or (None,) * len(SHARES)
         body.append(
-            (name(r), *(_seconds(choosing.get(s)) for s in (0.5, 0.95)), *map(_seconds, quantiles), *(f"{100 * w:.0f} %" for w in within))
+            (name(r), *(_seconds(choosing.get(s)) for s in (0.5, 0.95)), *map(_seconds, whole), *(f"{100 * w:.0f} %" for w in within))
         )
     note = (
         "seconds; choosing objects and regions, over all scenes; the whole time to a verified plan, over successes; "
@@ -148,6 +151,26 @@ def _table_moves(rows: Sequence[Row]) -> Table:
     body = tuple((name(r), *(str(r.by_moves.get(n, 0)) for n in range(most + 1))) for r in rows)
     columns = ("planner", *(f"{n} moved" for n in range(most + 1)))
     return Table("moves", "Successes by number of objects moved", "how many scenes were solved with so many moves", columns, body)
+
+
+def _table_clearance(rows: Sequence[Row]) -> Table:
+    """Quantiles of the least distance that a plan keeps, and how many plans keep so much."""
+    body = tuple((name(r), *_clearances(r.free_clearance_m), *_clearances(r.clearance_m)) for r in rows)
+    figures = ("5 %", "median", *(f"≥ {mm} mm" for mm in CLEAR_MM))
+    columns = ("planner", *(f"{motions}: {figure}" for motions in ("free", "all") for figure in figures))
+    note = (
+        "mm; the least distance that a successful plan keeps from what it may not touch: of its free motions (transit, transfer, look), "
+        "and of all, which reach between objects"
+    )
+    return Table("clearance", "Clearance", note, columns, body)
+
+
+def _clearances(ascending: Sequence[float]) -> tuple[str, ...]:
+    """Quantiles, and the shares of what is at least so much: to a tenth of a millimetre, as it is measured."""
+    if not ascending:
+        return (NOTHING,) * (2 + len(CLEAR_MM))
+    shares = (sum(d >= mm / 1000 - 5e-5 for d in ascending) / len(ascending) for mm in CLEAR_MM)
+    return (*(f"{1000 * d:.1f}" for d in quantiles(ascending, (0.05, 0.5))), *(f"{100 * share:.0f} %" for share in shares))
 
 
 def _table_bounds(rows: Sequence[Row]) -> Table:

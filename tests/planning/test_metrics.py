@@ -61,6 +61,21 @@ def test_moves_are_held_against_the_bound_that_any_planner_knows() -> None:
     assert (alone.least, alone.at_least, alone.proved) == ((0, 0, 0), 0, 0)
 
 
+def motion(stage: str, clearance_m: float | None) -> Motion:
+    return Motion(stage, ("j",), np.zeros((1, 1)), np.zeros(1), clearance_m=clearance_m)
+
+
+def test_the_clearance_of_a_plan_is_its_motions_least_and_that_of_its_free_ones_apart() -> None:
+    """A lift at 1 mm counts for all motions and not for the free ones; failures and what nobody measured count for neither."""
+    near = [motion("transit", 0.006), motion("lift", 0.001), motion("transfer", 0.0042)]
+    far = [motion("transit", 0.009), motion("release", None)]
+    plans = [replace(plan(str(i)), motions=tuple(m)) for i, m in enumerate((near, far, [motion("transit", None)]))]
+    plans.append(replace(plan("f", success=False, reason=Blocked("lift")), motions=tuple(near)))
+    (row,) = rows(Episode.of(p) for p in plans)
+    assert row.clearance_m == (0.001, 0.009)
+    assert row.free_clearance_m == (0.0042, 0.009)
+
+
 @pytest.mark.parametrize(
     ("why", "words"),
     [

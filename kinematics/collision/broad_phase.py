@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, NamedTuple
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.collision import edge_check
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
-from kinematics.collision.posed_geometry import PosedGeometry, join_posed
+from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
 from kinematics.collision.sphere_check import make_sphere_scratch, open_pairs
 from kinematics.collision.sphere_model import SphereModel, make_sphere_world, posed_sphere_model
@@ -42,22 +43,14 @@ class BroadPhaseResult:
     b: Int
 
 
-class Layout(NamedTuple):
-    """What moves and what stands in a question. judged (P, P + B): the pairs that the covers can be asked about if no contact is allowed.
-
-    at: the numbers of the parts and solids with a name.
-    """
-
-    names: tuple[str, ...]
-    judged: NDArray[np.bool_]
-    at: dict[str, list[int]]
-
-    def allow(self, pairs: NDArray[Any], allowed_contacts: Iterable[tuple[str, str]]) -> None:
-        """Take the allowed contacts out of a table of pairs (P, P + B)."""
-        P = len(pairs)
-        for a, b in allowed_contacts:
-            for one, other in ((a, b), (b, a)):
-                pairs[np.ix_([i for i in self.at.get(one, ()) if i < P], self.at.get(other, ()))] = False
+def allow(pairs: NDArray[Any], names: Sequence[str], allowed_contacts: Iterable[tuple[str, str]]) -> None:
+    """Take the allowed contacts out of a table of pairs (P, P + B), the names behind its columns being given."""
+    for a, b in allowed_contacts:
+        first, second = ([i for i, name in enumerate(names) if name == wanted] for wanted in (a, b))
+        for i, j in product(first, second):
+            for one, other in ((i, j), (j, i)):
+                if one < len(pairs):
+                    pairs[one, other] = 0
 
 
 class BroadPhase:
@@ -76,7 +69,8 @@ class BroadPhase:
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
         self._placed: dict[bytes, Solids] = {}
         self._scratch: edge_check.Scratch | None = None
-        self._layouts: dict[tuple[tuple[str, ...], tuple[str, ...]], Layout] = {}
+        self._judged: dict[tuple[tuple[str, ...], tuple[str, ...]], NDArray[np.bool_]] = {}
+        self._finger_links = tuple(link for link, finger in zip(self.robot_collision_model.links, self._fingers) if finger)
         self._known: dict[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] = {}
 
     def judge(
@@ -94,9 +88,8 @@ class BroadPhase:
         posed, model, links = self.moving(gripper, held)
         own = len(self.robot_collision_model.links)
         solids, bodies = self.standing(poses)
-        layout, P = self.layout(posed, links, bodies), len(links)
-        judge = layout.judged.copy()
-        layout.allow(judge, allowed_contacts)
+        P, names, judge = len(links), links + bodies, self._judgeable(posed, links, bodies)
+        allow(judge, names, allowed_contacts)
         if (q[:, self.robot.gripper_joint] != gripper).any():
             judge[:own][self._fingers] = False
             judge[:, :own][:, self._fingers] = False
@@ -109,21 +102,24 @@ class BroadPhase:
         against = which < P * B  # else part against part
         a, b = which // max(B, 1), P + which % max(B, 1)
         a[~against], b[~against] = pairs[which[~against] - P * B].T
-        return BroadPhaseResult(layout.names, judge, rows, a, b)
+        return BroadPhaseResult(names, judge, rows, a, b)
 
-    def layout(self, posed: PosedGeometry, links: tuple[str, ...], bodies: tuple[str, ...]) -> Layout:
-        """What `moving` and `standing` gave, as a question."""
-        if (links, bodies) not in self._layouts:
-            P, names, at = len(links), links + bodies, dict[str, list[int]]()
-            for i, name in enumerate(names):
-                at.setdefault(name, []).append(i)
-            judged, own = np.zeros((P, len(names)), np.bool_), len(self.robot_collision_model.links)
-            judged[:, P:] = (posed.frame > 0)[:, None]
-            judged[self._pairs[:, 0], self._pairs[:, 1]] = True
-            judged[own:, :own] = True
-            judged[:, :P] &= posed.frame[:, None] != posed.frame
-            self._layouts[links, bodies] = Layout(names, judged, at)
-        return self._layouts[links, bodies]
+    def _judgeable(self, posed: PosedGeometry, links: tuple[str, ...], bodies: tuple[str, ...]) -> NDArray[np.bool_]:
+        """The pairs (P, P + B) that the covers can be asked about if no contact is allowed, in a table of one's own."""
+        known = self._judged.get((links, bodies))
+        if known is None:
+            P, own = len(links), len(self.robot_collision_model.links)
+            known = self._judged[links, bodies] = np.zeros((P, P + len(bodies)), np.bool_)
+            known[:, P:] = (posed.frame > 0)[:, None]
+            known[self._pairs[:, 0], self._pairs[:, 1]] = True
+            known[own:, :own] = True
+            known[:, :P] &= posed.frame[:, None] != posed.frame
+        return known.copy()
+
+    def fingers(self, gripper: float) -> tuple[PosedGeometry, tuple[str, ...]]:
+        """The fingers alone at a gripper value, packed, and the name behind each part."""
+        which = np.flatnonzero(self._fingers)
+        return self.robot_collision_model.posed_links(which, self._finger_pieces, gripper), self._finger_links
 
     def moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
         """What moves with the arm, packed, and the name behind each part; the latest of them are kept."""
@@ -157,6 +153,10 @@ class BroadPhase:
             known = self._scratch = edge_check.scratch_for(len(chain.q_index), len(chain.lower), len(self._owners), 2 * pairs)
         edge_check.enter(problem, known)
         return known
+
+    @cached_property
+    def _finger_pieces(self) -> GeometryModel:
+        return make_geometry_model([hull.vertices for hull, finger in zip(self.robot.hulls, self._fingers) if finger])
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kinematics.collision import edge_check
-from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.broad_phase import BroadPhase, allow
 from kinematics.collision.geometry import Query
 from kinematics.scene import Held
 from kinematics.transforms import Array
@@ -46,10 +46,11 @@ def least_clearance(
     gripper, arm = q[:, bodies.robot.gripper_joint], np.ascontiguousarray(bodies.robot.arm_q(q))
     if (gripper == gripper[0]).all():
         return _least(bodies, arm, float(gripper[0]), poses, held, allowed_contacts, step_m)
-    some = np.unique(np.linspace(0, len(q) - 1, FINGERS_AT).round().astype(np.int64))
+    first, *others = np.unique(np.linspace(0, len(q) - 1, FINGERS_AT).round().astype(np.int64))
     stands = (arm == arm[0]).all()
     at = arm[:1] if stands else arm  # where the arm moves as well, at each of these openings on all of its way
-    found = (_least(bodies, at, float(gripper[i]), poses, held, allowed_contacts, step_m) for i in some)
+    found = [_least(bodies, at, float(gripper[first]), poses, held, allowed_contacts, step_m)]
+    found += [_least(bodies, at, float(gripper[i]), poses, held, allowed_contacts, step_m, fingers_alone=held is None) for i in others]
     return min((c for c in found if c is not None), key=lambda c: c.distance_m, default=None)
 
 
@@ -61,15 +62,19 @@ def _least(
     held: Held | None,
     allowed_contacts: Iterable[tuple[str, str]],
     step_m: float,
+    *,
+    fingers_alone: bool = False,
 ) -> Clearance | None:
-    """`least_clearance` for one gripper value and the arm's configurations (N, A)."""
-    posed, _, links = bodies.moving(gripper, held)
+    """`least_clearance` for one gripper value and the arm's configurations (N, A); fingers_alone: of them and nothing else."""
+    if fingers_alone:
+        posed, links = bodies.fingers(gripper)
+    else:
+        posed, _, links = bodies.moving(gripper, held)
     solids, names = bodies.standing(poses)
     own, P = len(bodies.robot_collision_model.links), len(links)
-    layout = bodies.layout(posed, links, names)
-    check = np.zeros(layout.judged.shape, np.uint8)
+    check = np.zeros((P, P + len(names)), np.uint8)
     check[posed.frame > 0, P:] = 1
-    layout.allow(check, allowed_contacts)
+    allow(check, (*links, *names), allowed_contacts)
     holding = [i for i in range(own) if links[i] not in bodies.robot.pads] if held is not None else []
     pairs = np.array([(h, i) for h in range(own, P) for i in holding], np.int64).reshape(-1, 2)
     query = Query(np.ascontiguousarray(check[:, P:]), pairs)

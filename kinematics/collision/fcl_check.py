@@ -135,9 +135,10 @@ class Verdict:
         but for links that are fixed to the world against obstacles, and for allowed contacts."""
         tested = layout.tested.copy()
         for a, b in allowed_contacts:
-            for one, other in ((a, b), (b, a)):
-                movers = [i for i in layout.at.get(one, ()) if i < layout.movers]
-                tested[np.ix_(movers, layout.at.get(other, ()))] = False
+            first, second = layout.at.get(a, ()), layout.at.get(b, ())
+            for i, j in (*((i, j) for i in first for j in second), *((j, i) for i in first for j in second)):
+                if i < layout.movers:
+                    tested[i, j] = False
         return tested
 
     def _fixed_links(self) -> Int:

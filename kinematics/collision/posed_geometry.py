@@ -101,9 +101,22 @@ def pose_geometry(chain: Chain, pieces: GeometryModel, frame: Int, T: Array) -> 
         pieces.fine_start,
         np.empty_like(pieces.fine),
     )
-    _pose_geometry(pieces, np.ascontiguousarray(T, float), posed)
-    _reach(chain, posed)
+    every = np.arange(n)
+    _pose_geometry(pieces, every, np.ascontiguousarray(T, float), posed)
+    _reach(chain, every, posed)
     return posed
+
+
+def pose_others(chain: Chain, pieces: GeometryModel, posed: PosedGeometry, which: Int, T: Array) -> PosedGeometry:
+    """The same posed geometry, but some pieces, which (m,) of the n, are at other poses, T (n, 4, 4), in the frames that carry them."""
+    other = posed._replace(
+        vertices=posed.vertices.copy(), groups=posed.groups.copy(), boxes=posed.boxes.copy(), reach=posed.reach.copy(),
+        coarse=posed.coarse.copy(), fine=posed.fine.copy(),
+    )  # fmt: skip
+    other.reach[:, which] = 0.0
+    _pose_geometry(pieces, which, np.ascontiguousarray(T, float), other)
+    _reach(chain, which, other)
+    return other
 
 
 def join_posed(a: PosedGeometry, b: PosedGeometry) -> PosedGeometry:
@@ -125,9 +138,10 @@ def join_posed(a: PosedGeometry, b: PosedGeometry) -> PosedGeometry:
 
 
 @jit_entry
-def _pose_geometry(pieces: GeometryModel, T: Array, posed: PosedGeometry) -> None:
-    """Vertices, groups, boxes and balls of posed geometry."""
-    for i in range(posed.frame.shape[0]):
+def _pose_geometry(pieces: GeometryModel, which: Int, T: Array, posed: PosedGeometry) -> None:
+    """Vertices, groups, boxes and balls of pieces which (m,) of posed geometry."""
+    for n in range(which.shape[0]):
+        i = which[n]
         first, last = pieces.start[i], pieces.start[i + 1]
         for v in range(first, last):
             x, y, z = pieces.vertices[0, v], pieces.vertices[1, v], pieces.vertices[2, v]
@@ -144,14 +158,16 @@ def _pose_geometry(pieces: GeometryModel, T: Array, posed: PosedGeometry) -> Non
 
 
 @jit_entry
-def _reach(chain: Chain, posed: PosedGeometry) -> None:
-    """How far (K, P) any point of part p can get from joint k's axis, whatever the joints beyond it do, in metres; 1 for a sliding joint.
+def _reach(chain: Chain, which: Int, posed: PosedGeometry) -> None:
+    """Of parts which (m,) how far (K, P) any point can get from joint k's axis, whatever joints beyond it do, in metres; 1 for a sliding
+    joint.
 
     Per rad (or m) of joint k no point of p moves further than that. 0 where joint k does not move p. Bounded by cylinders about the axes,
     each of which holds what the next joint's cylinder can sweep.
     """
     vertices, start = posed.vertices, posed.start
-    for p in range(posed.frame.shape[0]):
+    for n in range(which.shape[0]):
+        p = which[n]
         radius, low, high = 0.0, np.inf, -np.inf
         for v in range(start[p], start[p + 1]):
             radius = max(radius, np.sqrt(vertices[0, v] * vertices[0, v] + vertices[1, v] * vertices[1, v]))

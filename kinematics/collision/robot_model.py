@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from kinematics.chain import Int
-from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry
+from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry, pose_others
 from kinematics.collision.sphere_cover import Levels, box_levels, cylinder_levels, levels
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
@@ -60,6 +60,8 @@ class RobotCollisionModel:
         frames, T = self._carried(float(robot.home[robot.gripper_joint]))
         hand = robot.tree.index["hand"]
         self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
+        self._fingers = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))  # nothing else moves with the gripper's joint
+        self._home: PosedGeometry | None = None
         self._posed: dict[float, tuple[PosedGeometry, SphereModel]] = {}
 
     def _carried(self, gripper: float) -> tuple[Int, Array]:
@@ -77,7 +79,9 @@ class RobotCollisionModel:
             if len(known) == OPENINGS:
                 known.pop(next(iter(known)))  # the oldest
             frames, T = self._carried(gripper)
-            posed = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
+            if self._home is None:
+                self._home = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
+            posed = pose_others(self.chain, self.pieces, self._home, self._fingers, T[self._link])
             known[gripper] = posed, posed_sphere_model(self.chain, posed)
         return known[gripper]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -160,6 +161,7 @@ class Plan:
     grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
     unsolvable: the proof that there is none, if it was found.
     settled: objects that were moved a little before the plan began: it starts from where they stand now.
+    stated: what the file that it was read from says of figures that its motions give, "duration_s" and "clearance_m": for the verdict.
     target_blocked: what kept the target in before each move, and at the end if it did; no part of the file.
     """
 
@@ -182,6 +184,7 @@ class Plan:
     settled: tuple[Settlement, ...] = ()
     relocation_travel_m: float | None = None
     target_blocked: tuple[Blocked, ...] = ()
+    stated: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def duration_s(self) -> float:

@@ -15,6 +15,8 @@ from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion,
 
 PLAN = "retrieve/plan@2"
 WAYPOINT_PLAN = "retrieve/plan@1"
+STATED = ("duration_s", "clearance_m")
+"""Figures of a plan that are those of its motions: kept as they were written, for the verdict."""
 """A plan whose motions are waypoints, without velocities and accelerations."""
 RULES = ("deep", "region", "strict")
 
@@ -100,7 +102,7 @@ def plan_from_node(node: Node) -> Plan:
     version = expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
-    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m"), extra=True)
+    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m", *STATED), extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -120,6 +122,7 @@ def plan_from_node(node: Node) -> Plan:
         unsolvable=_unsolvable(f["unsolvable"]) if _said(f, "unsolvable") else None,
         settled=tuple(_settlement(item) for item in f["settled"].items()) if "settled" in f else (),
         relocation_travel_m=f["relocation_travel_m"].number(least=0) if _said(f, "relocation_travel_m") else None,
+        stated={key: f[key].number(least=0) for key in STATED if _said(f, key)},
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
-from planning.plan import Move, Plan
+from planning.plan import Motion, Move, Plan
 from planning.verdict.course import Course
 from planning.verdict.faults import MOVES, PLAN, Fault, Settings
 from planning.verdict.hand import Hand
@@ -20,6 +20,10 @@ CHORD = 0.05  # rad or m, into which the hand's way is cut to measure it
 TRAVEL_SHARE, TRAVEL_M = 0.01, 0.002  # by which a measured way may differ
 VALUE = 1e-3  # by which a return may
 TIME_S = 1e-3
+GRIPPER = 1e-4  # rad or m
+NOTHING = "nothing"
+STATED = {"duration_s": 1e-3, "clearance_m": 1e-5}
+"""By which figures in a plan's file may differ from those of its motions."""
 
 
 def move_faults(scene: Scene, plan: Plan, ledger: Ledger, settings: Settings) -> list[Fault]:
@@ -130,6 +134,36 @@ def figure_faults(scene: Scene, plan: Plan, courses: Sequence[Course], hand: Han
             out.append(Fault(PLAN, (), detail, abs(plan.relocation_travel_m - way)))
     late = [c for c in courses if c.t_s[0] > TIME_S]
     out += [Fault(c.stage, (), f"{c.where} begins at {c.t_s[0]:.3f} s, and times count from its start", float(c.t_s[0])) for c in late[:1]]
+    return out + stated_faults(plan) + gripper_faults(plan.motions)
+
+
+def stated_faults(plan: Plan) -> list[Fault]:
+    """What a plan's file says of its duration and clearance is what its motions give."""
+    own = {"duration_s": plan.duration_s, "clearance_m": plan.clearance_m}
+    out = []
+    for name, said in plan.stated.items():
+        is_so = own[name]
+        if is_so is None or not abs(said - is_so) <= STATED[name]:
+            out.append(Fault(PLAN, (), f"its {name} is {said:.4f}, and the motions make it {NOTHING if is_so is None else f'{is_so:.4f}'}"))
+    return out
+
+
+def gripper_faults(motions: Sequence[Motion]) -> list[Fault]:
+    """What the gripper is told before a motion and for its end is where its joint is then."""
+    out = []
+    for number, motion in enumerate(motions):
+        told = motion.gripper
+        if told is None:
+            continue
+        if told.joint not in motion.joint_names:
+            out.append(Fault(motion.stage, (), f"motion {number} tells a gripper's joint {told.joint!r}, which is none of its joints"))
+            continue
+        j = motion.joint_names.index(told.joint)
+        for when, state, is_at in (("before", told.before, motion.q[0, j]), ("after", told.after, motion.q[-1, j])):
+            off = abs(state.value - float(is_at))
+            if not off <= GRIPPER:
+                detail = f"motion {number} tells the gripper {state.value:.4g} {when} it, and {told.joint} is at {is_at:.4g}"
+                out.append(Fault(motion.stage, (), detail, off))
     return out
 
 

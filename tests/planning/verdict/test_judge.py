@@ -115,6 +115,25 @@ def _shorter_relocation(_: Json, plan: Json) -> None:
     plan["relocation_travel_m"] = plan["hand_travel_m"]
 
 
+def _shorter(_: Json, plan: Json) -> None:
+    plan["duration_s"] = sum(motion["t_s"][-1] for motion in plan["motions"]) - 1
+
+
+def _clear(_: Json, plan: Json) -> None:
+    plan["clearance_m"] = 0.01
+
+
+def _told_otherwise(_: Json, plan: Json) -> None:
+    motion, joint = plan["motions"][1], "finger_joint"
+    now = {"value": motion["q"][0][motion["joint_names"].index(joint)], "command_m": 0.05, "force_N": None}
+    motion["gripper"] = {"joint": joint, "before": now, "after": {**now, "value": now["value"] + 0.01}}
+
+
+def _another_gripper(_: Json, plan: Json) -> None:
+    _told_otherwise(_, plan)
+    plan["motions"][1]["gripper"]["joint"] = "claw"
+
+
 def _better_return(_: Json, plan: Json) -> None:
     plan["return"] += 0.5
 
@@ -192,6 +211,10 @@ def _nobody_moved(_: Json, plan: Json) -> None:
         (_on_an_edge, "scene", "leaf falls over"),
         (_longer_way, "plan", "hand_travel_m"),
         (_shorter_relocation, "plan", "relocation_travel_m"),
+        (_shorter, "plan", "duration_s"),
+        (_clear, "plan", "clearance_m is 0.0100, and the motions make it nothing"),
+        (_told_otherwise, "", "tells the gripper"),
+        (_another_gripper, "", "'claw', which is none of its joints"),
         (_better_return, "plan", "return"),
         (_another_region, "moves", "outside region 11"),
         (_no_such_region, "moves", "there are 100"),

@@ -366,6 +366,10 @@ def plan(
     hand_speed: Annotated[
         float, typer.Option("--hand-speed", help="How fast the hand may move with an object in it, m/s.", metavar="M/S")
     ] = 1.0,
+    slow_below: Annotated[
+        float,
+        typer.Option("--slow-below", help="Motions that come nearer to something slow down in proportion; 0: none.", metavar="MM"),
+    ] = 0.0,
     limits: Annotated[
         Path | None, typer.Option("--limits", help="Limits of velocity, acceleration and jerk of your own, TOML.", metavar="FILE")
     ] = None,
@@ -416,6 +420,7 @@ def plan(
         max_tilt_deg=max_tilt,
         speed=speed,
         hand_speed=hand_speed,
+        slow_below_mm=slow_below,
         limits=limits,
         unseen=unseen,
         html=html,
@@ -511,11 +516,12 @@ def show(
     html: Annotated[Path | None, typer.Option("--html", help="Write one self-contained page, animated.", metavar="FILE")] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Write a still picture; needs no display.", metavar="FILE")] = None,
     camera: Annotated[Camera, typer.Option("--camera", help="Where the still is taken from.")] = Camera.side,
+    plots: Annotated[bool, typer.Option("--plots", help="The page plots the joints over time against their limits, too.")] = False,
 ) -> Job:
     """Show a scene or a plan: in the browser, as a page, or as a still picture."""
     from retrieve_cli import show as command
 
-    return partial(command.run, file=file, index=index, scenes=scenes, html=html, png=png, camera=camera.value)
+    return partial(command.run, file=file, index=index, scenes=scenes, html=html, png=png, camera=camera.value, plots=plots)
 
 
 @app.command()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
     from planning.motion.settings import MotionSettings
+    from planning.motion.trajectory import Pace
 
 UNSEEN = ("solid", "free")
 
@@ -48,6 +49,7 @@ class Job:
     fail_fast: bool = False
     speed: float = 1.0
     hand_speed: float = 1.0
+    slow_below_mm: float = 0.0
     limits: str | None = None
     unseen: str = "solid"
     clearance_mm: float = 5.0
@@ -92,6 +94,7 @@ def run(
     fail_fast: bool = False,
     speed: float = 1.0,
     hand_speed: float = 1.0,
+    slow_below_mm: float = 0.0,
     limits: Path | None = None,
     unseen: str = "solid",
     clearance_mm: float = 5.0,
@@ -107,7 +110,7 @@ def run(
     """
     job = Job(
         policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast,
-        speed, hand_speed, str(limits) if limits else None, unseen, clearance_mm, clearance_least_mm, max_tilt_deg, grasp,
+        speed, hand_speed, slow_below_mm, str(limits) if limits else None, unseen, clearance_mm, clearance_least_mm, max_tilt_deg, grasp,
     )  # fmt: skip
     _check(job)
     if html is not None and not is_special(html):
@@ -161,11 +164,17 @@ def run(
     return UNSOLVED if strict and unsolved else DONE
 
 
+def _pace(job: Job) -> Pace:
+    """Raises: ValueError for a pace that can't be meant."""
+    from planning.motion.trajectory import Pace
+
+    return Pace(job.speed, job.hand_speed, job.slow_below_mm / 1000)
+
+
 def _check(job: Job) -> None:
     """Raises: InputError for options that do not go together, or a model or limits that can't be read."""
     from kinematics.robots.limits import read_tables
     from planning.learning.model import once_loaded
-    from planning.motion.trajectory import Pace
     from planning.policies import NETWORKS, POLICIES
 
     if job.policy is not None:
@@ -185,7 +194,7 @@ def _check(job: Job) -> None:
     if job.target_box is not None:
         parse_box(job.target_box, "plan")
     with blame("plan"):
-        Pace(job.speed, job.hand_speed)
+        _pace(job)
     if job.limits is not None:
         with blame("plan: --limits"):
             read_tables(Path(job.limits))
@@ -251,7 +260,6 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     from planning import library
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
-    from planning.motion.trajectory import Pace
 
     if job.sense:
         return sense_and_plan(job, where, scene)
@@ -268,7 +276,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
             time_budget_s=job.time_budget_s,
             robot=arm,
             settings=motion_settings(job),
-            pace=Pace(job.speed, job.hand_speed),
+            pace=_pace(job),
             grasp=job.grasp,
             unseen_is_solid=job.unseen == "solid",
         )
@@ -286,7 +294,6 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning import library
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
-    from planning.motion.trajectory import Pace
     from planning.policies import make_policy
     from planning.retrieval import Rule
     from planning.sensing.retrieve import Simulated, retrieve_unseen
@@ -311,7 +318,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             time_budget_s=job.time_budget_s,
             target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
             settings=motion_settings(job),
-            pace=Pace(job.speed, job.hand_speed),
+            pace=_pace(job),
             grasp=choice,
             rng=np.random.default_rng([job.seed, library.STAGE, scene.random_word]),
         )

@@ -20,8 +20,8 @@ FIRST_PORT, PORTS = 7000, 100
 """meshcat's own choice, and how many ports are tried before any free one."""
 
 
-def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None, png: Path | None, camera: str) -> None:
-    """Show line `index` of a file: write `html` and `png` where asked, else serve the page until Ctrl-C."""
+def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None, png: Path | None, camera: str, plots: bool) -> None:
+    """Show line `index` of a file: write `html` and `png` where asked, else serve the page until Ctrl-C. plots: of the joints, too."""
     if png is not None and png.suffix.lower() != ".png":
         raise InputError(f"show: {png}: a still is a PNG file; give it a name that ends in .png")
     where, scene, plan = _find(file, index, scenes)
@@ -32,9 +32,12 @@ def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None
 
         write_png(film, png, camera=camera)
     if html is not None:
-        _write_page(film, html)
+        with blame(where):
+            _write_page(film, html, plots=plots)
     if html is None and png is None:
-        _serve(film)
+        with blame(where):
+            content = page_of(film, plots=plots)
+        _serve(content)
 
 
 def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
@@ -49,11 +52,17 @@ def draw_png(scene: Scene, out: Path) -> None:
     write_png(_film(scene, None), out)
 
 
-def _write_page(film: Film, out: Path) -> None:
+def page_of(film: Film, *, plots: bool = False) -> str:
+    """The page of a film. Raises: ValueError for plots of what has none."""
     from retrieve_cli.drawing.page import page
 
+    return page(film, plots=plots)
+
+
+def _write_page(film: Film, out: Path, *, plots: bool = False) -> None:
+    text = page_of(film, plots=plots)
     with replacing(out) as part:
-        part.write_text(page(film), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
 
 
 def _film(scene: Scene, plan: Plan | None) -> Film:
@@ -101,14 +110,12 @@ def _name(file: Path | None) -> str:
     return "stdin" if file is None or str(file) == "-" else str(file)
 
 
-def _serve(film: Film) -> None:
-    """The same page, for the browser on this machine, until Ctrl-C: no second process, and no copy on the disk."""
+def _serve(page: str) -> None:
+    """The page, for the browser on this machine, until Ctrl-C: no second process, and no copy on the disk."""
     from functools import partial
     from http.server import ThreadingHTTPServer
 
-    from retrieve_cli.drawing.page import page
-
-    content = page(film).encode()
+    content = page.encode()
     for port in (*range(FIRST_PORT, FIRST_PORT + PORTS), 0):
         try:
             server = ThreadingHTTPServer(("127.0.0.1", port), partial(_handler(), content))

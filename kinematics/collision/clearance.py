@@ -17,6 +17,8 @@ FARTHEST_M = 1.0
 """What is further off than this is not measured."""
 FINGERS_AT = 3
 """At so many places of their way, both ends among them, fingers that move are looked at."""
+GRIPPER_DECIMALS = 2
+"""To so many decimals of their joint's value, rad or m, fingers on their way are told apart where a curve is drawn of clearances."""
 TOLERANCE = 1e-3
 """Share of the distance by which a clearance may be given too low."""
 
@@ -66,6 +68,39 @@ def _least(
     fingers_alone: bool = False,
 ) -> Clearance | None:
     """`least_clearance` for one gripper value and the arm's configurations (N, A); fingers_alone: of them and nothing else."""
+    problem, names = _problem(bodies, gripper, poses, held, allowed_contacts, fingers_alone=fingers_alone)
+    relative_m = step_m if held is None else 2 * step_m  # of two bodies that both move
+    distance_m, _, pair = edge_check.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, bodies.scratch(problem))
+    if pair < 0:
+        return None
+    a, b = problem.pairs[pair, :2]
+    return Clearance(float(distance_m), (names[a], names[b]))
+
+
+def clearances(
+    bodies: BroadPhase, q: Array, poses: Mapping[str, Array], held: Held | None, allowed_contacts: Iterable[tuple[str, str]], cap_m: float
+) -> Array:
+    """The clearance (N,) at each of configurations q (N, J), at most cap_m, what is measured being as in `least_clearance`."""
+    contacts, arm, out = tuple(allowed_contacts), np.ascontiguousarray(bodies.robot.arm_q(q)), np.empty(len(q))
+    gripper = np.round(q[:, bodies.robot.gripper_joint], GRIPPER_DECIMALS)
+    for value in np.unique(gripper):
+        problem, _ = _problem(bodies, float(value), poses, held, contacts)
+        scratch = bodies.scratch(problem)
+        for i in np.flatnonzero(gripper == value):
+            out[i] = edge_check.config_clearance(problem, arm[i], cap_m, scratch)
+    return out
+
+
+def _problem(
+    bodies: BroadPhase,
+    gripper: float,
+    poses: Mapping[str, Array],
+    held: Held | None,
+    allowed_contacts: Iterable[tuple[str, str]],
+    *,
+    fingers_alone: bool = False,
+) -> tuple[edge_check.Problem, tuple[str, ...]]:
+    """Whose distances a clearance is the least of, and the names behind its bodies."""
     if fingers_alone:
         posed, links = bodies.fingers(gripper)
     else:
@@ -79,10 +114,4 @@ def _least(
     pairs = np.array([(h, i) for h in range(own, P) for i in holding], np.int64).reshape(-1, 2)
     query = Query(np.ascontiguousarray(check[:, P:]), pairs)
     problem = edge_check.pose(bodies.robot_collision_model.chain, posed, solids, query, edge_check.MARGIN_M)
-    scratch = bodies.scratch(problem)
-    relative_m = step_m if held is None else 2 * step_m  # of two bodies that both move
-    distance_m, _, pair = edge_check.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, scratch)
-    if pair < 0:
-        return None
-    a, b = problem.pairs[pair, :2]
-    return Clearance(float(distance_m), ((*links, *names)[a], (*links, *names)[b]))
+    return problem, (*links, *names)

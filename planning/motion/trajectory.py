@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.clearance import clearances
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held
@@ -38,6 +40,10 @@ SHRINK = 0.6
 SAME = 1e-9
 """Waypoints that differ by less, in rad or m, are one."""
 STRAIGHT = ("approach", "lift", "lower", "retreat")
+LOOK_S = 0.02
+"""So often it is measured how near a motion comes to something."""
+SLOWEST = 10.0
+"""So many times slower a motion is at most for what it comes near to."""
 LEAST_S = 0.001
 """A motion in which nothing moves takes so long: a controller wants times that rise."""
 _ROWS = 1024
@@ -47,17 +53,21 @@ _ROWS = 1024
 class Pace:
     """How fast a plan is driven.
 
-    speed: 1 as fast as the limits allow; at 0.5 all takes twice as long. hand_speed: of the hand with an object in it, m/s.
+    speed: 1 as fast as the limits allow; at 0.5 all takes twice as long. hand_speed: of the hand with an object in it, m/s. slow_below_m: a
+    motion that comes nearer to something than that is so much slower, in proportion; 0: none is.
     """
 
     speed: float = 1.0
     hand_speed: float = 1.0
+    slow_below_m: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1:
             raise ValueError(f"the speed must lie between 0.01 and 1, not at {self.speed:g}")
         if not self.hand_speed > 0:
             raise ValueError(f"the hand's speed must be positive, not {self.hand_speed:g} m/s")
+        if not 0 <= self.slow_below_m <= 0.1:
+            raise ValueError(f"motions may slow down below a clearance of 0 to 100 mm, not {1000 * self.slow_below_m:g} mm")
 
 
 FULL = Pace()
@@ -74,6 +84,7 @@ class _Drive:
         self.t, self.rows = np.empty(_ROWS), np.empty((_ROWS, 3, len(arm)))
         self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))
         self.frames = np.empty((len(cell.arm.chain.q_index) + 1, 4, 4))
+        self.bodies: BroadPhase | None = None
         self.asked: tuple[Mapping[str, Array], float, Held | None, PlanningQuery] | None = None
 
     def trajectory(self, poses: Mapping[str, Array], motion: Motion) -> Motion:
@@ -94,9 +105,21 @@ class _Drive:
             if q[0, g] != q[-1, g]:
                 limits = (limit[[g]] for limit in (robot.velocity, robot.acceleration, robot.jerk))
                 t, rows = _beside(t, rows, g, *_from_stop_to_stop(q[[0, -1]][:, [g]], *limits))
-        if self.pace.speed < 1:
-            slow_down(1 / self.pace.speed, len(t), t, rows)
+        slower = 1 / self.pace.speed
+        if self.pace.slow_below_m > 0:
+            slower *= self._slower(poses, motion, t, rows)
+        if slower > 1:
+            slow_down(slower, len(t), t, rows)
         return replace(motion, q=rows[:, 0].copy(), t_s=t, qd=rows[:, 1].copy(), qdd=rows[:, 2].copy())
+
+    def _slower(self, poses: Mapping[str, Array], motion: Motion, t: Array, rows: Array) -> float:
+        """So many times slower a motion with times t (R,) and rows (R, 3, J) is for what it comes near to."""
+        if self.bodies is None:
+            self.bodies = BroadPhase(self.cell.robot, self.cell.scene)
+        most = self.pace.slow_below_m
+        q = evaluate(hermite(t, *np.swapaxes(rows, 0, 1)), np.linspace(0, t[-1], 2 + int(t[-1] / LOOK_S)))
+        clearance_m = float(clearances(self.bodies, q, poses, motion.held, motion.allowed_contacts, most).min())
+        return most / max(clearance_m, most / SLOWEST)
 
     def _drive(self, poses: Mapping[str, Array], motion: Motion, q: Array) -> int:
         """The rows for the arm's waypoints q (K, A), K > 1, in self.t and self.rows; how many."""

@@ -43,6 +43,7 @@ from retrieve_cli.drawing.picture import (
     outline,
     ring,
 )
+from retrieve_cli.drawing.plots import clearance_plot, joint_plots
 from retrieve_cli.drawing.unknown_space import (
     UNKNOWN_ALPHA,
     UNSEEN_COLOUR,
@@ -64,8 +65,8 @@ FRAME_S = 0.02
 """Seconds between two keys at most: the viewer goes straight from the one to the other."""
 
 
-def page(film: Film) -> str:
-    """The whole HTML document."""
+def page(film: Film, *, plots: bool = False) -> str:
+    """The whole HTML document. plots: whether it shows the joints over time, too. Raises: ValueError for plots of what has none."""
     import umsgpack  # type: ignore[import-untyped]
 
     commands = [*_setting(film), *_objects(film), *_seen(film), *_arm(film), *_plan(film)]
@@ -78,6 +79,7 @@ def page(film: Film) -> str:
     parts = {
         "TITLE": escape(f"{film.scene.id}: {'plan' if film.plan else 'scene'}"),
         "CAPTION": _caption(film),
+        "PLOTS": _plots(film, joints=plots),
         "CONTROLS": _controls(film),
         "SETTINGS": in_script(_settings(film)),
         "COMMANDS": ",\n".join(f'"{c}"' for c in packed),
@@ -519,6 +521,12 @@ def _caption(film: Film) -> str:
     tries = f"<br>{failed} attempts failed" if failed > 1 else "<br>1 attempt failed" if failed else ""
     numbers = f"{film.length_s:.1f} s of motion · hand travels {plan.hand_travel_m:.1f} m{tries}"
     return f"{head}<p>{line}</p>{result}<ol>{''.join(rows)}</ol><p>{numbers}</p>"
+
+
+def _plots(film: Film, *, joints: bool) -> str:
+    """The card over the time line: the clearance over time, the joints above it if asked for."""
+    rows = (joint_plots(film) if joints else "") + clearance_plot(film)
+    return f'<div id="plots">{rows}<div id="cursor"></div></div>' if rows else ""
 
 
 def _controls(film: Film) -> str:

@@ -49,15 +49,36 @@ body { margin: 0; background: radial-gradient(ellipse at 50% 40%, #fafbfc, #e9ec
 #clock, #stage { font-variant-numeric: tabular-nums; white-space: nowrap; font-size: 13px; }
 #clock { color: var(--quiet); }
 #stage { width: 150px; overflow: hidden; text-overflow: ellipsis; }
+#plots { position: absolute; z-index: 2; left: 16px; right: 16px; bottom: 76px; background: var(--card);
+  border: 1px solid rgba(255, 255, 255, .9); border-radius: 12px;
+  box-shadow: 0 1px 2px rgba(29, 39, 51, .06), 0 8px 28px rgba(29, 39, 51, .10);
+  backdrop-filter: blur(8px); padding: 8px 0; cursor: crosshair; font-size: 11px; line-height: 14px; touch-action: none; }
+.plot { position: relative; height: 54px; margin: 3px 0; }
+.plot svg { position: absolute; left: var(--x); width: var(--w); height: 100%; overflow: hidden; background: rgba(29, 39, 51, .035);
+  border-radius: 4px; }
+.plot path { fill: none; vector-effect: non-scaling-stroke; stroke-width: 1.4; stroke-linejoin: round; }
+.plot .area { fill: rgba(59, 116, 185, .16); stroke: none; }
+.plot .edge { stroke: #3b74b9; }
+.plot .guide { stroke: rgba(29, 39, 51, .22); stroke-width: 1; stroke-dasharray: 3 4; }
+.plot .name { position: absolute; left: calc(var(--x) + var(--w) + 62px); top: 0; color: var(--quiet); white-space: nowrap; }
+.plot .name b { color: var(--ink); font-weight: 550; }
+.plot .ends { position: absolute; left: calc(var(--x) + var(--w) + 8px); top: 0; bottom: 0; display: flex; flex-direction: column;
+  justify-content: space-between; color: var(--quiet); font-variant-numeric: tabular-nums; }
+.plot em { font-style: normal; }
+#joints { list-style: none; display: flex; flex-wrap: wrap; gap: 2px 14px; margin: 2px 16px 4px var(--x); padding: 0; color: var(--quiet); }
+#joints i { display: inline-block; width: 10px; height: 3px; border-radius: 2px; margin-right: 5px; vertical-align: 3px; }
+#cursor { position: absolute; top: 8px; bottom: 8px; width: 1.5px; background: var(--ink); opacity: .7; pointer-events: none; }
 .dg { display: none; z-index: 3; }
 body.tools .dg { display: block; }
+@media (max-width: 720px) { .plot .name { display: none; } }
 @media (max-width: 720px) { #card { width: auto; right: 16px; } #card ol, #card p:last-child { display: none; } #stage { display: none; } }
-@media print { #bar { display: none; } }
+@media print { #bar, #plots { display: none; } }
 </style>
 </head>
 <body>
 <div id="pane"></div>
 <div id="card">@CAPTION@</div>
+@PLOTS@
 @CONTROLS@
 <script>
 @MESHCAT@
@@ -118,7 +139,14 @@ function stand() {
   viewer.controls.update();
 }
 function fit() {
-  const w = window.innerWidth, h = window.innerHeight, bar = film.length > 0 ? 64 : 0, card = w > 900 ? 150 : 0;
+  const plots = document.getElementById("plots"), line = document.getElementById("line");
+  const w = window.innerWidth, h = window.innerHeight, card = w > 900 ? 150 : 0;
+  const bar = Math.min(h / 2, film.length > 0 ? 64 + (plots ? plots.offsetHeight + 8 : 0) : 0);
+  if (plots) {  // the plots' time is the time line's
+    const span = line.getBoundingClientRect();
+    plots.style.setProperty("--x", span.left - 17 + "px");
+    plots.style.setProperty("--w", span.width + "px");
+  }
   const across = film.halfWidth / (1 - card / w), high = film.halfHeight * 1.06 / (1 - bar / h);
   viewer.camera.fov = 2 * Math.atan(Math.max(high, across * h / w)) * 180 / Math.PI;
   viewer.camera.setViewOffset(w, h, -card / 2, bar / 2, w, h);  // the card and the bar cover as little as they can
@@ -136,6 +164,7 @@ function show(t) {
   time = Math.max(0, Math.min(film.length, t));
   viewer.animator.seek(time);
   at("time").value = time;
+  if (at("cursor")) at("cursor").style.left = "calc(var(--x) + " + time / film.length + " * var(--w))";
   at("clock").textContent = time.toFixed(1) + " / " + film.length.toFixed(1) + " s";
   let now = film.stages[0];
   for (const s of film.stages) if (s.t <= time) now = s;
@@ -160,6 +189,15 @@ if (film.length > 0) {
   for (const action of viewer.animator.actions) action.play();
   at("play").onclick = () => play(!playing);
   at("time").oninput = () => { play(false); show(Number(at("time").value)); };
+  const seek = (e) => {
+    const span = at("line").getBoundingClientRect();
+    play(false);
+    show((e.clientX - span.left) / span.width * film.length);
+  };
+  if (at("plots")) {
+    at("plots").onpointerdown = (e) => { at("plots").setPointerCapture(e.pointerId); seek(e); };
+    at("plots").onpointermove = (e) => { if (e.buttons) seek(e); };
+  }
   at("speed").onclick = () => {
     speed = { 1: 2, 2: 4, 4: 0.5, 0.5: 1 }[speed];
     at("speed").textContent = (speed === 0.5 ? "½" : speed) + "×";

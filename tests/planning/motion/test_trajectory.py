@@ -16,7 +16,7 @@ from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.replay import replay
+from planning.motion.replay import replay, with_clearances
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.trajectory import STRAIGHT, Pace, timed
 from planning.motion.verify import hand_poses, verify
@@ -129,6 +129,16 @@ def test_pace(found: tuple[Motions, Done], ur5e: Robot) -> None:
             speed = np.linalg.norm(np.diff(p, axis=0), axis=1).max() / 1e-3
             assert speed <= fastest or motion.held is None
             assert speed > 0.7 * fastest or motion.held is None or motion.stage == "lift"
+
+
+def test_motions_slow_down_near_things(found: tuple[Motions, Done], ur5e: Robot) -> None:
+    motions, done = found
+    start = motions.start()
+    full, slow = (timed(motions.cell, start.poses, done.motions, Pace(1.0, 10.0, below)) for below in (0.0, 0.01))
+    for a, b, c in zip(full, slow, with_clearances(ur5e, motions.scene, full)):
+        assert c.clearance_m is not None
+        if a.stage != "grasp":
+            assert b.t_s[-1] == pytest.approx(a.t_s[-1] * min(10.0, max(1.0, 0.01 / c.clearance_m)), rel=0.12)
 
 
 def test_the_whole_is_free(found: tuple[Motions, Done], ur5e: Robot) -> None:

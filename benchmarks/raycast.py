@@ -24,8 +24,10 @@ from kinematics.scene import Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
 from perception.camera import depth_edges, look_at, ray_directions, realsense_d435i
+from perception.rendering.colours import PALETTE, TARGET_COLOUR, WALL_COLOUR
+from perception.rendering.lighting import Studio
 from perception.rendering.raycast import Mesh, moved, raycast, surfaces
-from perception.rendering.shading import PALETTE, TARGET_COLOUR, WALL_COLOUR, Item, Studio, shade
+from perception.rendering.shading import Item, shade
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from ray_tree import cast_rays

@@ -7,7 +7,7 @@ import numpy as np
 from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, apply
-from perception.rendering.shading import TARGET_COLOUR
+from perception.rendering.colours import TARGET_COLOUR
 from retrieve_cli.drawing.picture import Colour, Film, outline
 
 OBSTACLE_COLOUR: Colour = (0.55, 0.50, 0.45)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from kinematics.robots.tree import FIXED, SLIDES
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
 from kinematics.transforms import Array, transform, wxyz_from_rotation
-from perception.rendering.shading import TARGET_COLOUR, WALL_COLOUR
+from perception.rendering.colours import TARGET_COLOUR, WALL_COLOUR
 from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
 from retrieve_cli.drawing.page_html import PAGE
 from retrieve_cli.drawing.picture import (
@@ -305,9 +305,9 @@ def _flat(vertices: Array, faces: Int) -> tuple[Array, Array, Int]:
 def _creased(vertices: Array, faces: Int, crease_rad: float = 0.6) -> tuple[Array, Array, Int]:
     """Vertices, normals and faces of a mesh, smooth but for edges sharper than a crease: there each side has vertices of its own."""
     from perception.rendering.raycast import Mesh, surfaces
-    from perception.rendering.shading import _corner_normals
+    from perception.rendering.smooth_normals import corner_normals
 
-    normals = _corner_normals(surfaces([Mesh(vertices, faces)], np.eye(4)[None]), np.array([crease_rad])).reshape(-1, 3)
+    normals = corner_normals(surfaces([Mesh(vertices, faces)], np.eye(4)[None]), np.array([crease_rad])).reshape(-1, 3)
     leaning = np.round(normals * 60).astype(np.int64) + 60
     keys = ((faces.ravel() * 121 + leaning[:, 0]) * 121 + leaning[:, 1]) * 121 + leaning[:, 2]
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)

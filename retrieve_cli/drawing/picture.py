@@ -18,7 +18,7 @@ from kinematics.robots.start import start_q
 from kinematics.scene import Body, Cabinet, Held, Scene, State
 from kinematics.shapes import Box, Cylinder, Shape, bounds, convex_parts
 from kinematics.transforms import Array, apply, inverse
-from perception.rendering.shading import PALETTE, TARGET_COLOUR
+from perception.rendering.colours import PALETTE, TARGET_COLOUR
 from planning.plan import Motion, Move, Plan
 
 Colour = tuple[float, float, float]

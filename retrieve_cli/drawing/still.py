@@ -9,7 +9,10 @@ import numpy as np
 
 from kinematics.scene import State
 from kinematics.transforms import Array, apply
-from perception.rendering.shading import TARGET_COLOUR, WALL_COLOUR, Image, Item, Polyline, Studio, shade
+from perception.rendering.colours import TARGET_COLOUR, WALL_COLOUR
+from perception.rendering.lighting import Studio
+from perception.rendering.polylines import Polyline
+from perception.rendering.shading import Image, Item, shade
 from planning.io.outputs import replacing
 from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
 from retrieve_cli.drawing.picture import (

@@ -11,8 +11,10 @@ from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from perception.camera import Intrinsics, cloud, look_at, points_in_camera, ray_directions, realsense_d435i
+from perception.rendering.lighting import Studio
+from perception.rendering.polylines import Polyline
 from perception.rendering.raycast import Mesh, Surfaces, join, moved, raycast, surfaces
-from perception.rendering.shading import Item, Polyline, Studio, shade
+from perception.rendering.shading import Item, shade
 
 CAMERA = realsense_d435i(160, 120)
 

@@ -23,7 +23,7 @@ from PIL import Image
 
 from kinematics.robots.robot import from_ref
 from kinematics.transforms import rotation_from_wxyz
-from perception.rendering.shading import TARGET_COLOUR
+from perception.rendering.colours import TARGET_COLOUR
 from planning.io.files import read_plans, read_scenes
 from retrieve_cli.__main__ import main
 from retrieve_cli.drawing.picture import Film, held_by, straightened

@@ -26,7 +26,7 @@ from planning.io.files import read_scene_lines
 from planning.motion.pick_place import Motions
 from retrieve_cli.plan import Job, plan_scene
 
-STAGES = ("choosing", "motions", "trajectories", "verify", "verdict", "clearance", "travel", "rest")
+STAGES = ("choosing", "motions", "quickest", "trajectories", "verify", "verdict", "clearance", "travel", "rest")
 
 
 class Clock:
@@ -63,6 +63,7 @@ def watch(clock: Clock) -> None:
         (retrieval, "judge", "verdict"),
         (retrieval, "with_clearances", "clearance"),
         (retrieval, "hand_travel", "travel"),
+        (Motions, "quickest", "quickest"),
         (Motions, "trajectories", "trajectories"),
         (Motions, "retrieve_target", "motions"),
         (Motions, "relocate", "motions"),

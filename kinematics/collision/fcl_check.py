@@ -55,6 +55,7 @@ class Verdict:
         self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._pairs = _self_pairs(robot)
         self._carriers, self._on_way = _ways(robot)
+        self._known_still: dict[tuple[bytes, int, int], NDArray[np.bool_]] = {}
         self._layouts: dict[tuple[str | None, tuple[str, ...]], _Layout] = {}
 
     def contacts(self, state: State, allowed_contacts: Iterable[tuple[str, str]] = ()) -> list[Contact]:
@@ -149,9 +150,12 @@ class Verdict:
     def _still(self, q: Array, grip: int, standing: int) -> NDArray[np.bool_]:
         """Between which pairs (movers, solids) no joint moves along q (N, J): those that go with the same moving link, or with none."""
         moves = np.append((q != q[0]).any(0), False)[self.robot.tree.q_index]  # a fixed joint's index is -1
-        goes_with = np.where(self._on_way & moves, np.arange(len(moves)), -1).max(1)
-        goes_with = np.concatenate([goes_with[:-1], np.repeat(goes_with[-1], grip), np.full(standing, -1)])
-        return np.asarray(goes_with[: len(goes_with) - standing, None] == goes_with)
+        key = (moves.tobytes(), grip, standing)
+        if key not in self._known_still:
+            goes_with = np.where(self._on_way & moves, np.arange(len(moves)), -1).max(1)
+            goes_with = np.concatenate([goes_with[:-1], np.repeat(goes_with[-1], grip), np.full(standing, -1)])
+            self._known_still[key] = goes_with[: len(goes_with) - standing, None] == goes_with
+        return self._known_still[key]
 
     def _poses(self, q: Array, grip: int, held: Held | None) -> Array:
         """Poses (N, movers, 4, 4) of the link hulls and the held object's parts at q (N, J), in the world."""

@@ -45,6 +45,7 @@ TIME_IS_UP = "the time for it is up"
 TILTS = "what is carried would lean too far"
 NEAR_M = 0.2  # so far from the ends of a path, in metres moved, the least clearance will do
 KEPT = 16  # sets of poses for which the packed bodies are kept
+CLEAR_KEPT = 64  # queries that ask for a clearance
 
 
 @dataclass(frozen=True)
@@ -89,13 +90,13 @@ class ContactQuery(NamedTuple):
 
 
 class _Bodies(NamedTuple):
-    """What stands at some poses, packed, with the names; and the queries of an empty hand among them, by the gripper's value. The poses
-    are kept, too, for they are told from others by their identity."""
+    """What stands at some poses, packed, with the names; and the queries of an empty hand among them, by the gripper's value, or the two
+    between which it moves. The poses are kept, too, for they are told from others by their identity."""
 
     poses: Mapping[str, Array]
     solids: Solids
     names: tuple[str, ...]
-    known: dict[float, PlanningQuery]
+    known: dict[float | tuple[float, float], PlanningQuery]
 
 
 class Workcell:
@@ -127,6 +128,7 @@ class Workcell:
         self.walls = [*standing_still(scene), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
+        self._clear: dict[tuple[int, float], tuple[PlanningQuery, PlanningQuery]] = {}  # told by identity, so the queries are kept, too
         self._solutions: dict[tuple[bytes, int], Array] = {}
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
         fingers = MOST_OPENINGS * len(self.arm.fingers)
@@ -246,13 +248,14 @@ class Workcell:
         moving = self.arm.any_opening(first, last)
         if moving is None:
             return None
-        posed, model, links, pairs, off_m = moving
-        _, solids, bodies, _ = self._standing(poses)
-        check = np.ones((len(links), len(bodies)), np.uint8)
-        check[posed.frame == 0] = 0
-        task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
-        query = PlanningQuery(task, links + bodies, off_m)
-        return self.keeping(query, self.settings.clearance.least_m)
+        _, solids, bodies, known = self._standing(poses)
+        if (first, last) not in known:
+            posed, model, links, pairs, off_m = moving
+            check = np.ones((len(links), len(bodies)), np.uint8)
+            check[posed.frame == 0] = 0
+            task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
+            known[first, last] = self.keeping(PlanningQuery(task, links + bodies, off_m), self.settings.clearance.least_m)
+        return known[first, last]
 
     def free_however_open(self, poses: Mapping[str, Array], path: Array, first: float, last: float) -> bool:
         """Whether a path (K, A), K > 1, of an empty hand is free with the fingers anywhere between two gripper values all along."""
@@ -406,7 +409,13 @@ class Workcell:
 
     def keeping(self, query: PlanningQuery, clearance_m: float) -> PlanningQuery:
         """The same query for motions that keep so far from everything but what they may touch and unseen space, in metres."""
-        return query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m, query.off_m))
+        key = id(query), clearance_m
+        if key not in self._clear:
+            if len(self._clear) == CLEAR_KEPT:
+                self._clear.pop(next(iter(self._clear)))  # the oldest
+            clear = query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m, query.off_m))
+            self._clear[key] = query, clear
+        return self._clear[key][1]
 
     def clearest(self, query: PlanningQuery, path: Array) -> float:
         """The largest of the clearances that are tried which all edges of a certified path (K, A) keep, in metres."""

@@ -103,11 +103,13 @@ def tilt_faults(courses: Sequence[Course], ledger: Ledger, hand: Hand, T_world_b
         limit = limits.get(carry.body)
         if limit is None or limit >= 180:
             continue
-        for course in courses[carry.first : carry.last + 1]:
-            _, q = course.dense(0.01)
-            up = carry.T_world_from[:3, :3].T @ [0.0, 0.0, 1.0]  # what points up, in the body
-            axis = (hand_poses(hand, q, T_world_base) @ carry.T_hand_body)[:, :3, :3] @ up
-            tilt = float(np.degrees(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]).max()))
+        held = courses[carry.first : carry.last + 1]
+        rows = [course.dense(0.01)[1] for course in held]
+        up = carry.T_world_from[:3, :3].T @ [0.0, 0.0, 1.0]  # what points up, in the body
+        axis = hand_poses(hand, np.concatenate(rows), T_world_base)[:, :3, :3] @ (carry.T_hand_body[:3, :3] @ up)
+        tilts = np.degrees(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
+        for course, its in zip(held, np.split(tilts, np.cumsum([len(r) for r in rows])[:-1])):
+            tilt = float(its.max())
             if tilt > limit + 0.1:
                 detail = f"{course.where}: {carry.body} leans by {tilt:.1f}°, and may by {limit:g}°"
                 out.append(Fault(course.stage, (carry.body,), detail, float(np.radians(tilt))))
@@ -122,16 +124,12 @@ def figure_faults(scene: Scene, plan: Plan, courses: Sequence[Course], hand: Han
     value = float(plan.success) - float(sum(np.linalg.norm(a - base) + np.linalg.norm(b - a) for a, b in ends))
     if not abs(plan.value - value) <= VALUE:
         out.append(Fault(PLAN, (), f"its return is {plan.value:.4f}, and the moves make it {value:.4f}", abs(plan.value - value)))
-    way = travel(courses, hand, scene.robot.T_world_base)
-    if not abs(plan.hand_travel_m - way) <= TRAVEL_SHARE * way + TRAVEL_M:
-        detail = f"its hand_travel_m is {plan.hand_travel_m:.4f}, and the motions make it {way:.4f}"
-        out.append(Fault(PLAN, (), detail, abs(plan.hand_travel_m - way)))
+    ways = hand_ways(courses, hand, scene.robot.T_world_base)
+    out += _travel_faults("hand_travel_m", plan.hand_travel_m, float(ways.sum()), "the motions")
     if plan.relocation_travel_m is not None:
         last = max((i for i, course in enumerate(courses) if course.stage == "retreat"), default=-1)
-        way = travel([c for c in courses[: last + 1] if c.stage != "look"], hand, scene.robot.T_world_base)
-        if not abs(plan.relocation_travel_m - way) <= TRAVEL_SHARE * way + TRAVEL_M:
-            detail = f"its relocation_travel_m is {plan.relocation_travel_m:.4f}, and the motions before the last retreat make it {way:.4f}"
-            out.append(Fault(PLAN, (), detail, abs(plan.relocation_travel_m - way)))
+        way = float(sum(way for way, course in zip(ways[: last + 1], courses) if course.stage != "look"))
+        out += _travel_faults("relocation_travel_m", plan.relocation_travel_m, way, "the motions before the last retreat")
     late = [c for c in courses if c.t_s[0] > TIME_S]
     out += [Fault(c.stage, (), f"{c.where} begins at {c.t_s[0]:.3f} s, and times count from its start", float(c.t_s[0])) for c in late[:1]]
     return out + stated_faults(plan) + gripper_faults(plan.motions)
@@ -167,13 +165,18 @@ def gripper_faults(motions: Sequence[Motion]) -> list[Fault]:
     return out
 
 
-def travel(courses: Sequence[Course], hand: Hand, T_world_base: Array) -> float:
-    """Length in m of the hand's way, along chords of at most `CHORD` in any joint."""
-    moving = [c for c in courses if len(c.q) > 1]
-    if not moving:
-        return 0.0
-    rows = [c.dense(CHORD)[1] for c in moving]
+def _travel_faults(name: str, said_m: float, way_m: float, of: str) -> list[Fault]:
+    """What is wrong with a length that a plan says of the hand's way."""
+    if abs(said_m - way_m) <= TRAVEL_SHARE * way_m + TRAVEL_M:
+        return []
+    return [Fault(PLAN, (), f"its {name} is {said_m:.4f}, and {of} make it {way_m:.4f}", abs(said_m - way_m))]
+
+
+def hand_ways(courses: Sequence[Course], hand: Hand, T_world_base: Array) -> Array:
+    """Lengths in m (C,) of the hand's way in each course, along chords of at most `CHORD` in any joint."""
+    rows = [c.dense(CHORD)[1] for c in courses]
     at = hand_poses(hand, np.concatenate(rows), T_world_base)[:, :3, 3]
-    way = np.linalg.norm(np.diff(at, axis=0), axis=1)
-    way[np.cumsum([len(r) for r in rows])[:-1] - 1] = 0.0  # from one motion to the next
-    return float(way.sum())
+    chords = np.append(np.linalg.norm(np.diff(at, axis=0), axis=1), 0.0)
+    ends = np.cumsum([len(r) for r in rows])
+    chords[ends - 1] = 0.0  # from one motion to the next
+    return np.add.reduceat(chords, ends - [len(r) for r in rows])

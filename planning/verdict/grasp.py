@@ -18,7 +18,7 @@ from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
 
 MOST_M = 1000.0  # no grasp is further away
-_STEPS, _ROUNDS = 9, 5
+_STEPS, _ROUNDS = 65, 3
 
 
 def judge_grasp(

@@ -31,7 +31,7 @@ from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
 from planning.plan import Plan
 from planning.sensing.look_around import Limits, look_around
-from planning.sensing.retrieve import Simulated
+from planning.sensing.world import SimulatedWorld
 from planning.statistics import wilson
 from retrieve_cli.gen import run as gen
 from retrieve_cli.plan import run as plan
@@ -65,9 +65,9 @@ def forget(truth: Path, out: Path) -> None:
 
 def carried_out(robot: Robot, truth: Scene, seen: Scene, made: Plan) -> Plan:
     """The plan with the truth's names, and each object where it truly is in the hand."""
-    world = Simulated(robot, truth, truth.poses(), None, "geometry")
+    world = SimulatedWorld(robot, truth, np.random.default_rng(0), None, "geometry")
     names = world.names(seen.objects)
-    motions, _ = world.move(made.motions, names)
+    motions = world.recorded(made.motions, names, truth.poses())
     moves = tuple(replace(m, object=names.get(m.object, m.object)) for m in made.moves)
     return replace(made, motions=motions, moves=moves)
 

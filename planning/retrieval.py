@@ -194,11 +194,12 @@ def conclude(
     settings: MotionSettings = DEFAULTS,
     grasp: Grasp | None = None,
     faults: Sequence[Fault] = (),
+    is_truth: bool = True,
 ) -> Plan:
     """The plan that a loop ends with, after the final check and the verdict, with the clearances measured.
 
     reason: why the target was not taken, None when it was. grasp: how it was taken, by default the scene's x_g. faults: what has been found
-    wrong already.
+    wrong already. is_truth: whether the scene is as things were when the motions began; otherwise nothing but `faults` is judged by.
     """
     success = reason is None
     travel = [hand_travel(robot, scene, [motion]) for motion in way]
@@ -209,6 +210,8 @@ def conclude(
     )  # fmt: skip
     if not way:
         return plan
+    if not is_truth:
+        return _judged(scene, replace(plan, verified=not faults, faults=tuple(faults)), None)
     with moving:
         bodies, sampled = BroadPhase(robot, scene), lru_cache(maxsize=None)(partial(samples, robot, scene))
         touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies, sampled=sampled)
@@ -217,10 +220,15 @@ def conclude(
             faults = (*faults, *judge(scene, plan, robot, limits))
         motions = with_clearances(robot, scene, way, bodies, sampled)
     plan = replace(plan, motions=motions, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=tuple(faults))
+    return _judged(scene, plan, touch)
+
+
+def _judged(scene: Scene, plan: Plan, touch: Blocked | None) -> Plan:
+    """The plan, which fails if it is not verified: touch is why, or its first fault."""
     if plan.verified:
         return plan
-    why = touch or Blocked("verify", detail=str(faults[0]))
-    return replace(plan, success=False, reason=why, value=objective(scene, moves, False))
+    why = touch or Blocked("verify", detail=str(plan.faults[0]))
+    return replace(plan, success=False, reason=why, value=objective(scene, plan.moves, False))
 
 
 def failed(scene: str, detail: str, *, name: str, rule: Rule) -> Plan:

@@ -343,6 +343,10 @@ def plan(
         Path | None, typer.Option("--model", help="A model folder; by default the networks that ship for the robot.", metavar="DIR")
     ] = None,
     sense: Annotated[bool, typer.Option("--sense", help="Know nothing at first: look, plan on what is seen, look again.")] = False,
+    world: Annotated[
+        str | None,
+        typer.Option("--world", help="With --sense: a real cell, the object that this function returns.", metavar="MODULE:FUNCTION"),
+    ] = None,
     noise: Annotated[bool, typer.Option("--noise", help="With --sense: depths as noisy as a stereo depth camera's.")] = False,
     by: Annotated[By, typer.Option("--by", help="With --sense: tell objects apart by masks, or by geometry alone.")] = By.mask,
     target_box: Annotated[
@@ -411,6 +415,7 @@ def plan(
         gripper_joint=gripper_joint,
         model=model,
         sense=sense,
+        world=world,
         noise=noise,
         by=by.value,
         target_box=target_box,

@@ -21,6 +21,7 @@ from retrieve_cli.sense import parse_box
 from retrieve_cli.story import story
 from retrieve_cli.terminal import announce_first_run, mesh_progress, on_terminal, progress, say, say_settled
 from retrieve_cli.version import version
+from retrieve_cli.worlds import as_it_is, own_world
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
@@ -56,6 +57,7 @@ class Job:
     clearance_least_mm: float = 0.5
     max_tilt_deg: float = 30.0
     grasp: str = "given"
+    world: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +104,7 @@ def run(
     max_tilt_deg: float = 30.0,
     pose_noise_mm: float = 2.0,
     grasp: str = "given",
+    world: str | None = None,
     quiet: bool = False,
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
@@ -111,8 +114,13 @@ def run(
     job = Job(
         policy, rule, seed, iterations, time_budget_s, max_moves, str(model) if model else None, sense, noise, by, target_box, fail_fast,
         speed, hand_speed, slow_below_mm, str(limits) if limits else None, unseen, clearance_mm, clearance_least_mm, max_tilt_deg, grasp,
+        world,
     )  # fmt: skip
     _check(job)
+    if world is not None and (not sense or (workers or 1) > 1 or engine != "local"):
+        raise InputError("plan: --world goes with --sense, and with one worker: there is one arm")
+    if world is not None and html is not None:
+        raise InputError("plan: --html draws what is known of a scene, and of a real world that is nothing; leave it out with --world")
     if html is not None and not is_special(html):
         place_for(html)
     announce_first_run()
@@ -296,7 +304,8 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
     from planning.retrieval import Rule
-    from planning.sensing.retrieve import Simulated, retrieve_unseen
+    from planning.sensing.retrieve import retrieve_unseen
+    from planning.sensing.world import SimulatedWorld, World
     from planning.target_grasps import GraspChoice, check_choice
     from planning.verdict import judge_grasp
 
@@ -308,19 +317,33 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             raise ValueError(f"grasp: {wrong}")
         name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
+        rng, model_noise = np.random.default_rng([job.seed, library.STAGE, scene.random_word]), DepthNoise()
+        simulated = None if job.world else SimulatedWorld(arm, scene, rng, model_noise if job.noise else None, job.by)
+        world: World
+        if job.world is not None:
+            own = own_world(job.world, scene, arm)
+            world, scene = own, as_it_is(own, scene, arm)
+        else:
+            assert simulated is not None
+            world = simulated
         return retrieve_unseen(
-            Simulated(arm, scene, scene.poses(), DepthNoise() if job.noise else None, job.by),
+            world,
+            arm,
+            scene,
             lambda motions: make_policy(name, motions, model=model, max_moves=job.max_moves),
+            truth=simulated,
+            by=job.by if job.world is None else None,
+            noise_1m_m=model_noise.axial_1m_m if job.noise or job.world else 0.0,
             name=name,
             rule=Rule(job.rule),
             max_moves=job.max_moves,
             iterations=job.iterations or ITERATIONS,
             time_budget_s=job.time_budget_s,
-            target_box=None if job.target_box is None else parse_box(job.target_box, "plan"),
+            target_box=scene.target_box if job.target_box is None else parse_box(job.target_box, "plan"),
             settings=motion_settings(job),
             pace=_pace(job),
             grasp=choice,
-            rng=np.random.default_rng([job.seed, library.STAGE, scene.random_word]),
+            rng=rng,
         )
 
 

@@ -218,6 +218,18 @@ class Motions:
                 break
         return why
 
+    def across_again(self, state: State, motion: Motion, q: Array, rng: np.random.Generator) -> Motion | Blocked:
+        """From q (J,), where the arm stopped with an object in the hand, to where a transfer ends. state: before the pick."""
+        assert motion.held is not None
+        rest = self._without(state, motion.held.body)
+        carrying = self.cell.problem(rest, float(motion.q[-1][self.robot.gripper_joint]), held=motion.held)
+        path = self.cell.connect(carrying, self.robot.arm_q(q), self.robot.arm_q(motion.q[-1])[None], rng)
+        if isinstance(path, Blocked):
+            return replace(path, stage=motion.stage)
+        rows = np.array([self.robot.with_arm(row, float(q[self.robot.gripper_joint])) for row in path])
+        again = replace(motion, q=rows, t_s=np.arange(len(rows), dtype=float), qd=None, qdd=None)
+        return timed(self.cell, rest, [again], self.pace)[0]
+
     def placeable(self, state: State, name: str, regions: Sequence[int] | Int, rng: np.random.Generator) -> NDArray[np.bool_]:
         """To which of some regions (N,) an object can be carried now: `relocate` with less patience, many at once, without the motions."""
         picks, _ = self.picks(state, name)

@@ -39,6 +39,10 @@ NEAR_M = 0.04  # around objects the map counts voxel by voxel, further off in bl
 BLIND = 3  # views in a row that measure nothing, before the looking ends
 
 
+Drive = Callable[[Sequence[Motion]], tuple[Sequence[Motion], Array]]
+"""Carries motions out: those that were, the last one perhaps in part, and where the arm is then, q (J,)."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """When to stop: the share of the space that is to be known, the least share that a further view must reveal, the most views.
@@ -94,13 +98,15 @@ def look_around(
     noise_1m_m: float = 0.0,
     intrinsics: Intrinsics = DEFAULT,
     pace: Pace = FULL,
+    drive: Drive | None = None,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Looked:
     """Take views of the cabinet, the first one where the arm stands, at q (J,).
 
     blank: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
     focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.sensing.focus`.
-    choose: "gain", "random" or "sweep". pace: how fast the arm moves.
+    choose: "gain", "random" or "sweep". pace: how fast the arm moves. drive: takes the arm along motions to the next view; without it the
+    camera is told where it would be.
     Raises: ValueError when the robot has no camera in its hand, and for another word.
     """
     limits = limits or Limits()
@@ -139,8 +145,9 @@ def look_around(
         at, path = chosen
         done[at] = True
         rows = np.array([robot.with_arm(row, float(q[robot.gripper_joint])) for row in path])
-        motions += timed(way.cell, way.poses, [Motion("look", robot.joint_names, rows, np.arange(len(rows), dtype=float))], pace)
-        q = rows[-1]
+        to_view = timed(way.cell, way.poses, [Motion("look", robot.joint_names, rows, np.arange(len(rows), dtype=float))], pace)
+        gone, q = (to_view, rows[-1]) if drive is None else drive(to_view)
+        motions += gone
     return Looked(tuple(frames), tuple(views), voxels, tuple(motions), q, reason)
 
 

@@ -1,7 +1,8 @@
 """The retrieval loop without being told the truth: look, plan on what was seen, move, look again (paper, section III-E).
 
-The world is only asked for pictures and told to move. It is a simulated one here; what it gives back, motions with the objects where they
-truly were in the hand, is judged against the truth at the end, and not before.
+The world is only asked for pictures, told to move, and asked where the arm is (`planning.sensing.world`). What a simulated one says of the
+truth is for the record: motions with the objects where they truly were in the hand are judged at the end, and not before. When an execution
+stops half-way, the loop looks again and plans on from where the arm is.
 """
 
 from __future__ import annotations
@@ -14,23 +15,22 @@ from typing import Literal
 import numpy as np
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, Held, Scene, State
-from kinematics.transforms import Array, inverse
+from kinematics.scene import Body, Grasp, Scene, State
+from kinematics.transforms import Array
 from perception.belief import Belief, believe, observation, without_bodies, without_objects
-from perception.camera import DepthNoise
 from perception.frames import Frame
 from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
 from perception.objects.clustering import NoSurfaces
-from perception.rendering.synthetic_camera import Camera, synthetic_camera
+from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.carry import Done
 from planning.motion.pick_place import ITERATIONS, Motions
-from planning.motion.replay import hand_poses
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
 from planning.plan import Blocked, Fault, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
 from planning.sensing.focus import wanted
 from planning.sensing.look_around import BODY_MARGIN_M, Limits, Looked, look_around, skin, unknown_space
+from planning.sensing.world import AsBelieved, Truth, World, configuration, part_done, with_own_pixels
 from planning.target_grasps import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
 
@@ -40,81 +40,52 @@ HARDER = Limits(1.0, 0.0004, 3, 0.0)  # when nothing works with what is known: t
 ONCE = Limits(1.0, 1.0, 1)
 PATIENCE = 4  # so often in a row
 MOST_HIDDEN = 2  # objects to be moved that a look is aimed at, besides the target
+MOST_STOPS = 3  # executions that may end half-way, before the loop does
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
-
-
-@dataclass(frozen=True, eq=False)
-class Simulated:
-    """A world that is known to the simulation alone: the scene's objects at poses, and the noise of the camera (None: clean).
-
-    by: "mask" when its pictures say which pixels are which object's, under the scene's names; "geometry" when they say nothing.
-    """
-
-    robot: Robot
-    scene: Scene
-    poses: Mapping[str, Array]
-    noise: DepthNoise | None = None
-    by: Literal["mask", "geometry"] = "mask"
-
-    def camera(self, rng: np.random.Generator) -> Camera:
-        look = synthetic_camera(self.robot, self.scene, self.poses, noise=self.noise, rng=rng)
-        if self.by == "mask":
-            return look
-        return lambda T_world_camera, q: replace(look(T_world_camera, q), instance=None, names=())
-
-    def names(self, bodies: Sequence[Body]) -> dict[str, str]:
-        """What the bodies that somebody believes in are truly called: after the objects that stand nearest."""
-        if self.by == "mask":
-            return {b.name: b.name for b in bodies}
-        at = {name: T[:2, 3] for name, T in self.poses.items()}
-        return {b.name: min(at, key=lambda n: float(np.linalg.norm(at[n] - b.T_world_body[:2, 3]))) for b in bodies}
-
-    def move(self, motions: Sequence[Motion], names: Mapping[str, str]) -> tuple[tuple[Motion, ...], Simulated]:
-        """Carry motions out: the same with the held object where it truly is in the hand, and the world afterwards.
-
-        names: what the motions' objects are truly called.
-        """
-        poses, out, held = dict(self.poses), [], None
-        for motion in (_under(motion, names) for motion in motions):
-            if motion.held is not None:
-                name = motion.held.body
-                if held is None or held.body != name:
-                    held = Held(name, inverse(hand_poses(self.robot, self.scene, motion.q[0])) @ poses[name])
-                poses[name] = hand_poses(self.robot, self.scene, motion.q[-1]) @ held.T_hand_body
-                out.append(replace(motion, held=held))
-            else:
-                held = None
-                out.append(motion)
-        return tuple(out), replace(self, poses=poses)
-
-
-def _under(motion: Motion, names: Mapping[str, str]) -> Motion:
-    """The motion with other names for the objects."""
-    touch = tuple((names.get(a, a), names.get(b, b)) for a, b in motion.allowed_contacts)
-    held = motion.held and Held(names.get(motion.held.body, motion.held.body), motion.held.T_hand_body)
-    return replace(motion, allowed_contacts=touch, held=held)
 
 
 class _BeliefState:
     """What has been gathered so far: pictures, the map, objects that were moved, and where the arm is."""
 
-    def __init__(self, world: Simulated, rng: np.random.Generator, target_box: Array | None = None, pace: Pace = FULL) -> None:
-        self.by, self.target_box, self.pace = world.by, target_box, pace
-        self.empty_scene = replace(world.scene, objects=(), observation=None)
-        self.robot, self.rng = world.robot, rng
-        self.noise = world.noise.axial_1m_m if world.noise else 0.0
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        rng: np.random.Generator,
+        *,
+        by: Literal["mask", "geometry"] | None,
+        noise_1m_m: float,
+        target_box: Array | None,
+        pace: Pace,
+    ) -> None:
+        self.by, self.target_box, self.pace = by, target_box, pace
+        self.empty_scene = replace(scene, objects=(), observation=None)
+        self.robot, self.rng, self.noise = robot, rng, noise_1m_m
         self.voxels, self.frames = unknown_voxels(self.empty_scene.cabinet), list[Frame]()
         self.tracked: dict[str, Body] = {}
         before_looking = Motions(self.robot, self.empty_scene)
         self.q, self.start_blocked = before_looking.start().q, before_looking.start_blocked()
         self.belief = Belief((), {}, self.voxels)
 
-    def look(self, world: Simulated, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
+    def look(self, world: World, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
+        base = self.empty_scene.robot.T_world_base
+
+        def drive(motions: Sequence[Motion]) -> tuple[Sequence[Motion], Array]:
+            stopped = world.execute(motions)
+            if stopped is None:
+                return motions, motions[-1].q[-1]
+            q = configuration(self.robot, world.where())
+            on_step(f"the way to a view stopped: {stopped.why}")
+            return (*motions[: stopped.motion], part_done(motions[stopped.motion], q)), q
+
         looked = look_around(
-            self.empty_scene, self.robot, world.camera(self.rng), self.q, self.voxels, self.rng,
-            bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise, pace=self.pace, on_step=on_step,
+            self.empty_scene, self.robot, lambda _, q: with_own_pixels(self.robot, base, world.take_frame(), q), self.q, self.voxels,
+            self.rng, bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise,
+            intrinsics=getattr(world, "intrinsics", DEFAULT), pace=self.pace, drive=drive, on_step=on_step,
         )  # fmt: skip
         fresh = looked.frames
+        if self.by is None:
+            self.by = "geometry" if any(f.instance is None for f in fresh) else "mask"
         if self.by == "geometry":
             fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.noise) for f in fresh)
         self.frames += fresh
@@ -125,7 +96,7 @@ class _BeliefState:
         """Believe what all pictures together show. Raises: NoSurfaces when they show nothing but noise."""
         self.belief = believe(
             self.empty_scene, self.frames, self.voxels,
-            by=self.by, target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
+            by=self.by or "geometry", target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
         )  # fmt: skip
 
     def moved(self, name: str, T_world_body: Array, q: Array) -> None:
@@ -143,9 +114,14 @@ class _BeliefState:
 
 
 def retrieve_unseen(
-    world: Simulated,
+    world: World,
+    robot: Robot,
+    scene: Scene,
     policy_for: Callable[[Motions], Policy],
     *,
+    truth: Truth | None = None,
+    by: Literal["mask", "geometry"] | None = "mask",
+    noise_1m_m: float = 0.0,
     name: str,
     rule: Rule = Rule.DEEP,
     max_moves: int = MAX_MOVES,
@@ -160,22 +136,25 @@ def retrieve_unseen(
 ) -> Plan:
     """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
 
-    policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
+    robot, scene: the cell, with the target's name and x_g; its objects are not looked at, but for the verdict at the end where there is a
+    `truth`. policy_for: makes the policy for what is believed at a moment. by: how objects are told apart; None: by masks, if the frames
+    have some. noise_1m_m: of the camera's depth at one metre. target_box (6,): where the target is, see `perception.belief`.
     pace: how fast the arm is driven. grasp: with which grasps the target may be taken, x_g being what is looked for.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
-    was seen when they were planned, and by the truth at the end; `verified` and the reason "verify" tell.
+    was seen when they were planned, and by the truth at the end, if there is one; `verified` and the reason "verify" tell.
     """
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
     moves: list[Move] = []
     way: list[Motion] = []
     doubts: list[Fault] = []
-    truth = world.scene
-    mind, limits, focus, patience = _BeliefState(world, rng, target_box, pace), FIRST, None, PATIENCE
+    known = truth or AsBelieved()
+    mind = _BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace)
+    limits, focus, patience, stops = FIRST, None, PATIENCE, 0
     failed: set[tuple[str, int]] = set()
     took: Grasp | None = None
     kept_in: list[Blocked] = []
     if mind.start_blocked is not None:
-        return conclude(world.robot, truth, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
+        return conclude(robot, scene, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
         with moving:
             looked = mind.look(world, limits, focus, on_step)
@@ -184,48 +163,63 @@ def retrieve_unseen(
             with moving:
                 mind.understand()
         except NoSurfaces as e:
-            taken: Done | Blocked = Blocked("look", body=truth.target_name, detail=f"the target was not found: {e}")
+            taken: Done | Blocked = Blocked("look", body=scene.target_name, detail=f"the target was not found: {e}")
             break
         with moving:
             motions, state = _ready(mind, iterations, time_budget_s, settings, grasp)
             taken = _try_target(mind, looked, motions, state, rng)
         if not isinstance(taken, Blocked):
-            names = world.names(mind.belief.bodies)
             with moving:
                 doubts += _as_seen(mind, state, taken.motions, settings.max_tilt_deg, taken.grasp)
-            way += world.move(taken.motions, names)[0]
+            names = known.names(mind.belief.bodies)
+            driven = _carry_out(world, known, motions, state, taken.motions, names, rng, on_step)
+            way += driven.motions
+            if driven.why is not None and not driven.holding and driven.released is None and stops < MOST_STOPS:
+                mind.q, limits, focus, stops = driven.q, AGAIN, None, stops + 1
+                continue
             took = taken.grasp
-            if names[truth.target_name] != truth.target_name:
-                taken = Blocked("verify", body=names[truth.target_name], detail=f"it was taken for the target {truth.target_name}")
+            if driven.why is not None:
+                taken = driven.why
+            elif names[scene.target_name] != scene.target_name:
+                taken = Blocked("verify", body=names[scene.target_name], detail=f"it was taken for the target {scene.target_name}")
             break
         kept_in[sum(move.done for move in moves) :] = [taken]
-        moved = False
+        moved, stopped = False, None
         hindered = list[tuple[str, Blocked]]()
-        if steps < max_moves and mind.belief.body(truth.target_name) is not None:
+        if steps < max_moves and mind.belief.body(scene.target_name) is not None:
             seen = observation(mind.empty_scene, mind.q, mind.belief)
             for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
                 with moving:
                     done = motions.relocate(state, object_name, region, rng)
-                names = world.names(mind.belief.bodies)
+                names = known.names(mind.belief.bodies)
                 its = names[object_name]
-                T_from = world.poses[its]
+                T_from = known.poses_now(state.poses)[its]
                 if isinstance(done, Blocked):
                     failed.add((object_name, region))
                     moves.append(Move(its, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
                     hindered.append((object_name, done))
                     continue
-                on_step(f"moved {object_name} to region {region}")
                 with moving:
                     ((_, done),) = motions.quickest([(state, done)], rng)
-                    driven = motions.trajectories(state, done.motions)
-                    doubts += _as_seen(mind, state, driven, settings.max_tilt_deg)
-                carried, world = world.move(driven, names)
-                way += carried
-                moves.append(Move(its, region, T_from, world.poses[its], True))
-                mind.moved(object_name, done.after.poses[object_name], done.after.q)
+                    planned = motions.trajectories(state, done.motions)
+                    doubts += _as_seen(mind, state, planned, settings.max_tilt_deg)
+                driven = _carry_out(world, known, motions, state, planned, names, rng, on_step)
+                way += driven.motions
+                if driven.why is not None and driven.released is None:
+                    stopped = driven
+                    break
+                on_step(f"moved {object_name} to region {region}")
+                moves.append(Move(its, region, T_from, known.poses_now(done.after.poses)[its], True))
+                mind.moved(object_name, done.after.poses[object_name], driven.q)
                 failed.clear()
                 moved = True
                 break
+        if stopped is not None:
+            if stopped.holding or stops == MOST_STOPS:
+                taken = stopped.why or taken
+                break
+            mind.q, limits, focus, stops = stopped.q, AGAIN, None, stops + 1
+            continue
         if moved:
             steps, patience, limits = steps + 1, PATIENCE, AGAIN
             with moving:
@@ -243,16 +237,66 @@ def retrieve_unseen(
         limits, patience = HARDER, patience - 1  # look where it may help, and try once more
         failed.clear()
     why = taken if isinstance(taken, Blocked) else None
+    ended = scene if truth is not None else replace(scene, objects=mind.belief.bodies)
     plan = conclude(
-        world.robot, truth, why, moves, way,
-        name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, grasp=took, faults=doubts,
+        robot, ended, why, moves, way,
+        name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, grasp=took, faults=doubts, is_truth=truth is not None,
     )  # fmt: skip
     return replace(plan, target_blocked=tuple(kept_in))
 
 
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """What became of motions that were to be carried out: as they were, for the record; where the arm is, q (J,); why it stopped, None when
+    all is done. released: the object that was put down, if one was; holding: whether one is in the hand."""
+
+    motions: tuple[Motion, ...]
+    q: Array
+    why: Blocked | None = None
+    released: str | None = None
+    holding: bool = False
+
+
+def _carry_out(
+    world: World,
+    known: Truth,
+    motions: Motions,
+    state: State,
+    planned: Sequence[Motion],
+    names: Mapping[str, str],
+    rng: np.random.Generator,
+    on_step: Callable[[str], None],
+) -> _Driven:
+    """Carry motions out; a transfer that stops half-way is planned anew from where the arm is, and gone on with."""
+    done, left, before = list[Motion](), list(planned), known.poses_now(state.poses)
+    for _ in range(MOST_STOPS + 1):
+        stopped = world.execute(left)
+        if stopped is None:
+            return _Driven(known.recorded([*done, *left], names, before), left[-1].q[-1], None, _released([*done, *left]), False)
+        q, at = configuration(motions.robot, world.where()), left[stopped.motion]
+        on_step(f"{at.stage} stopped: {stopped.why}")
+        done += [*left[: stopped.motion], part_done(at, q)]
+        why = Blocked(at.stage, body=at.held.body if at.held else None, detail=f"the execution stopped: {stopped.why}")
+        across = motions.across_again(state, at, q, rng) if at.held is not None and at.stage == "transfer" else why
+        if isinstance(across, Blocked):
+            break
+        left = [across, *left[stopped.motion + 1 :]]
+    return _Driven(known.recorded(done, names, before), q, why, _released(done), at.held is not None)
+
+
+def _released(motions: Sequence[Motion]) -> str | None:
+    """The object that the motions put down, None when they put none down."""
+    held = [m.held.body for m in motions if m.held]
+    return held[-1] if held and motions[-1].stage in ("release", "retreat") else None
+
+
 def _as_seen(mind: _BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:
     """What the verdict finds wrong with motions in the world as it was seen: what was not seen is left to the planner."""
-    scene = replace(mind.empty_scene, objects=tuple(replace(b, T_world_body=state.poses[b.name]) for b in mind.belief.bodies))
+    arm, names = mind.empty_scene.robot, mind.robot.joint_names
+    if arm.q_start is not None:  # where it was at first
+        arm = replace(arm, q_start=dict(zip(names, map(float, state.q))))
+    bodies = tuple(replace(b, T_world_body=state.poses[b.name]) for b in mind.belief.bodies)
+    scene = replace(mind.empty_scene, robot=arm, objects=bodies)
     found = judge_motions(scene, motions, mind.robot, Settings(max_tilt_deg=max_tilt_deg), grasp=grasp)
     return [replace(fault, detail=f"as it was seen: {fault.detail}") for fault in found]
 

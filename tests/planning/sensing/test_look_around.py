@@ -24,7 +24,8 @@ from planning.motion.verify import verify
 from planning.policies import make_policy
 from planning.scene_generation import generate, load_spec
 from planning.sensing.look_around import Limits, Looked, look_around, unknown_space
-from planning.sensing.retrieve import Simulated, retrieve_unseen
+from planning.sensing.retrieve import retrieve_unseen
+from planning.sensing.world import SimulatedWorld
 
 
 @pytest.fixture(scope="module")
@@ -130,12 +131,16 @@ def test_noise_alone_is_no_object_or_is_told(ur5e: Robot, scene: Scene, by: Lite
 def test_a_plan_from_pictures_of_noise_fails_with_its_reason(ur5e: Robot, scene: Scene) -> None:
     """Nothing is raised, so that a batch goes on with the next scene."""
 
-    class Noisy(Simulated):
-        def camera(self, rng: np.random.Generator) -> Camera:
-            return _fixed(rng.uniform(0.2, 1.5, (DEFAULT.height, DEFAULT.width)))
+    class Noisy(SimulatedWorld):
+        def take_frame(self) -> Frame:
+            noise = self.rng.uniform(0.2, 1.5, (DEFAULT.height, DEFAULT.width))
+            return _fixed(noise)(self.scene.robot.T_world_base @ self.robot.link_poses(self.q)["camera"], self.q)
 
-    world = Noisy(ur5e, scene, scene.poses(), by="geometry")
-    plan = retrieve_unseen(world, lambda m: make_policy("local", m), name="local", rng=np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    world = Noisy(ur5e, scene, rng, by="geometry")
+    plan = retrieve_unseen(
+        world, ur5e, scene, lambda m: make_policy("local", m), truth=world, by="geometry", name="local", rng=rng
+    )  # fmt: skip
     assert not plan.success
     assert plan.reason is not None
     assert plan.reason.stage == "look"
@@ -185,16 +190,16 @@ def test_the_solid_holds_its_points_and_knows_cans_from_cartons(seed: int) -> No
 
 def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None:
     truth = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 2)
-    plan = retrieve_unseen(
-        Simulated(ur5e, truth, truth.poses()), lambda m: make_policy("local", m), name="local", rng=np.random.default_rng([0, 4, 2])
-    )
+    rng = np.random.default_rng([0, 4, 2])
+    world = SimulatedWorld(ur5e, truth, rng)
+    plan = retrieve_unseen(world, ur5e, truth, lambda m: make_policy("local", m), truth=world, name="local", rng=rng)
     assert plan.verified
     assert any(m.stage == "look" for m in plan.motions)
     assert verify(ur5e, truth, plan.motions) is None
     lost = replace(truth, objects=tuple(b for b in truth.objects if b.name != truth.target))
-    unfound = retrieve_unseen(
-        Simulated(ur5e, lost, lost.poses()), lambda m: make_policy("local", m), name="local", rng=np.random.default_rng(0), max_moves=0
-    )
+    rng = np.random.default_rng(0)
+    world = SimulatedWorld(ur5e, lost, rng)
+    unfound = retrieve_unseen(world, ur5e, lost, lambda m: make_policy("local", m), truth=world, name="local", rng=rng, max_moves=0)
     assert not unfound.success
     assert "not found" in str(unfound.reason)
 
@@ -202,11 +207,15 @@ def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None
 @pytest.mark.parametrize("noise", [None, DepthNoise()], ids=["clean", "noisy"])
 def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_names(ur5e: Robot, noise: DepthNoise | None) -> None:
     truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
-    world = Simulated(ur5e, truth, truth.poses(), noise, "geometry")
-    frame = world.camera(np.random.default_rng(0))(np.eye(4), ur5e.home)
+    frame = SimulatedWorld(ur5e, truth, np.random.default_rng(0), noise, "geometry").take_frame()
     assert frame.instance is None
     assert frame.names == ()
-    plan = retrieve_unseen(world, lambda m: make_policy("neural", m), name="neural", rng=np.random.default_rng([0, 4, 0]))
+    rng = np.random.default_rng([0, 4, 0])
+    world = SimulatedWorld(ur5e, truth, rng, noise, "geometry")
+    plan = retrieve_unseen(
+        world, ur5e, truth, lambda m: make_policy("neural", m),
+        truth=world, by="geometry", noise_1m_m=noise.axial_1m_m if noise else 0.0, name="neural", rng=rng,
+    )  # fmt: skip
     assert plan.success
     assert plan.verified
     assert [m.held.body for m in plan.motions if m.held][-1] == truth.target
@@ -221,7 +230,7 @@ def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_
 def test_a_box_that_points_to_another_object_is_found_out(ur5e: Robot) -> None:
     truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
     other = next(b for b in truth.objects if b.name != truth.target)
-    named = Simulated(ur5e, truth, truth.poses(), None, "geometry").names([replace(other, name="object_3")])
+    named = SimulatedWorld(ur5e, truth, np.random.default_rng(0), None, "geometry").names([replace(other, name="object_3")])
     assert named == {"object_3": other.name}
     seen = look(ur5e, truth)
     belief = believe(replace(truth, objects=()), seen.frames, seen.voxels, by="geometry", target_box=object_box(other))

@@ -1,12 +1,13 @@
 """How long plans take on the robot, whether they stop on the way, whether they keep the limits, and what it costs to make them smooth.
 
-Plans scenes of a spec with a policy, and prints one JSON line: `duration_s`, the mean over solved scenes, and that of the same waypoints
-driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`); `stops` inside motions, median;
-`velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor
-time to make all trajectories of a plan, median;
-`hand_travel_m` and, of the moves before the target alone, `relocation_travel_m`; `off_line_mm`: the furthest that the hand is from its line
-where it is to move straight. With toppra installed (it is no dependency) `toppra_ratio`: duration over that of the same paths without a
-limit of the jerk.
+Plans scenes of a spec with a policy, and prints one JSON line: `duration_s`, the mean over solved scenes, and `moves`, of how many
+relocations; the same waypoints driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`, the
+time-optimal bound of the polyline that stops at its corners), and `stopped_ratio`, the duration over that bound; `stops` inside motions,
+median and mean; `velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor time to make all
+trajectories of a plan, and `quickest_ms`, to choose and quicken its ways before, medians; `hand_travel_m` and, of the moves before the target
+alone, `relocation_travel_m`; `straight_ratio`: the joints' way in free motions over the straight joint line; `off_line_mm`: the furthest that
+the hand is from its line where it is to move straight. With toppra installed (it is no dependency) `toppra_ratio`: duration over that of the
+same paths without a limit of the jerk.
 
 Usage: python benchmarks/trajectories.py [-n 100] [--seed 20261122] [--spec paper] [--robot ur5e] [--policy neural] [--hand-speed 100]
 """
@@ -26,6 +27,7 @@ from kinematics.quintic_spline import evaluate
 from kinematics.robots.robot import Robot, load
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import Array, transform
+from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.smoothing.blending import make_corners, write_rows
 from planning.motion.trajectory import STRAIGHT, Pace
@@ -43,7 +45,13 @@ class Recorded(Motions):
 
     def __init__(self, robot: Robot, scene: Scene, pace: Pace) -> None:
         super().__init__(robot, scene, pace=pace)
-        self.waypoints, self.seconds = list[Motion](), 0.0
+        self.waypoints, self.seconds, self.quickest_seconds = list[Motion](), 0.0, 0.0
+
+    def quickest(self, found: Sequence[tuple[State, Done]], rng: np.random.Generator) -> list[tuple[State, Done]]:
+        began = time.process_time()
+        out = super().quickest(found, rng)
+        self.quickest_seconds += time.process_time() - began
+        return out
 
     def trajectories(self, state: State, motions: Sequence[Motion]) -> tuple[Motion, ...]:
         began = time.process_time()
@@ -59,6 +67,11 @@ def shares(robot: Robot, motion: Motion) -> list[float]:
     at = np.arange(0.0, motion.t_s[-1], 1e-3)
     limits = (robot.velocity, robot.acceleration, robot.jerk)
     return [float((np.abs(evaluate(motion.spline, at, order)) / limit).max()) for order, limit in enumerate(limits, 1)]
+
+
+def joint_way_s(robot: Robot, q: Array) -> float:
+    """The length of waypoints q (K, J) in seconds at full speed."""
+    return float((np.abs(np.diff(robot.arm_q(q), axis=0)) / robot.arm_q(robot.velocity)).max(1).sum())
 
 
 def stops(motion: Motion) -> int:
@@ -131,16 +144,22 @@ def main() -> None:
         relocations.append(hand_travel(robot, scene, plan.motions[: grasps[-1] + 1]) if grasps else 0.0)
     worst = np.max([shares(robot, motion) for motion in every], axis=0)
     rigid = np.full_like(robot.jerk, 1e9)
+    duration_s = float(np.mean([plan.duration_s for _, plan, _ in solved]))
+    no_jerk_s = float(np.mean([sum(from_stop_to_stop(robot, m.q, rigid) for m in r.waypoints) for *_, r in solved]))
+    free = [m for *_, r in solved for m in r.waypoints if m.stage in ("transit", "transfer")]
     found: dict[str, Any] = {
         "robot": args.robot, "spec": args.spec, "policy": args.policy, "scenes": args.n, "solved": len(solved),
         "verified": sum(plan.verified is True for _, plan, _ in solved),
-        "duration_s": round(float(np.mean([plan.duration_s for _, plan, _ in solved])), 2),
+        "moves": round(float(np.mean([sum(m.done for m in plan.moves) for _, plan, _ in solved])), 2),
+        "duration_s": round(duration_s, 2),
         "stopping_s": round(float(np.mean([sum(from_stop_to_stop(robot, m.q, robot.jerk) for m in r.waypoints) for *_, r in solved])), 2),
-        "no_jerk_s": round(float(np.mean([sum(from_stop_to_stop(robot, m.q, rigid) for m in r.waypoints) for *_, r in solved])), 2),
+        "no_jerk_s": round(no_jerk_s, 2), "stopped_ratio": round(duration_s / no_jerk_s, 3),
         "stops": float(np.median([sum(map(stops, plan.motions)) for _, plan, _ in solved])),
         "stops_mean": round(float(np.mean([sum(map(stops, plan.motions)) for _, plan, _ in solved])), 2),
         "velocity": round(worst[0], 6), "acceleration": round(worst[1], 6), "jerk": round(worst[2], 6),
         "make_ms": round(1000 * float(np.median([r.seconds for *_, r in solved])), 2),
+        "quickest_ms": round(1000 * float(np.median([r.quickest_seconds for *_, r in solved])), 2),
+        "straight_ratio": round(sum(joint_way_s(robot, m.q) for m in free) / sum(joint_way_s(robot, m.q[[0, -1]]) for m in free), 3),
         "hand_travel_m": round(float(np.mean([plan.hand_travel_m for _, plan, _ in solved])), 3),
         "relocation_travel_m": round(float(np.mean(relocations)), 3),
         "off_line_mm": round(max(off_line_mm(robot, s, m) for s, plan, _ in solved for m in plan.motions if m.stage in STRAIGHT), 4),

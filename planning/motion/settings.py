@@ -57,9 +57,9 @@ class QuickestSettings:
     planned for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker.
     iterations: of each such search."""
 
-    looks: int = 100
-    planned: int = 4
-    again: int = 2
+    looks: int = 500
+    planned: int = 12
+    again: int = 6
     iterations: int = 500
 
 

@@ -5,7 +5,7 @@ along it in one piece (straight_line.py). Any other polyline has its corners rou
 (curve_check.py); where nothing can be proved, the arm stops at the corner, exactly on the polyline that was certified.
 
 Source of the profiles: jerk_limited.py. Other libraries were looked at: toppra knows no jerk limits, ruckig drives to states and not along
-a path (between way points only in its cloud service); both are compared in benchmarks/trajectories.py.
+a path (between way points only in its cloud service). benchmarks/trajectories.py compares with toppra, a test with ruckig.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """How long plans take on the robot, whether they stop on the way, whether they keep the limits, and what it costs to make them smooth.
 
 Plans scenes of a spec with a policy, and prints one JSON line: `duration_s`, the mean over solved scenes, and `moves`, of how many
-relocations; the same waypoints driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`, the
-time-optimal bound of the polyline that stops at its corners), and `stopped_ratio`, the duration over that bound; `stops` inside motions,
-median and mean; `velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor time to make all
-trajectories of a plan, and `quickest_ms`, to choose and quicken its ways before, medians; `hand_travel_m` and, of the moves before the target
-alone, `relocation_travel_m`; `straight_ratio`: the joints' way in free motions over the straight joint line; `off_line_mm`: the furthest that
-the hand is from its line where it is to move straight. With toppra installed (it is no dependency) `toppra_ratio`: duration over that of the
-same paths without a limit of the jerk.
+relocations; the same waypoints driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`,
+the time-optimal bound of the polyline that stops at its corners), and `stopped_ratio`, the duration over that bound; `stops` inside
+motions, median and mean; `velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor time to
+make all trajectories of a plan, and `quickest_ms`, to choose and quicken its ways before, medians; `hand_travel_m` and, of the moves
+before the target alone, `relocation_travel_m`; `straight_ratio`: the joints' way in free motions over the straight joint line;
+`off_line_mm`: the furthest that the hand is from its line where it is to move straight. With toppra installed (it is no dependency)
+`toppra_ratio`: duration over that of the same paths without a limit of the jerk.
 
 Usage: python benchmarks/trajectories.py [-n 100] [--seed 20261122] [--spec paper] [--robot ur5e] [--policy neural] [--hand-speed 100]
 """

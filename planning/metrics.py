@@ -51,8 +51,8 @@ class Episode:
     policy: with `SENSED` behind it where nothing was known but what the camera saw. moved: relocations carried out; reason: the stage that
     stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a success; blocked: the stages of failed attempts.
     kept_in: what keeps the target in at the end, and stopped: what stopped the attempts, in words. least_moves: a lower bound on the moves;
-    proved: that no moves help. Both where the planner looked. clearance_m, free_clearance_m: the least distance that all motions, and the
-    free ones, keep from what they may not touch; None where it was not measured.
+    proved: that no moves help, or none so few. Both where the planner looked. clearance_m, free_clearance_m: the least distance that all
+    motions, and the free ones, keep from what they may not touch; None where it was not measured.
     """
 
     scene: str
@@ -104,7 +104,7 @@ class Episode:
             kept_in=None if plan.success or plan.reason is None else in_general(plan.reason),
             stopped=tuple(in_general(move.reason, move.object) for move in plan.moves if not move.done and move.reason),
             least_moves=plan.least_moves,
-            proved=plan.unsolvable is not None,
+            proved=plan.unsolvable is not None or (plan.reason is not None and plan.reason.stage == "moves"),
             clearance_m=plan.clearance_m,
             free_clearance_m=plan.free_clearance_m,
         )
@@ -248,7 +248,7 @@ def rows(episodes: Iterable[Episode], objects: Mapping[str, int] | None = None) 
 
 
 class _Known(NamedTuple):
-    """What any planner knows of scenes, by id: the lower bound on the moves, and whether it is proved that none help."""
+    """What any planner knows of scenes, by id: the lower bound on the moves, and whether it is proved that none help, or none so few."""
 
     least_moves: Mapping[str, int]
     proved: frozenset[str]

@@ -9,18 +9,17 @@ from planning.learning.tokens import F32
 BLOCKING_SHARE = 0.10  # an object that touches so many of the paths is in their way
 LABEL_WEIGHT = 0.6  # of p̂ beside the chance that the target is free once the object is gone
 CAREFUL = 3  # how much worse than the chance of blocking no path it is to block a share of them
-ONE_STEP = 0.1  # of what one step says beside the chance of going first
-LESS_CAREFUL = 0.5  # of the care for paths where the chance that fewer moves are needed is known
+AHEAD = 0.1  # of the chance of going first in a shortest relaxed plan, beside what one step says
 NEAREST = 0.05  # what the distance across the whole floor is worth, in probability
 
 
 def object_score(p: F32, pickable: F32, opens: F32, first: F32 | None = None) -> F32:
     """Larger is better: it can be picked, and then the target is free, or at least fewer paths are blocked.
 
-    first: the chance that it goes first in a shortest relaxed plan, where the networks know it; then that counts before all else.
+    first: the chance that it goes first in a shortest relaxed plan, where the networks know it. It decides where no single move helps.
     """
     one_step = pickable * (opens + LABEL_WEIGHT * p)
-    return np.asarray(one_step if first is None else pickable * first + ONE_STEP * one_step)
+    return np.asarray(one_step if first is None else one_step + AHEAD * pickable * first)
 
 
 def region_score(feasible: F32, hits: F32, distance: F32, shorter: F32 | None = None) -> F32:
@@ -30,7 +29,7 @@ def region_score(feasible: F32, hits: F32, distance: F32, shorter: F32 | None = 
     then, where the networks know it.
     """
     off = np.clip(1 - hits, 0, 1) ** CAREFUL
-    return np.asarray(feasible * (off if shorter is None else shorter * off**LESS_CAREFUL) - NEAREST * distance)
+    return np.asarray(feasible * (off if shorter is None else shorter * off) - NEAREST * distance)
 
 
 def paper_cost(feasible: F32, hits: F32, distance: F32) -> F32:

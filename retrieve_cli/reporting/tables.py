@@ -183,8 +183,8 @@ def _table_bounds(rows: Sequence[Row]) -> Table:
         body.append((name(r), str(scenes), over, str(r.at_least), str(unsolved), str(r.proved), share))
     columns = ("planner", "solved, bound known", "moves over the bound", "at the bound", "unsolved", "proved unsolvable", "of the unsolved")
     note = (
-        "lower bounds on the moves and proofs that no picks help, from whichever planner found them; "
-        "both are relative to the grasps that were sampled"
+        "lower bounds on the moves, and proofs that no picks help or more are needed than are allowed, from whichever planner found them; "
+        "all relative to the grasps that were sampled"
     )
     return Table("bounds", "Against what is possible", note, columns, tuple(body))
 

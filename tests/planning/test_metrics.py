@@ -57,6 +57,8 @@ def test_moves_are_held_against_the_bound_that_any_planner_knows() -> None:
     random, search = rows([*other, *knows])
     assert (search.least, search.at_least, search.proved) == ((3, 3, 2), 2, 1)
     assert (random.least, random.at_least, random.proved) == ((5, 3, 2), 1, 1)
+    many = Episode.of(plan("a", "search", success=False, reason=Blocked("moves"), least_moves=6))
+    assert [row.proved for row in rows([many, episode("a", success=False)])] == [1, 1]
     (alone,) = rows([episode("a", moved=3), episode("c", success=False)])
     assert (alone.least, alone.at_least, alone.proved) == ((0, 0, 0), 0, 0)
 

@@ -277,8 +277,9 @@ def test_labels_of_regions_are_the_papers_cost(data: Data) -> None:
 def test_scores_prefer_what_they_should() -> None:
     p, pickable, opens = np.array([1, 0.1, 1, 0.2], np.float32), np.array([0.01, 0.9, 0.9, 0.9], np.float32), np.array([1, 0.9, 0, 0])
     assert list(np.argsort(-object_score(p, pickable, opens.astype(np.float32)))) == [1, 2, 3, 0]
-    first = np.array([0.9, 0.1, 0.9, 0.1], np.float32)  # the target is free without object 1, but object 2 is what goes first
-    assert list(np.argsort(-object_score(p, pickable, opens.astype(np.float32), first))) == [2, 1, 3, 0]
+    first = np.array([0.9, 0.1, 0.1, 0.9], np.float32)  # where one step helps, it goes before; where none does, who goes first decides
+    assert list(np.argsort(-object_score(p, pickable, opens.astype(np.float32), first))) == [1, 2, 3, 0]
+    assert np.argmax(object_score(p * [1, 0, 0, 0], pickable, 0 * opens.astype(np.float32), first)) == 3
     feasible, hits, far = np.array([0.1, 0.9, 0.9, 0.9]), np.array([0, 0.9, 0, 0]), np.array([0.1, 0.1, 0.9, 0.1])
     assert list(np.argsort(-region_score(*(a.astype(np.float32) for a in (feasible, hits, far))))) == [3, 2, 0, 1]
     shorter = np.array([1, 1, 1, 0.1])

@@ -18,7 +18,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.shapes import bounds
 from kinematics.transforms import Array
-from planning.grasps import FRICTION_ANGLE, line_contacts, sample_grasps
+from planning.grasps import FRICTION_ANGLE, line_contacts, pad_of, sample_grasps
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp
 
@@ -48,7 +48,7 @@ def propose(robot: Robot, scene: Scene, *, most: int = 12) -> Proposals:
     target, base = scene.target_body, scene.robot.T_world_base[:3, 3]
     middle = np.sum(bounds(target.shape, target.T_world_body), axis=0) / 2
     toward = float(np.arctan2(middle[1] - base[1], middle[0] - base[0]))
-    sampled = sample_grasps(target, robot.opening, APPROACHES, float(scene.cabinet.T_world_cabinet[2, 3]), toward)
+    sampled = sample_grasps(target, robot.opening, APPROACHES, float(scene.cabinet.T_world_cabinet[2, 3]), toward, pad=pad_of(robot))
     return rank(robot, scene, islice(sampled, MOST_SAMPLED), most=most)
 
 

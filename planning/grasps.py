@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 
 from kinematics.robots.gripper import ROOM_M, Opening
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
-from kinematics.transforms import Array, inverse, transform
+from kinematics.transforms import Array, apply, inverse, transform
 
 FRICTION_ANGLE = np.radians(10)
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
@@ -26,6 +28,8 @@ BELOW_TOP_M = 0.015
 BEHIND_M = ROOM_M  # room between an object and what lies behind the pads: knuckles, palm
 KNUCKLE_M = 0.020  # half of how wide a knuckle is, across the way the fingers close
 SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
+PAD_FACE_M = 0.001  # corners of a finger this near to its innermost one belong to the pad
+PAD_REACH_M = 0.025  # and no further than this from the pads' middle, along the approach
 LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -40,6 +44,37 @@ class Sampling:
     backs_m: tuple[float, ...] = (0.0,)
     heights: tuple[float, ...] = (0.6, 0.85)
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
+
+
+@dataclass(frozen=True)
+class Pad:
+    """How large a flat pad is: half its width along the hand's x, and from where to where along z, from the pads' middle; metres."""
+
+    half_x_m: float
+    low_z_m: float
+    high_z_m: float
+
+
+@lru_cache(maxsize=16)
+def pad_of(robot: Robot) -> Pad:
+    """The face that closes, of the finger on the hand's left, half open: of its link that is innermost between the fingertips."""
+    width = robot.opening.max_m / 2
+    q = robot.home.copy()
+    q[robot.gripper_joint] = robot.opening.value_at(width)
+    poses = robot.link_poses(q)
+    T_hand, middle = inverse(poses["hand"]), (0.0, robot.opening.pad_y_at(width), robot.opening.pad_z_at(width))
+    faces = []
+    for hull in (h for h in robot.hulls if h.link in robot.fingers):
+        points = apply(T_hand @ poses[hull.link], hull.vertices) - middle
+        inner = float(points[:, 1].min())
+        face = points[points[:, 1] <= inner + PAD_FACE_M]
+        if inner > 0 and face[:, 2].min() < PAD_REACH_M and face[:, 2].max() > -PAD_REACH_M:
+            faces.append((inner, face))
+    if not faces:
+        return Pad(0.0, 0.0, 0.0)
+    _, face = min(faces, key=lambda f: f[0])
+    x, z = np.abs(face[:, 0]).max(), np.clip(face[:, 2], -PAD_REACH_M, PAD_REACH_M)
+    return Pad(float(x), float(min(z.min(), 0.0)), float(max(z.max(), 0.0)))
 
 
 USUAL = Sampling()
@@ -68,14 +103,20 @@ def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Co
         case Cylinder():
             hits = [_through_cylinder(shape, o, d)]
         case ConvexMesh():
-            from scipy.spatial import ConvexHull
-
-            hits = [_through_planes(e[:, :3], -e[:, 3], o, d) for e in (ConvexHull(part).equations for part in shape.parts)]
+            hits = [_through_planes(e[:, :3], -e[:, 3], o, d) for e in _planes(shape)]
     through = [h for h in hits if h is not None]
     if not through:
         return None
     first, last = min(through, key=lambda h: h.enter), max(through, key=lambda h: h.leave)
     return Contact(first.enter, last.leave, T[:3, :3] @ first.enter_normal, T[:3, :3] @ last.leave_normal)
+
+
+@lru_cache(maxsize=64)
+def _planes(shape: ConvexMesh) -> tuple[Array, ...]:
+    """The planes (H, 4) of each part: outward unit normal and offset, negative within."""
+    from scipy.spatial import ConvexHull
+
+    return tuple(np.asarray(ConvexHull(part).equations) for part in shape.parts)
 
 
 def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Contact | None:
@@ -123,11 +164,18 @@ def closing_directions(shape: Shape, T: Array, sampling: Sampling = USUAL) -> li
 
 
 def sample_grasps(
-    body: Body, opening: Opening, approaches: Sequence[str], floor_z: float, toward: float, sampling: Sampling = USUAL
+    body: Body,
+    opening: Opening,
+    approaches: Sequence[str],
+    floor_z: float,
+    toward: float,
+    sampling: Sampling = USUAL,
+    pad: Pad | None = None,
 ) -> Iterator[Grasp]:
     """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
+    pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines.
     The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
     low, high = bounds(body.shape, body.T_world_body)
@@ -158,7 +206,7 @@ def sample_grasps(
         line = (float(u[0]), float(point[2]))  # hands from both sides, and of all pitches, close along it
         if line not in hits:
             hits[line] = line_contacts(body.shape, body.T_world_body, point, u)
-        grasp = _antipodal(body, opening, hits[line], point, u, R, extent, back)
+        grasp = _antipodal(body, opening, hits[line], point, u, R, extent, back, pad)
         if grasp is not None:
             yield grasp
 
@@ -221,9 +269,11 @@ def _antipodal(
     R: Array,
     extent: tuple[float, float, float],
     back: float,
+    pad: Pad | None = None,
 ) -> Grasp | None:
     """The grasp with the pads' centre on the line through `point` along u, which meets the body so, or where that is too deep, nearer to
-    the hand; or None. extent: the body's, see `_behind`. back: how much nearer still (m), where the body reaches so far."""
+    the hand; or None. extent: the body's, see `_behind`. back: how much nearer still (m), where the body reaches so far. pad: see
+    `sample_grasps`."""
     if hit is None:
         return None
     back = 0.0 if isinstance(body.shape, Cylinder) else _set_back_pitched(*extent, hit.leave - hit.enter, opening, back)
@@ -233,11 +283,50 @@ def _antipodal(
     cone = np.cos(FRICTION_ANGLE)
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
         return None
-    width = hit.leave - hit.enter
+    enter, leave = hit.enter, hit.leave
+    if pad is not None and isinstance(body.shape, ConvexMesh):
+        enter, leave = _under_pads(body.shape, body.T_world_body, hit, point, u, R, pad)
+    width = leave - enter
     if width + SPARE_M > opening.max_m:
         return None
-    centre = point + 0.5 * (hit.enter + hit.leave) * u
+    centre = point + 0.5 * (enter + leave) * u
     return Grasp(transform(R, centre - opening.pad_z_at(width) * R[:, 2]), float(width))
+
+
+def _under_pads(shape: ConvexMesh, T: Array, hit: Contact, point: Array, u: Array, R: Array, pad: Pad) -> tuple[float, float]:
+    """Where flat pads first meet a mesh (enter, leave) along the line through `point` along u: before the line itself where facets or bumps
+    beside it reach further. What of a part lies between the pads ends where its edges do, or enter, or where the pads' corners meet it."""
+    reached = [hit.enter, hit.leave]
+    for x, z in product((-pad.half_x_m, pad.half_x_m), (pad.low_z_m, pad.high_z_m)):
+        corner = line_contacts(shape, T, point + x * R[:, 0] + z * R[:, 2], u)
+        if corner is not None:
+            reached += [corner.enter, corner.leave]
+    axes = np.stack([R[:, 0], R[:, 2], u], -1)
+    low, high = np.array([-pad.half_x_m, pad.low_z_m]), np.array([pad.half_x_m, pad.high_z_m])
+    for a, b in _edges(shape):
+        p, q = ((end @ T[:3, :3].T + T[:3, 3] - point) @ axes for end in (a, b))
+        along = q - p
+        with np.errstate(divide="ignore", invalid="ignore"):  # an edge along a side of the pad is never in or out by it: inf, or nan
+            sides = np.stack([(low - p[:, :2]) / along[:, :2], (high - p[:, :2]) / along[:, :2]])
+        begins = np.fmax(np.fmin.reduce(sides).max(1), 0.0)
+        ends = np.fmin(np.fmax.reduce(sides).min(1), 1.0)
+        beside = ((along[:, :2] == 0) & ((p[:, :2] < low) | (p[:, :2] > high))).any(1)
+        some = (begins <= ends) & ~beside
+        reached += [*(p[some, 2] + begins[some] * along[some, 2]), *(p[some, 2] + ends[some] * along[some, 2])]
+    return float(min(reached)), float(max(reached))
+
+
+@lru_cache(maxsize=64)
+def _edges(shape: ConvexMesh) -> tuple[tuple[Array, Array], ...]:
+    """Both ends (E, 3) of the edges of each part's hull."""
+    from scipy.spatial import ConvexHull
+
+    found = []
+    for part in shape.parts:
+        faces = ConvexHull(part).simplices
+        edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+        found.append((part[edges[:, 0]], part[edges[:, 1]]))
+    return tuple(found)
 
 
 def open_width(width_m: float, opening: Opening) -> float:

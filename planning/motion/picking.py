@@ -11,7 +11,7 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Grasp, Held, Scene
 from kinematics.transforms import Array, inverse
-from planning.grasps import DENSE, USUAL, Sampling, open_width, sample_grasps
+from planning.grasps import DENSE, USUAL, Sampling, open_width, pad_of, sample_grasps
 from planning.motion import reaching
 from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
@@ -223,4 +223,4 @@ def sampled_grasps(
     toward = float(np.arctan2(to_body[1], to_body[0]))
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body = replace(scene.body(name), T_world_body=T)
-    return sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling)
+    return sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, pad_of(robot))

@@ -22,7 +22,7 @@ from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.transforms import Array, apply, transform
 from perception.belief import Belief
 from perception.mapping.voxels import Voxels
-from planning.grasps import open_width, sample_grasps
+from planning.grasps import open_width, pad_of, sample_grasps
 from planning.motion.reaching import APPROACH_M, LARGEST_TURN, LIFT_M
 from planning.motion.workcell import Workcell
 from planning.sensing.look_around import unknown_mask
@@ -70,7 +70,7 @@ def _grasps(empty_scene: Scene, robot: Robot, body: Body | None) -> Iterable[Gra
     approaches = [a for a in APPROACHES if a in empty_scene.approaches]
     floor_z = float(empty_scene.cabinet.T_world_cabinet[2, 3])
     toward = float(np.arctan2(to_body[1], to_body[0]))
-    return islice(sample_grasps(body, robot.opening, approaches, floor_z, toward), GRASPS)
+    return islice(sample_grasps(body, robot.opening, approaches, floor_z, toward, pad=pad_of(robot)), GRASPS)
 
 
 def _ways(cell: Workcell, full: Workcell, grasp: Grasp, voxels: Voxels, unknown_space: Int) -> list[tuple[bool, NDArray[np.intp]]]:

@@ -26,7 +26,7 @@ from perception.objects.pieces import upright_pieces
 from perception.objects.prepared_frames import prepare
 from perception.objects.segment import object_points
 from perception.objects.settle import MOST_M, settled
-from planning.grasps import sample_grasps
+from planning.grasps import pad_of, sample_grasps
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp
 
@@ -144,7 +144,7 @@ def with_grasp(robot: Robot, scene: Scene) -> Scene:
     among = Motions(robot, scene, obstacles=unseen_space(scene), target_grasps=())
     alone = Motions(robot, replace(scene, objects=(target,), obstacles=()), target_grasps=())
     found: list[tuple[int, Grasp]] = []
-    for grasp in islice(sample_grasps(target, robot.opening, approaches, floor_z, toward), TRIED):
+    for grasp in islice(sample_grasps(target, robot.opening, approaches, floor_z, toward, pad=pad_of(robot)), TRIED):
         if judge_grasp(robot, scene, grasp) is None:
             reached = [bool(m.picks(State(m.start().q, m.scene.poses()), target.name, [grasp])[0]) for m in (among, alone)]
             if any(reached):

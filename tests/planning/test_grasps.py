@@ -6,8 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import trimesh
 
 from kinematics.robots.gripper import Opening
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
@@ -23,12 +25,20 @@ from planning.grasps import (
     closing_directions,
     line_contacts,
     open_width,
+    pad_of,
     sample_grasps,
     set_back,
 )
 
 BOX, CAN = Box(np.array([0.04, 0.06, 0.10])), Cylinder(0.03, 0.10)
-PLAIN = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.5))
+
+
+def table(value: Array, width_m: Array, pad_z_m: Array, depth_m: Array) -> Opening:
+    """Of a gripper both of whose jaws move."""
+    return Opening(value, width_m, pad_z_m, depth_m, np.zeros(len(value)))
+
+
+PLAIN = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.5))
 """A gripper that opens to 0.10 m, its pads in the hand's origin, an open palm far behind them."""
 X, Y, Z = np.eye(3)
 
@@ -249,12 +259,12 @@ def test_the_fingers_open_by_a_clearance_on_each_side_if_they_can() -> None:
 
 def test_how_far_before_the_middle_the_pads_close() -> None:
     """So far that what lies behind the pads fits, but the pads' middle stays a bite over the near end."""
-    shallow = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.02, 0.04]))
+    shallow = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.02, 0.04]))
     assert set_back(0.02, 0.05, shallow) == 0.0  # 3 cm of depth at this width
     assert set_back(0.03, 0.05, shallow) == pytest.approx(BEHIND_M)
     assert set_back(0.035, 0.05, shallow) == pytest.approx(0.005 + BEHIND_M)
     assert set_back(0.035, 0.10, shallow) == 0.0
-    none = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.zeros(2))
+    none = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.zeros(2))
     assert set_back(0.06, 0.05, none) == pytest.approx(0.06 - LEAST_BITE_M)
     assert set_back(0.005, 0.05, none) == 0.0
 
@@ -394,7 +404,7 @@ def test_a_can_is_grasped_from_all_sides() -> None:
 def test_every_grasp_closes_on_the_object_from_both_sides(shape: Shape, kind: str) -> None:
     """The pads' middle lies halfway between two points of the surface, which lie across the closing direction, within the friction cone."""
     T = transform(rotation_about(Z, 0.4), [0.3, 0.2, 0.15])
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array([0.02, 0.01]), np.full(2, 0.5))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array([0.02, 0.01]), np.full(2, 0.5))
     found = found_on(shape, kind, opening=opening, T=T, floor_z=0.1)
     assert found
     for grasp in found:
@@ -455,7 +465,7 @@ def test_the_height_nearest_to_its_natural_share_comes_first() -> None:
 
 def test_the_pads_close_where_their_table_says() -> None:
     """The hand stays back by what the pads lie before its origin, at the width of the object."""
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array([0.03, 0.01]), np.full(2, 0.5))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array([0.03, 0.01]), np.full(2, 0.5))
     first = found_on(BOX, "horizontal", opening=opening)[0]
     assert first.T_world_hand[:3, 3] == pytest.approx([-opening.pad_z_at(0.06), 0.0, 0.01], abs=1e-6)
     assert opening.pad_z_at(0.06) == pytest.approx(0.018)
@@ -469,7 +479,7 @@ def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
     Of a hand that is pitched by 30° the knuckles would leave 5 mm to its top edge, 5.5 cm behind the pads, when these close 4 cm further
     back; but they keep a centimetre of it. A hand from above leaves the two centimetres over the pads 5 mm more.
     """
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
     deep = Box(np.array([0.08, 0.05, 0.10]))
     first = found_on(deep, "horizontal", opening=opening)[0]
     assert first.T_world_hand[:3, 3] == pytest.approx([-(0.04 + BEHIND_M - 0.02), 0.0, 0.01])
@@ -489,21 +499,21 @@ def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
 
 def test_how_deep_depends_on_the_width() -> None:
     """The table is asked at the object's width, which is measured where the pads would close: 3 cm at 5 cm, so 1.2 cm are left over."""
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.02, 0.04]))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.02, 0.04]))
     first = found_on(Box(np.array([0.08, 0.05, 0.10])), "horizontal", opening=opening)[0]
     assert first.T_world_hand[:3, 3] == pytest.approx([-(0.04 + BEHIND_M - 0.03), 0.0, 0.01], abs=1e-6)
 
 
 def test_how_far_a_mesh_reaches_is_measured_on_its_box() -> None:
     """A round mesh reaches further across its box's corners, where the pads would close so far forward that they slip off."""
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.0335))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.0335))
     found = found_on(ConvexMesh((prism(0.03, 0.1, 48),)), "horizontal", opening=opening)
     assert {round(np.degrees(looks(g)[0])) % 360 for g in found} == {0, 90, 180, 270}
 
 
 def test_a_grasp_that_would_close_beside_a_set_back_mesh_is_left_out() -> None:
     """A mesh that is shorter at the side of the hand than its box: where the pads would close, there is nothing."""
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.zeros(2))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.zeros(2))
     post_behind = ConvexMesh(
         (box_corners(np.array([0.01, 0.02, 0.05])) + 0.05 * X, box_corners(np.array([0.05, 0.02, 0.005])) - np.array([0.01, 0, 0.045]))
     )
@@ -513,8 +523,27 @@ def test_a_grasp_that_would_close_beside_a_set_back_mesh_is_left_out() -> None:
 
 def test_a_pitched_hand_takes_a_can_near_its_top() -> None:
     """At 30° the can's top would reach 5 cm behind pads that close at 0.6 of its height; 2 cm less 5 mm of room are left there."""
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
     for pitch, g in ((pitch, g) for g in found_on(Cylinder(0.03, 0.2), "diagonal", opening=opening) for pitch in PITCHES["diagonal"]):
         if abs(looks(g)[1] - pitch) < 1e-6:
             over = 0.1 - float((g.T_world_hand[:3, 3] + opening.pad_z_at(0.06) * g.T_world_hand[:3, 2])[2])
             assert over * np.sin(pitch) <= 0.02 - BEHIND_M + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pads_close_on_what_they_meet_first(ur5e: Robot, seed: int) -> None:
+    """Of a mesh with facets and bumps nothing that lies between the pads reaches beyond the width, and something reaches it."""
+    angle, height = np.random.default_rng(seed).uniform((0, 0.0), (6.2, 0.04))
+    bump = box_corners(np.full(3, 0.006)) + np.array([0.026 * np.cos(angle), 0.026 * np.sin(angle), height])
+    mesh = ConvexMesh((prism(0.028, 0.1, 12 + seed), bump))
+    body, pad = Body("mesh", mesh, transform(p=[0.5, 0, 0.1])), pad_of(ur5e)
+    surface = np.concatenate([trimesh.sample.sample_surface(trimesh.convex.convex_hull(p), 20_000, seed=1)[0] for p in mesh.parts])
+    grasps = list(sample_grasps(body, ur5e.opening, ("horizontal", "diagonal", "downward"), 0.0, 0.0, pad=pad))
+    assert grasps
+    for grasp in grasps:
+        x, y, z = (apply(inverse(grasp.T_world_hand) @ body.T_world_body, surface) - (0, 0, ur5e.opening.pad_z_at(grasp.width_m))).T
+        between = (np.abs(x) <= pad.half_x_m) & (z >= pad.low_z_m) & (z <= pad.high_z_m)
+        beyond = np.abs(y[between]).max() - grasp.width_m / 2
+        assert -0.0005 < beyond < 0.0007
+    lines = list(sample_grasps(body, ur5e.opening, ("horizontal", "diagonal", "downward"), 0.0, 0.0))
+    assert min(g.width_m for g in lines) < min(g.width_m for g in grasps)

@@ -27,7 +27,7 @@ from planning.motion.trajectory import FULL, Pace
 from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
-from planning.sensing.recording import unseen_space
+from planning.sensing.unseen_space import unseen_space
 from planning.target_grasps import GraspChoice, target_grasps
 from planning.verdict import Fault, judge
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
+from kinematics import cache
 from kinematics.chain import Int
 from kinematics.collision.vertex_groups import GROUP, grouped
 from kinematics.jit.record import record
@@ -167,9 +167,17 @@ def _chosen(start: Int, which: Int) -> tuple[Int, Int]:
 
 @lru_cache(maxsize=1024)
 def _planes(vertices: bytes) -> Array:
-    """Planes (H, 4) of a hull: outward unit normal and offset."""
-    planes = ConvexHull(np.frombuffer(vertices).reshape(-1, 3)).equations
-    return np.unique(np.round(planes * (1, 1, 1, -1), 9), axis=0)
+    """Planes (H, 4) of a hull: outward unit normal and offset; from the disk cache, so that most runs need no scipy."""
+    name = "planes-" + cache.key(vertices)
+    known = cache.load(name)
+    if known is not None:
+        return known["planes"].astype(float)
+    from scipy.spatial import ConvexHull
+
+    equations = ConvexHull(np.frombuffer(vertices).reshape(-1, 3)).equations
+    planes = np.unique(np.round(equations * (1, 1, 1, -1), 9), axis=0)
+    cache.store(name, {"planes": planes})
+    return planes
 
 
 def _starts(counts: list[int]) -> Int:

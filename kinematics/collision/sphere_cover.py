@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from kinematics import cache
 from kinematics.jit.cache_files import njit
@@ -194,6 +193,8 @@ class _Solid(NamedTuple):
 
 
 def _hull(vertices: Array) -> _Solid:
+    from scipy.spatial import ConvexHull, QhullError
+
     points = np.asarray(vertices, float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"vertices: expected finite (V, 3), got shape {points.shape}")

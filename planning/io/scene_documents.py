@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from kinematics.errors import blame, did_you_mean
-from kinematics.meshes.load import load_mesh
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from planning.io.checked import LARGEST_M, SMALLEST_M, Node
@@ -35,6 +34,8 @@ def mesh_loader(folder: Path, on_mesh: OnMesh = lambda *_: None) -> LoadMesh:
 
     @cache
     def load(file: str, scale: float) -> ConvexMesh:
+        from kinematics.meshes.load import load_mesh  # brings trimesh and scipy, which scenes without meshes do not need
+
         path = (folder / file).resolve()
         return load_mesh(path, scale, str(path), on_share=lambda share: on_mesh(str(path), share))
 

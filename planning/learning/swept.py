@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from kinematics.chain import Chain, Int, forward
 from kinematics.collision.robot_model import link_covers
@@ -86,6 +85,8 @@ def make_floor(size_m: Array, T_world_cabinet: Array, top_m: float = np.inf) -> 
 
 def footprint(shape: Shape, R: Array) -> Footprint:
     """Where a shape with the rotation R (3, 3), cabinet frame, meets the floor's cells: the outline of its shadow, and its height."""
+    from scipy.spatial import ConvexHull
+
     points = np.concatenate(convex_parts(shape)) @ R.T
     low, high = points.min(0), points.max(0)
     flat = points[:, :2] - (low[:2] + high[:2]) / 2

@@ -16,8 +16,8 @@ import numpy as np
 from kinematics.collision.fcl_solids import overlapping
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene, State, object_box
-from kinematics.shapes import Box, convex_parts
-from kinematics.transforms import Array, apply, transform
+from kinematics.shapes import convex_parts
+from kinematics.transforms import Array, apply
 from perception.belief import POINT_M, TARGET, Belief
 from perception.camera import cloud
 from perception.frames import Frame
@@ -28,6 +28,7 @@ from perception.objects.segment import object_points
 from perception.objects.settle import MOST_M, settled
 from planning.grasps import pad_of, sample_grasps
 from planning.motion.pick_place import Motions
+from planning.sensing.unseen_space import unseen_space
 from planning.verdict import judge_grasp
 
 DEEP_M = MOST_M
@@ -108,22 +109,6 @@ def box_at_pixel(frames: Sequence[Frame], frame: int, u: int, v: int) -> Array:
     single = np.zeros_like(f.depth)
     single[rows[k], columns[k]] = f.depth[rows[k], columns[k]]
     return np.concatenate([cloud(single, f.intrinsics, f.T_world_camera)[0], [POINT_M] * 3])
-
-
-def unseen_space(scene: Scene) -> tuple[Body, ...]:
-    """The boxes that fill what nobody has seen of a scene's cabinet, as its observation says: obstacles called unknown_0, unknown_1, …"""
-    views: Any = scene.observation["views"] if scene.observation else []
-    unknown = views[-1].get("unknown") if views else None
-    if unknown is None:
-        return ()
-    size = np.asarray(scene.cabinet.size_m, float)
-    step = size / np.array(unknown["cells"], float)
-    origin = np.array([0.0, -size[1] / 2, 0.0])
-    out = []
-    for i, row in enumerate(unknown["boxes"]):
-        low, high = origin + step * row[:3], origin + step * row[3:]
-        out.append(Body(f"unknown_{i}", Box(high - low), scene.cabinet.T_world_cabinet @ transform(p=(low + high) / 2)))
-    return tuple(out)
 
 
 def with_grasp(robot: Robot, scene: Scene) -> Scene:

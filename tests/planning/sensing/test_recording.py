@@ -21,7 +21,8 @@ from planning.io.files import read_scenes
 from planning.io.results import scene_writer
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
-from planning.sensing.recording import box_at_pixel, unseen_space
+from planning.sensing.recording import box_at_pixel
+from planning.sensing.unseen_space import unseen_space
 from retrieve_cli.plan import plan_scene
 from retrieve_cli.sense import parse_pixel, run
 

@@ -33,7 +33,7 @@ def onto_target(robot: Robot, scene: Scene, read: ReadGrasps, T_world_file: Arra
             missed += 1
             continue
         width = hit.leave - hit.enter
-        T[:3, 3] += (hit.enter + hit.leave) / 2 * T[:3, 1] - robot.opening.pad_z_at(width) * T[:3, 2]
+        T[:3, 3] = robot.opening.hand_position(T[:3, 3] + (hit.enter + hit.leave) / 2 * T[:3, 1], T[:3, :3], width)
         grasps.append(Grasp(T, float(width)))
         quality.append(float(share[i]))
     found = rank(robot, scene, grasps, most=most, quality=quality)

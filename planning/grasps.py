@@ -38,12 +38,13 @@ UP = np.array([0.0, 0.0, 1.0])
 class Sampling:
     """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
     than the middle, or than the gripper's depth lets it, a box may be taken. heights: of the pads, in shares of the object's. pitches: by
-    approach, in rad."""
+    approach, in rad. along_bearing: what has no faces may be closed on square to the arm's bearing too, wherever that is."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
     heights: tuple[float, ...] = (0.6, 0.85)
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
+    along_bearing: bool = False
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,10 @@ def sample_grasps(
     low, high = bounds(body.shape, body.T_world_body)
     middle = (low + high) / 2
     candidates: list[tuple[float, Array, Array, Array, tuple[float, float, float], float]] = []
-    for yaw in closing_directions(body.shape, body.T_world_body, sampling):
+    yaws = closing_directions(body.shape, body.T_world_body, sampling)
+    if sampling.along_bearing and not isinstance(body.shape, Box):
+        yaws = [float((toward + np.pi / 2) % np.pi), *yaws]
+    for yaw in yaws:
         u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         across = 2 * float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ u))
         room = max(opening.depth_at(across) - BEHIND_M, 0.0)
@@ -290,7 +294,7 @@ def _antipodal(
     if width + SPARE_M > opening.max_m:
         return None
     centre = point + 0.5 * (enter + leave) * u
-    return Grasp(transform(R, centre - opening.pad_z_at(width) * R[:, 2]), float(width))
+    return Grasp(transform(R, opening.hand_position(centre, R, width)), float(width))
 
 
 def _under_pads(shape: ConvexMesh, T: Array, hit: Contact, point: Array, u: Array, R: Array, pad: Pad) -> tuple[float, float]:

@@ -184,7 +184,7 @@ def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int,
     order = rng.permutation(count)  # the target has no fixed place in the list
     names = {bodies[i].name: _name(bodies[i].name.rsplit("_", 1)[0], rank, robot.tree.names) for rank, i in enumerate(order)}
     objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
-    grasp = _grasp(spec, robot.opening, target, ref.T_world_base[:3, 3], rng)
+    grasp = _grasp(spec, robot.opening, target, robot.pivot(ref.T_world_base), rng)
     return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
 
 
@@ -241,8 +241,8 @@ def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.rand
     centre = target.T_world_body[:3, 3] + (z - half[2]) * UP
     if isinstance(target.shape, Box):
         centre = centre - set_back(reach, width, opening) * approach
-    centre = centre - opening.pad_z_at(width) * approach
-    return Grasp(transform(np.stack([UP, np.cross(approach, UP), approach], -1), centre), width)
+    R = np.stack([UP, np.cross(approach, UP), approach], -1)
+    return Grasp(transform(R, opening.hand_position(centre, R, width)), width)
 
 
 def _checked(where: str, name: str, value: Any) -> Any:

@@ -30,6 +30,7 @@ def run(
     gripper_joint: str | None,
     spec: str,
     out: Path | None,
+    fit: bool = False,
     workers: int | None = None,
     engine: str = "local",
     address: str | None = None,
@@ -43,13 +44,27 @@ def run(
     with blame("gen"):
         wanted = load_spec(spec)
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
-    make = partial(make_scene, wanted, robot_ref(arm, hand_frame), seed)
+    ref = robot_ref(arm, hand_frame)
+    if fit:
+        wanted, ref = _fitted(wanted, arm, ref)
+    make = partial(make_scene, wanted, ref, seed)
     robots = (arm.name, hand_frame, gripper_joint)
     asked = {"command": "gen", "version": version(), "seed": seed, "spec": spec_hash(wanted), "robot": robots}
     with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", n, out=out) as advance:
         for scene in map_ordered(make, write.left(range(n), key=str), workers=workers, engine=engine, address=address):
             write(scene)
             advance()
+
+
+def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
+    """The spec and the robot's place that go together. Raises: InputError where the arm reaches into no such cabinet."""
+    from planning.fitting import fit
+    from planning.scene_generation import NoScene
+
+    with blame("gen", NoScene):
+        fitted = fit(spec, arm, ref)
+    say(f"fitted: {fitted}")
+    return fitted.spec, fitted.ref
 
 
 def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:

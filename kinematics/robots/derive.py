@@ -35,8 +35,11 @@ class Description:
     notes: tuple[str, ...]
 
 
-def read_description(text: str, name: str) -> Description:
-    """The tree and the hulls of a cleaned URDF. Raises: ValueError where it has no collision geometry, or a mesh that can't be meant."""
+def read_description(text: str, name: str, *, apart: bool = True) -> Description:
+    """The tree and the hulls of a cleaned URDF. apart: concave meshes are taken apart.
+
+    Raises: ValueError where it has no collision geometry, or a mesh that can't be meant.
+    """
     import yourdfpy
 
     model = yourdfpy.URDF.load(
@@ -45,7 +48,7 @@ def read_description(text: str, name: str) -> Description:
     check_sizes(model)
     tree, joints = _tree(model)
     at_grippers = _at_grippers(tree)
-    found = [link_hulls(model.link_map[link], at_grippers) for link in tree.names]
+    found = [link_hulls(model.link_map[link], at_grippers, apart=apart) for link in tree.names]
     hulls, notes = tuple(h for hulls, _ in found for h in hulls), tuple(note for _, notes in found for note in notes)
     if not hulls:
         raise ValueError(f"robot {name} has links but no collision geometry: add <collision> elements to its URDF")
@@ -53,11 +56,11 @@ def read_description(text: str, name: str) -> Description:
     return Description(tree, tuple(joints), limits, hulls, notes)
 
 
-def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) -> dict[str, NDArray[Any]]:
-    """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays."""
+def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str], *, apart: bool = True) -> dict[str, NDArray[Any]]:
+    """All that takes long: the tree, the link hulls and the pairs that always touch, as plain arrays. apart: see `read_description`."""
     from kinematics.collision.fcl_solids import always_touching
 
-    known = read_description(text, name)
+    known = read_description(text, name, apart=apart)
     tree, joints, limits, hulls = known.tree, known.joints, known.limits, known.hulls
     skip = _neighbours(tree, {h.link for h in hulls}) | _from_srdf(srdf, renamed)
     rng = np.random.default_rng(0)
@@ -79,11 +82,13 @@ def derive(text: str, name: str, srdf: Path | None, renamed: Mapping[str, str]) 
 
 
 def _at_grippers(tree: Tree) -> frozenset[str]:
-    """The links that the last moving joints of every branch carry, and those that carry these: jaws and palms, where there is a gripper."""
+    """The links that the last moving joints of every branch carry, and those that carry these, with all that is fixed to them: jaws and
+    palms, where there is a gripper."""
     moving = [int(i) for i in np.flatnonzero(tree.kind != FIXED)]
     ends = [i for i in moving if not any(i in tree.path(k)[:-1] for k in moving)]
-    carried = {i for i in range(len(tree.names)) if set(tree.path(i)) & set(ends)}
-    return frozenset(tree.names[i] for i in carried | {int(tree.parent[i]) for i in ends})
+    group = {i: next((k for k in tree.path(i)[::-1] if tree.kind[k] != FIXED), 0) for i in range(len(tree.names))}
+    at = set(ends) | {group[int(tree.parent[i])] for i in ends}
+    return frozenset(name for i, name in enumerate(tree.names) if group[i] in at)
 
 
 def _tree(model: Any) -> tuple[Tree, list[str]]:

@@ -102,6 +102,10 @@ def measure(
         pads = frozenset(f for f in fingers if max(np.min(inner[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
     pad_z = [_pad_z(profiles[i], widths[i], jaw) for i in usable]
     depth = [_free_depth(_centred(places[i], middles[i]), pads, widths[i], z) for i, z in zip(usable, pad_z)]
+    there = [_width_at_origin(profiles[i]) for i in usable]
+    if min(depth) < SHALLOW_M and all(z < 0.0 and w - widths[i] < TAPER_M for i, z, w in zip(usable, pad_z, there)):
+        depth, pad_z = [deep - z for deep, z in zip(depth, pad_z)], [0.0] * len(usable)  # nearer to the tips, at the hand frame
+        widths = tuple(dict(zip(usable, there)).get(i, w) for i, w in enumerate(widths))
     order = np.argsort([widths[i] for i in usable], kind="stable")
     columns = (values[usable], [widths[i] for i in usable], pad_z, depth, [middles[i] for i in usable])
     table = np.stack([np.asarray(c, float) for c in columns])[:, order]
@@ -110,6 +114,8 @@ def measure(
 
 
 LEAST_WAY_M = 0.005
+SHALLOW_M, TAPER_M = 0.015, 0.003
+"""Where there is less room than that behind the pads' middle, objects are held nearer to the tips, if the pads are hardly further apart."""
 _Placed = list[tuple[str, Array, Int]]
 """Hulls in the hand's frame: link, vertices (V, 3), faces (F, 3)."""
 
@@ -189,6 +195,11 @@ def _pad_z(profile: _Profile, width: float, jaw: int) -> float:
     """The middle of the pads along the hand's z."""
     z = _Z[(np.abs(profile.sides[1] + profile.sides[-1] - width) <= 0.0005) & (_Z > -0.04)]
     return float(z[np.abs(z) <= 0.015].mean() if jaw else z.mean())
+
+
+def _width_at_origin(profile: _Profile) -> float:
+    """How far the pads are apart where the hand frame is; inf where they don't reach."""
+    return float((profile.sides[1] + profile.sides[-1])[np.argmin(np.abs(_Z))])
 
 
 def _inmost(profiles: Sequence[_Profile], links: frozenset[str], side: int, wide: Sequence[int]) -> frozenset[str]:

@@ -63,9 +63,9 @@ def check_sizes(model: Any) -> None:
                     )
 
 
-def link_hulls(link: Any, at_hand: Collection[str]) -> tuple[list[LinkHull], list[str]]:
+def link_hulls(link: Any, at_hand: Collection[str], *, apart: bool = True) -> tuple[list[LinkHull], list[str]]:
     """Convex hulls of each collision element of yourdfpy's link, and notes about what could not be done well. Spheres and cylinders become
-    containing polyhedra. at_hand: the links that hold objects or lie between those that do."""
+    containing polyhedra. at_hand: the links that hold objects or lie between those that do; apart: concave meshes are taken apart."""
     import trimesh
 
     from kinematics.shapes import box_corners, prism
@@ -74,7 +74,8 @@ def link_hulls(link: Any, at_hand: Collection[str]) -> tuple[list[LinkHull], lis
     for collision in link.collisions or []:
         geometry = collision.geometry
         if geometry.mesh is not None:
-            parts, said = _mesh_parts(Path(geometry.mesh.filename), _scale(geometry.mesh), link.name in at_hand)
+            file, scale = Path(geometry.mesh.filename), _scale(geometry.mesh)
+            parts, said = _mesh_parts(file, scale, link.name in at_hand) if apart else ((read_mesh(file, scale).points,), ())
             notes += [f"link {link.name}: {words}" for words in said]
         elif geometry.box is not None:
             parts = (box_corners(np.asarray(geometry.box.size, float) / 2),)

@@ -38,7 +38,8 @@ from kinematics.scene import WALLS, Body, RobotRef, Scene
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
 
 WINDOW = 1.3 * np.pi
-_CACHE_VERSION = "robot-5"  # raise it when what `derive` computes changes
+PIVOT_M = 0.001
+_CACHE_VERSION = "robot-6"  # raise it when what `derive` computes changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +113,15 @@ class Robot:
     def arm_q(self, q: Array) -> Array:
         """The arm's joints (A,) of a full q (J,), or (K, A) of (K, J)."""
         return np.asarray(q[..., list(self.arm_joints)])
+
+    def pivot(self, T_world_base: Array) -> Array:
+        """Where (2,) the arm's first joint turns about the vertical, in the world's x and y; the base's origin where it does not turn so,
+        or turns there."""
+        first = self._movers()[0]
+        joint = T_world_base @ self.tree.poses(self.home)[first]
+        upright = self.tree.kind[first] == TURNS and abs(joint[2, :3] @ self.tree.axis[first]) > np.cos(0.01)
+        there, base = joint[:2, 3], T_world_base[:2, 3]
+        return np.asarray(there if upright and np.hypot(*(there - base)) > PIVOT_M else base)
 
     @cached_property
     def planning_limits(self) -> tuple[Array, Array]:
@@ -418,7 +428,7 @@ def _assemble(
     if on_step and name in named_robots():  # of one's own they were read for its grip
         on_step(f"reading the meshes of {title}")
     try:
-        data = derive(text, name, srdf, renamed)
+        data = derive(text, name, srdf, renamed, apart=name not in named_robots())  # the named ones' meshes are convex, or meant as hulls
         robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes)
         if fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
             if on_step:

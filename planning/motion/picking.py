@@ -18,6 +18,8 @@ from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 
+FEW_JOINTS = 6
+"""An arm with fewer joints can't choose where its hand looks: it looks where the arm turns to."""
 STAGES = {
     reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
     reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
@@ -219,8 +221,9 @@ def sampled_grasps(
     robot: Robot, scene: Scene, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
 ) -> Iterator[Grasp]:
     """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default."""
-    to_body = T[:2, 3] - scene.robot.T_world_base[:2, 3]
+    to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
     toward = float(np.arctan2(to_body[1], to_body[0]))
+    sampling = replace(sampling, along_bearing=len(robot.arm_joints) < FEW_JOINTS)
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body = replace(scene.body(name), T_world_body=T)
     return sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, pad_of(robot))

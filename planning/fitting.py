@@ -1,0 +1,185 @@
+"""Where a cabinet stands best for an arm: how far before it, how high, and how large, so that the arm reaches what stands in it.
+
+First by inverse kinematics alone, on a grid around the arm; then the best places are tried with the whole arm and the cabinet's walls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from kinematics import inverse
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
+from kinematics.shapes import Cylinder
+from kinematics.transforms import Array, apply, rotation_about, transform
+from planning.grasps import SPARE_M, UP
+from planning.motion.arm import Arm, arm_at
+from planning.motion.pick_place import Motions
+from planning.motion.settings import UNCONSTRAINED
+from planning.motion.waiting import waiting
+from planning.scene_generation import NoScene, Spec
+
+USUAL_REACH_M = 0.85  # of the arms that the specs' cabinets are made for
+LEAST_SCALE, FEW_JOINTS = 0.25, 6
+STEPS, TRIES, EXACTLY = 12, 8, 8
+LATERAL = (-0.8, -0.4, 0.0, 0.4, 0.8)
+"""Where the arm's reach is looked at across the cabinet, in shares of half its width."""
+BEFORE_M = 0.05
+"""What the cabinet's front keeps from what is fixed to the arm's base."""
+LEAST_SHARE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A spec and a robot's place that go together. share: of the places in the cabinet that were tried, how many the arm can take an object
+    from; scale: of the cabinet and what is in it."""
+
+    spec: Spec
+    ref: RobotRef
+    share: float
+    scale: float
+
+    def __str__(self) -> str:
+        size = " × ".join(f"{v:.2f}" for v in self.spec.cabinet_size_m)
+        x, _, z = self.ref.T_world_base[:3, 3]
+        front, floor = self.spec.cabinet_front_m - x, self.spec.cabinet_floor_m - z
+        return (
+            f"a cabinet of {size} m, its front {front:.2f} m before the arm's base and its floor {floor:.2f} m above: the arm takes "
+            f"objects from {100 * self.share:.0f} % of it"
+        )
+
+
+def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
+    """Place and scale a spec's cabinet for an arm, and turn the arm to face it; of a robot of one's own the home is put before the cabinet.
+
+    The same robot and spec always give the same. Raises: NoScene when the arm does not reach into it anywhere.
+    """
+    there = arm_at(robot, np.eye(4))
+    facing = _facing(there)
+    pivot = robot.pivot(np.eye(4))
+    T_base = transform(rotation_about(UP, -facing))
+    T_base[:3, 3] = ref.T_world_base[:3, 3] - [*(T_base[:3, :3] @ [*pivot, 0.0])[:2], 0.0]
+    arm = arm_at(robot, T_base)
+    reach = float(np.quantile(np.hypot(*(_positions(arm) - [*robot.pivot(T_base), 0.0])[:, :2].T), 0.98))
+    scale = _scale(spec, robot, reach)
+    spec = _scaled(spec, scale)
+    if len(robot.arm_joints) < FEW_JOINTS:  # such an arm looks where it turns to
+        spec = replace(spec, grasp_bearing_share=1.0, grasp_yaw_spread=0.0)
+    turned = replace(ref, T_world_base=T_base)
+    best, placed = -1.0, None
+    for front, floor in _promising(arm, spec, reach)[:EXACTLY]:
+        tried = replace(spec, cabinet_front_m=front, cabinet_floor_m=floor)
+        share, home = _share(tried, robot, turned)
+        if share > best:
+            best, placed = share, (tried, home)
+    if placed is None or best < LEAST_SHARE:
+        most = 100 * max(best, 0.0)
+        raise NoScene(f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {most:.0f} % of it at most")
+    tried, home = placed
+    if home is not None and ref.name is None:
+        names = [robot.joint_names[j] for j in robot.arm_joints]
+        turned = replace(turned, home={name: float(q) for name, q in zip(names, home)})
+    return Fitted(tried, turned, best, scale)
+
+
+def _positions(arm: Arm) -> Array:
+    """Hand positions (N, 3) at random configurations, world."""
+    return np.asarray(arm.seeds.T.reshape(3, 4, -1)[:, 3].T, float)
+
+
+def _facing(arm: Arm) -> float:
+    """The direction in which an arm works best, yaw in rad: where its hand is level and looks away from it most often; ahead, if that is
+    about as good."""
+    T = arm.seeds.T.reshape(3, 4, -1).astype(float)
+    out, at = T[:, 2], T[:2, 3] - arm.robot.pivot(np.eye(4))[:, None]
+    level = np.abs(out[2]) < 0.5
+    looks, lies = np.arctan2(out[1], out[0])[level], np.arctan2(at[1], at[0])[level]
+
+    def good(yaw: float) -> int:
+        return int(((np.cos(looks - yaw) > np.cos(0.8)) & (np.cos(lies - yaw) > np.cos(1.0))).sum())
+
+    yaws = np.arange(24) * np.pi / 12
+    counts = np.array([good(float(yaw)) for yaw in yaws])
+    return 0.0 if counts[0] >= 0.85 * counts.max() else float(yaws[int(np.argmax(counts))])
+
+
+def _scale(spec: Spec, robot: Robot, reach: float) -> float:
+    """How much smaller cabinet and objects are, to fit the arm and its gripper."""
+    widest = 2 * max(spec.objects_half_width_m[1], spec.target_half_width_m[1])
+    by_gripper = (robot.opening.max_m - 2 * SPARE_M) / widest if widest > 0 else 1.0
+    return max(LEAST_SCALE, float(np.floor(100 * min(1.0, reach / USUAL_REACH_M, by_gripper + 0.02)) / 100))
+
+
+def _scaled(spec: Spec, scale: float) -> Spec:
+    """A spec with all lengths in it by so much."""
+
+    def by(pair: tuple[float, float]) -> tuple[float, float]:
+        return scale * pair[0], scale * pair[1]
+
+    return spec if scale == 1.0 else replace(
+        spec,
+        cabinet_size_m=scale * spec.cabinet_size_m,
+        cabinet_size_to_m=None if spec.cabinet_size_to_m is None else scale * spec.cabinet_size_to_m,
+        objects_half_width_m=by(spec.objects_half_width_m),
+        objects_height_m=by(spec.objects_height_m),
+        objects_scale=by(spec.objects_scale),
+        target_half_width_m=by(spec.target_half_width_m),
+        target_depth_m=by(spec.target_depth_m),
+    )  # fmt: skip
+
+
+def _promising(arm: Arm, spec: Spec, reach: float) -> list[tuple[float, float]]:
+    """Fronts and floors, world, by how much of the cabinet the hand alone reaches, level and looking in; the best first."""
+    depth, width, height = spec.cabinet_size_m
+    base, (x, y) = arm.T_world_base[2, 3], arm.robot.pivot(arm.T_world_base)
+    ahead, up = np.linspace(0.1, 1.1, STEPS) * reach, np.linspace(0.02, 1.0, STEPS) * reach
+    home = arm.robot.arm_q(arm.robot.home)
+    reached = np.zeros((STEPS, STEPS, len(LATERAL)), np.bool_)
+    for i, k, j in product(range(STEPS), range(STEPS), range(len(LATERAL))):
+        p = np.array([x + ahead[i], y + LATERAL[j] * width / 2, base + up[k]])
+        yaw = spec.grasp_bearing_share * float(np.arctan2(p[1] - y, p[0] - x))
+        out = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        T = transform(np.stack([UP, np.cross(out, UP), out], -1), p)
+        reached[i, k, j] = len(inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=TRIES)) > 0
+    least = x + _extent(arm) + BEFORE_M
+    places = []
+    for front, floor in product(x + ahead, base + up[up < 0.9 * reach]):
+        inside = (x + ahead > front + 0.25 * depth) & (x + ahead < front + 0.85 * depth)
+        level = (base + up > floor + 0.1 * height) & (base + up < floor + 0.45 * height)
+        seen = reached[inside][:, level]
+        if front >= least and seen.size:
+            places.append((float(seen.mean()), -float(front), float(front), float(floor)))
+    return [(round(front, 3), round(floor, 3)) for _, _, front, floor in sorted(places, reverse=True)]
+
+
+def _extent(arm: Arm) -> float:
+    """How far what is fixed to the base reaches ahead of the arm's first axis."""
+    posed = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
+    x, _ = arm.robot.pivot(arm.T_world_base)
+    poses = arm.T_world_base @ arm.robot.tree.poses(arm.robot.home)
+    ends = [x]
+    for hull, frame in zip(arm.robot.hulls, posed.frame):
+        if frame == 0:
+            ends.append(float(apply(poses[arm.robot.tree.index[hull.link]], hull.vertices)[:, 0].max()))
+    return float(max(ends) - x)
+
+
+def _share(spec: Spec, robot: Robot, ref: RobotRef) -> tuple[float, Array | None]:
+    """From how many of 3 × 3 places in the empty cabinet an object can be taken, and where the arm waits before it (A,)."""
+    cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
+    home = next(iter(waiting(arm_at(robot, ref.T_world_base), cabinet)), None)
+    if home is None:
+        return 0.0, None
+    depth, width, _ = cabinet.size_m
+    radius, height = float(np.mean(spec.target_half_width_m)) or 0.025, float(np.mean(spec.objects_height_m)) or 0.12
+    good = 0
+    for along, across in product((0.3, 0.5, 0.75), (-0.3, 0.0, 0.3)):
+        T = cabinet.T_world_cabinet @ transform(p=[along * depth, across * width, height / 2])
+        scene = Scene("fit", replace(ref, mount=False), cabinet, (Body("can", Cylinder(radius, height), T),), "can", None, spec.regions_n)
+        motions = Motions(robot, replace(scene, approaches=spec.moves_approaches), settings=UNCONSTRAINED)
+        state = State(robot.with_arm(home, robot.opening.value_at(robot.opening.max_m)), scene.poses())
+        good += bool(motions.picks(state, "can")[0])
+    return good / 9, home

@@ -145,7 +145,9 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
     tree = model.tree
     movers = [m for m in model.moved_on(palm) if model.points(model.below(m), model.rest, palm).size]
     spinning = [m for m in movers if not np.isfinite([model.lower[tree.q_index[m]], model.upper[tree.q_index[m]]]).all()]
-    if len(spinning) < len(movers) and not named:  # what turns without end is a motor's wheel, and no finger
+    if len(spinning) < len(movers) and not set(named) & {
+        int(tree.q_index[m]) for m in spinning
+    }:  # what turns without end is a motor's wheel, and no finger
         movers = [m for m in movers if m not in spinning]
     if named:
         movers = [m for m in movers if set(model.motors(m)) & set(named)] + [

@@ -533,14 +533,19 @@ def show(
 
 @app.command()
 def robots(
-    name: Annotated[str | None, typer.Argument(help="A named robot; all of them if left out.", metavar="NAME")] = None,
+    name: Annotated[str | None, typer.Argument(help="A named robot or a URDF; all named ones if left out.", metavar="NAME|FILE")] = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
     urdf: Annotated[Path | None, typer.Option("--urdf", help="Write its joined, cleaned URDF.", metavar="FILE")] = None,
+    png: Annotated[Path | None, typer.Option("--png", help="Write a picture of it, with its hand frame and pads.", metavar="FILE")] = None,
     as_json: AsJson = False,
 ) -> Job:
-    """List the named robots, or describe one and write its URDF."""
+    """List the named robots, or say what was understood of one or of a URDF, and write its URDF or a picture."""
     from retrieve_cli import robots as command
 
-    return partial(command.run, name=name, urdf=urdf, as_json=as_json)
+    return partial(
+        command.run, name=name, hand_frame=hand_frame, gripper_joint=gripper_joint, urdf=urdf, png=png, as_json=as_json
+    )  # fmt: skip
 
 
 @app.command()

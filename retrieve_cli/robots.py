@@ -1,63 +1,180 @@
-"""`retrieve robots`: the named robots, and their joined, cleaned URDFs for other programs."""
+"""`retrieve robots`: the named robots, what was understood of one or of a URDF of one's own, and the joined, cleaned URDF."""
 
 from __future__ import annotations
 
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame, choose
 from planning.io.outputs import write_text
-from retrieve_cli.terminal import show
+from retrieve_cli.terminal import say, show
+
+if TYPE_CHECKING:
+    from kinematics.robots.robot import Robot
+
+SHOWN = 12
+"""So many pairs of links that are not looked at are listed for the reader; --json has all."""
 
 
-def run(*, name: str | None, urdf: Path | None, as_json: bool) -> None:
-    """List the robots, or tell about one; write its URDF when asked."""
-    from kinematics.robots.robot import installed, load, named_robots
+def run(
+    *,
+    name: str | None,
+    hand_frame: str | None,
+    gripper_joint: str | None,
+    urdf: Path | None,
+    png: Path | None,
+    as_json: bool,
+) -> None:
+    """List the robots, or tell about one; write its URDF or a picture when asked."""
+    from kinematics.robots.robot import load, named_robots
 
-    table = named_robots()
-    if name is not None:
-        choose("robot", name, table)
-    elif urdf is not None:
-        raise InputError("robots: say which robot's URDF to write, e.g. retrieve robots ur5e --urdf ur5e.urdf")
-    if urdf is not None and name is not None:
-        with blame("robots"):
-            text = load(name).urdf
-        if str(urdf) == "-":
-            sys.stdout.write(text)
-        else:
-            write_text(urdf, text)
+    if name is None:
+        asked = next((word for word, value in (("--urdf", urdf), ("--png", png), ("--hand-frame", hand_frame)) if value is not None), None)
+        if asked == "--urdf":
+            raise InputError("robots: say which robot's URDF to write, e.g. retrieve robots ur5e --urdf ur5e.urdf")
+        if asked is not None or gripper_joint is not None:
+            word = asked or "--gripper-joint"
+            raise InputError(f"robots: say which robot {word} is about, e.g. retrieve robots ur5e {word}")
+        _list(as_json)
         return
-    rows = []
-    for robot in [name] if name else table:
-        row: dict[str, object] = {"name": robot, "title": table[robot]["title"], "package": table[robot]["distribution"]}
-        row["installed"] = installed(robot)
-        if row["installed"]:
-            arm = load(robot)
-            row |= {"joints": list(arm.joint_names), "opening_m": round(arm.opening.max_m, 4), "camera": arm.has_camera}
-            if name:
-                row |= {"home": [round(float(q), 4) for q in arm.home], "links": list(dict.fromkeys(h.link for h in arm.hulls))}
+    own = name.endswith((".urdf", ".xml", ".xacro")) or "/" in name
+    if not own:
+        choose("robot", name, named_robots())
+        if hand_frame or gripper_joint:
+            raise InputError(f"robots: {name} has a hand frame and a gripper joint of its own; leave --hand-frame and --gripper-joint out")
+    if not own and not _installed(name) and urdf is None and png is None:
+        _one(_missing(name), as_json)
+        return
+    with blame("robots"):
+        arm = load(name, hand_frame, gripper_joint, on_step=say if own else None)
+    if urdf is not None:
+        if str(urdf) == "-":
+            sys.stdout.write(arm.urdf)
         else:
-            row["install"] = f"pip install 'retrieve[{table[robot]['extra']}]'" if "extra" in table[robot] else None
-        rows.append(row)
+            write_text(urdf, arm.urdf)
+    if png is not None:
+        from retrieve_cli.drawing.portrait import write_portrait
+
+        write_portrait(arm, png)
+    if urdf is None:
+        _one(about(arm, own), as_json)
+
+
+def _installed(name: str) -> bool:
+    from kinematics.robots.robot import installed
+
+    return installed(name)
+
+
+def _missing(name: str) -> dict[str, Any]:
+    from kinematics.robots.robot import named_robots
+
+    entry = named_robots()[name]
+    install = f"pip install 'retrieve[{entry['extra']}]'" if "extra" in entry else None
+    return {"name": name, "title": entry["title"], "package": entry["distribution"], "installed": False, "install": install}
+
+
+def about(arm: Robot, own: bool) -> dict[str, Any]:
+    """What was understood of a robot, as JSON has it; lengths in metres, angles in radians."""
+    import numpy as np
+
+    from kinematics.robots.robot import named_robots
+    from planning.io.documents import pose_to_json
+
+    entry = {} if own else {"package": named_robots()[arm.name]["distribution"]}
+    limits = {
+        joint: {"lower": _finite(low), "upper": _finite(high), "velocity": round(float(speed), 4)}
+        for joint, low, high, speed in zip(arm.joint_names, arm.lower, arm.upper, arm.velocity)
+    }
+    poses = arm.link_poses(arm.home)
+    last = next(i for i in arm.tree.path(arm.tree.index["hand"])[::-1] if arm.tree.kind[i] != 0)
+    T_wrist_hand = np.linalg.inv(poses[arm.tree.names[last]]) @ poses["hand"]
+    grip = arm.grip
+    motors = list(grip.joints) if grip else [arm.joint_names[arm.gripper_joint]]
+    jaw = arm.opening.jaw != 0
+    return {
+        "name": arm.name, "title": arm.title, **entry, "installed": True,
+        "joints": list(arm.joint_names),
+        "arm_joints": [arm.joint_names[j] for j in arm.arm_joints],
+        "limits": limits,
+        "hand": {"link": grip.link if grip else None, "measured": bool(grip and grip.measured), "in_link": arm.tree.names[last],
+                 "T_link_hand": pose_to_json(T_wrist_hand)},
+        "gripper": {"kind": grip.kind if grip else "one jaw against a fixed one" if jaw else "two fingers", "joints": motors,
+                    "pads": sorted(arm.pads), "force_N": arm.grip_force_N},
+        "opening_m": round(arm.opening.max_m, 4),
+        "closes_to_m": round(float(arm.opening.width_m[0]), 4) + 0.0,
+        "camera": arm.has_camera,
+        "home": [round(float(q), 4) for q in arm.home],
+        "links": list(dict.fromkeys(h.link for h in arm.hulls)),
+        "hulls": len(arm.hulls),
+        "ignored_pairs": sorted(sorted(pair) for pair in arm.skip),
+        "notes": list(arm.notes),
+    }  # fmt: skip
+
+
+def _finite(value: float) -> float | None:
+    """A limit, None where there is none."""
+    return round(float(value), 4) if abs(value) < 1e9 else None
+
+
+def _list(as_json: bool) -> None:
+    """All named robots."""
+    from kinematics.robots.robot import load, named_robots
+
+    rows = [about(load(name), own=False) if _installed(name) else _missing(name) for name in named_robots()]
     if as_json:
-        json.dump(rows[0] if name else rows, sys.stdout, indent=2)
+        json.dump(rows, sys.stdout, indent=2)
         print()
         return
     from rich.table import Table
 
     view = Table("robot", "what it is", "joints", "opening", "package", header_style="bold", box=None, pad_edge=False)
     for row in rows:
-        joints = row.get("joints")
-        view.add_row(
-            str(row["name"]),
-            str(row["title"]),
-            str(len(joints)) if isinstance(joints, list) else "–",
-            f"{1000 * float(str(row['opening_m'])):.0f} mm" if "opening_m" in row else "–",
-            str(row["package"]) if row["installed"] else f"missing: {row['install']}",
-        )
-    lines = []
-    if name and rows[0]["installed"]:
-        lines = [f"{what}: {', '.join(str(x) for x in rows[0][what])}" for what in ("joints", "links")]  # type: ignore[attr-defined]
-        lines.append(f"write its URDF: retrieve robots {name} --urdf {name}.urdf")
-    show(view, *lines)
+        there = row["installed"]
+        opening = f"{1000 * row['opening_m']:.0f} mm" if there else "–"
+        package = row["package"] if there else f"missing: {row['install']}"
+        view.add_row(row["name"], row["title"], str(len(row["joints"])) if there else "–", opening, package)
+    show(view)
+
+
+def _one(row: dict[str, Any], as_json: bool) -> None:
+    """One robot."""
+    if as_json:
+        json.dump(row, sys.stdout, indent=2)
+        print()
+        return
+    if not row["installed"]:
+        show(f"{row['name']}: {row['title']}", f"missing: {row['install']}")
+        return
+    from rich.table import Table
+
+    view = Table("joint", "from", "to", "speed", "home", "", header_style="bold", box=None, pad_edge=False)
+    for name, home in zip(row["joints"], row["home"]):
+        limit = row["limits"][name]
+        low, high = ("–" if limit[key] is None else f"{limit[key]:.3f}" for key in ("lower", "upper"))
+        what = "arm" if name in row["arm_joints"] else "gripper" if name == row["gripper"]["joints"][0] else "stays"
+        view.add_row(name, low, high, f"{limit['velocity']:.2f}", f"{home:.3f}", what)
+    show(f"{row['name']}: {row['title']}", view, *_lines(row))
+
+
+def _lines(row: dict[str, Any]) -> list[str]:
+    grip, hand = row["gripper"], row["hand"]
+    first, *others = grip["joints"]
+    moved = f"{first}, and {', '.join(others)} with it" if others else first
+    force = f", {grip['force_N']:g} N" if grip["force_N"] is not None else ""
+    p, q = (", ".join(f"{round(v, 4) + 0.0:g}" for v in hand["T_link_hand"][key]) for key in ("p", "q_wxyz"))
+    where = "measured" if hand["measured"] else "given"
+    pairs = [" + ".join(pair) for pair in row["ignored_pairs"]]
+    more = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
+    lines = [
+        f"gripper: {grip['kind']}, by {moved}; pads {', '.join(grip['pads'])}",
+        f"opening: {1000 * abs(row['closes_to_m']):.0f} to {1000 * row['opening_m']:.0f} mm{force}",
+        f"hand frame ({where}): p [{p}], q_wxyz [{q}] in {hand['in_link']}",
+        f"camera: {'a link of its own' if row['camera'] else 'none; where one is needed it looks along the hand'}",
+        f"links: {', '.join(row['links'])} ({row['hulls']} convex hulls)",
+        f"pairs that may touch: {', '.join(pairs[:SHOWN])}{more}",
+    ]
+    lines += [f"note: {note}" for note in row["notes"]]
+    return [*lines, f"write its URDF: retrieve robots {row['name']} --urdf {Path(row['name']).stem}-joined.urdf"]

@@ -1,0 +1,90 @@
+"""`retrieve robots FILE` says what was understood; `gen --fit` puts a cabinet where the arm reaches."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinematics.robots.robot import from_ref, load
+from planning.fitting import fit
+from planning.motion.pick_place import Motions
+from planning.scene_generation import NoScene, load_spec
+from retrieve_cli.__main__ import main
+from retrieve_cli.gen import robot_ref
+
+OWN = Path(__file__).resolve().parents[2] / "examples" / "04_own_arm" / "arm.urdf"
+
+
+def test_what_was_understood_of_a_urdf_is_told_drawn_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    png, urdf = tmp_path / "arm.png", tmp_path / "joined.urdf"
+    assert main(["robots", str(OWN), "--json", "--png", str(png)]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["gripper"] == {"kind": "two fingers", "joints": ["grip"], "pads": ["left_finger", "right_finger"], "force_N": None}
+    assert (row["closes_to_m"], row["opening_m"], row["hand"]["measured"]) == (0.0, 0.09, True)
+    assert row["limits"]["grip"] == {"lower": 0.0, "upper": 0.045, "velocity": 0.1}
+    assert ["left_finger", "palm"] in row["ignored_pairs"]
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert main(["robots", str(OWN)]) == 0
+    told = capsys.readouterr().out
+    assert all(words in told for words in ("opening: 0 to 90 mm", "hand frame (measured): p [", "gripper: two fingers, by grip"))
+    assert main(["robots", str(OWN), "--urdf", str(urdf)]) == 0
+    assert '<link name="hand"' in urdf.read_text()
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (("robots", "--png", "x.png"), "robots: say which robot --png is about, e.g. retrieve robots ur5e --png"),
+        (("robots", "ur5e", "--hand-frame", "tcp"), "robots: ur5e has a hand frame and a gripper joint of its own; leave"),
+        (("robots", "./nowhere.urdf"), "robots: URDF file nowhere.urdf does not exist"),
+    ],
+)
+def test_a_wrong_call_of_robots(args: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(list(args)) == 2
+    assert capsys.readouterr().err.startswith(says)
+
+
+def test_a_fitted_cabinet_is_within_reach_and_always_the_same(toy_urdf: Callable[..., Path]) -> None:
+    """Of an arm of the usual size with a wide gripper; the arm waits before the cabinet, looking in."""
+    arm = load(str(OWN))
+    spec, ref = load_spec("paper-any"), robot_ref(arm, None)
+    fitted, again = fit(spec, arm, ref), fit(spec, arm, ref)
+    assert (str(fitted), fitted.ref.home) == (str(again), again.ref.home)
+    assert fitted.share >= 0.8
+    assert fitted.scale == 1.0
+    home = from_ref(fitted.ref).home
+    assert not (home == arm.home).all()
+    poses = arm.link_poses(home)
+    assert (fitted.ref.T_world_base @ poses["hand"])[0, 3] < fitted.spec.cabinet_front_m
+    with pytest.raises(NoScene, match=r"wherever a cabinet like this one stands, the arm takes objects from \d+ % of it at most"):
+        fit(spec, load(str(toy_urdf()), "tcp"), robot_ref(load(str(toy_urdf()), "tcp"), "tcp"))
+
+
+def test_a_narrow_gripper_gets_smaller_objects_and_a_smaller_cabinet(tmp_path: Path) -> None:
+    narrow = tmp_path / "arm.urdf"
+    narrow.write_text(OWN.read_text().replace('upper="0.045"', 'upper="0.025"'))
+    arm = load(str(narrow))
+    spec = load_spec("paper")
+    fitted = fit(spec, arm, robot_ref(arm, None))
+    assert fitted.scale < 0.7
+    np.testing.assert_allclose(fitted.spec.cabinet_size_m, fitted.scale * spec.cabinet_size_m)
+    assert 2 * fitted.spec.objects_half_width_m[1] < arm.opening.max_m
+
+
+def test_scenes_of_a_fitted_cabinet_begin_where_the_arm_can_wait(tmp_path: Path) -> None:
+    from planning.io.files import read_scenes
+
+    out = tmp_path / "scenes.jsonl"
+    assert main(["gen", "--robot", str(OWN), "--fit", "-n", "1", "--seed", "3", "-o", str(out)]) == 0
+    ((_, scene),) = read_scenes(out)
+    assert scene.robot.home is not None
+    robot = from_ref(scene.robot)
+    assert scene.robot.gripper_joints == ("grip",)
+    motions = Motions(robot, replace(scene, objects=(scene.target_body,)))
+    assert motions.start_blocked() is None
+    assert motions.picks(motions.start(), scene.target_name, [scene.x_g])[0]

@@ -179,6 +179,8 @@ def sample_grasps(
     pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines.
     The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
+    if opening.round_only and not isinstance(body.shape, Cylinder):
+        return
     low, high = bounds(body.shape, body.T_world_body)
     middle = (low + high) / 2
     candidates: list[tuple[float, Array, Array, Array, tuple[float, float, float], float]] = []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kinematics.chain import Int
-from kinematics.robots.tree import FIXED, LinkHull, Tree
+from kinematics.robots.tree import FIXED, TURNS, LinkHull, Tree
 from kinematics.transforms import Array, inverse
 
 PAD_M = 0.008  # a finger link that stays within 8 mm of being the innermost one is a pad
@@ -21,6 +21,9 @@ ROOM_M = 0.005
 """What an object in the hand is to keep from all that does not hold it."""
 SLIVER_M = 1e-6
 """Triangles that are no higher than that say nothing about a hull's faces."""
+BESIDE_M, PUSH_M = 0.00062, 0.0002
+"""So far from an object is the pad that stands still while the hand comes, and so far does the jaw that moves push the object against it:
+more than what planned motions keep from everything, and less than what counts as no contact."""
 _BETWEEN = np.abs(_Z) <= 0.015  # the hand frame's origin lies between the pads
 
 
@@ -29,7 +32,8 @@ class Opening:
     """The gripper's table, by rising width: joint value, width between the pads, where the pads' middle is along the hand's z, and how far
     behind that an object of this width may reach if it is to end ROOM_M before a knuckle or the palm, which then are nowhere nearer; and
     where the pads' middle is along the hand's y, which is 0 but for a jaw that moves alone; metres.
-    jaw: on which side along y the one jaw is that moves against a fixed one, 1 or -1; 0 where both sides move.
+    jaw: on which side along y the one jaw is that moves against a fixed one, 1 or -1; 0 where both sides move. round_only: a hinged jaw
+    stands askew on whatever is between the pads, and holds what is round.
     """
 
     value: Array
@@ -38,6 +42,7 @@ class Opening:
     depth_m: Array
     pad_y_m: Array
     jaw: int = 0
+    round_only: bool = False
 
     @property
     def max_m(self) -> float:
@@ -66,6 +71,23 @@ class Opening:
             return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2])
         return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2] - self.pad_y_at(width_m) * R[:, 1])
 
+    def beside(self, T_world_hand: Array) -> Array:
+        """Where the hand is (4, 4) to close as at T_world_hand: with a jaw that moves alone BESIDE_M further, so that the pad that stands
+        still passes the object; with any other hand just there."""
+        return T_world_hand if self.jaw == 0 else _moved_y(T_world_hand, -self.jaw * BESIDE_M)
+
+    def held(self, T_hand_body: Array) -> Array:
+        """Where an object is in the hand (4, 4) once it is closed: a jaw that moves alone pushes it by PUSH_M."""
+        return T_hand_body if self.jaw == 0 else _pushed(T_hand_body, -self.jaw * PUSH_M)
+
+    def let_go(self, T_hand_body: Array) -> Array:
+        """The inverse of `held`: where it is when the hand opens."""
+        return T_hand_body if self.jaw == 0 else _pushed(T_hand_body, self.jaw * PUSH_M)
+
+    def closing_value(self, width_m: float) -> float:
+        """The joint's value at which the pads hold an object of a width, after `beside` and `held`."""
+        return self.value_at(width_m if self.jaw == 0 else width_m + BESIDE_M - PUSH_M)
+
     def depth_at(self, width_m: float) -> float:
         """How far behind the pads' middle an object of this width may reach."""
         return float(np.interp(width_m, self.width_m, self.depth_m))
@@ -87,7 +109,8 @@ def measure(
     if jaw:
         furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
         profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
-    widths, middles = zip(*(_width(p, jaw) for p in profiles))
+    hinged = bool(jaw) and any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
+    widths, middles = zip(*(_width(p, jaw, hinged) for p in profiles))
     usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
     if (len(usable) < len(widths) and not jaw) or len(usable) < 2:
         raise NotClosing(f"robot {name}: no fingers on both sides of the hand frame along its y axis", sorted(fingers))
@@ -100,7 +123,7 @@ def measure(
     else:
         inner = [p.links for p in profiles]
         pads = frozenset(f for f in fingers if max(np.min(inner[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
-    pad_z = [_pad_z(profiles[i], widths[i], jaw) for i in usable]
+    pad_z = [0.0 if hinged else _pad_z(profiles[i], widths[i], jaw) for i in usable]
     depth = [_free_depth(_centred(places[i], middles[i]), pads, widths[i], z) for i, z in zip(usable, pad_z)]
     there = [_width_at_origin(profiles[i]) for i in usable]
     if min(depth) < SHALLOW_M and all(z < 0.0 and w - widths[i] < TAPER_M for i, z, w in zip(usable, pad_z, there)):
@@ -110,7 +133,7 @@ def measure(
     columns = (values[usable], [widths[i] for i in usable], pad_z, depth, [middles[i] for i in usable])
     table = np.stack([np.asarray(c, float) for c in columns])[:, order]
     value, width, z, deep, y = table[:, np.concatenate([[True], np.diff(table[1]) > 1e-6])]
-    return Opening(value, width, z, deep, y, jaw), pads
+    return Opening(value, width, z, deep, y, jaw, hinged), pads
 
 
 LEAST_WAY_M = 0.005
@@ -181,12 +204,15 @@ def _jaw_profile(placed: _Placed, fingers: frozenset[str], jaw: int, furthest: f
     return _Profile(links, sides)
 
 
-def _width(profile: _Profile, jaw: int) -> tuple[float, float]:
-    """How far the pads are apart, and where their middle is along y; nan where they don't face each other."""
+def _width(profile: _Profile, jaw: int, hinged: bool) -> tuple[float, float]:
+    """How far the pads are apart, and where their middle is along y; nan where they don't face each other. hinged: at the hand frame's
+    origin, for pads that stand askew are nearer to each other further in."""
     width = (profile.sides[1] + profile.sides[-1])[_BETWEEN]
     if not np.isfinite(width).any():
         return np.nan, 0.0
     at = int(np.argmin(np.where(np.isfinite(width), width, np.inf)))
+    if hinged:
+        at = int(np.argmin(np.abs(_Z[_BETWEEN])))
     plus, minus = (float(profile.sides[side][_BETWEEN][at]) for side in (1, -1))
     return float(width[at]), (plus - minus) / 2 if jaw else 0.0
 
@@ -216,6 +242,20 @@ def _centred(placed: _Placed, middle: float) -> _Placed:
     if middle == 0.0:
         return placed
     return [(link, vertices - [0.0, middle, 0.0], faces) for link, vertices, faces in placed]
+
+
+def _moved_y(T: Array, by_m: float) -> Array:
+    """A pose (4, 4) moved along its own y."""
+    out = T.copy()
+    out[:3, 3] += by_m * T[:3, 1]
+    return out
+
+
+def _pushed(T_hand_body: Array, by_m: float) -> Array:
+    """An object moved along the hand's y."""
+    out = T_hand_body.copy()
+    out[1, 3] += by_m
+    return out
 
 
 def _free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> float:

@@ -12,7 +12,7 @@ the closing fingers and the lift. A way that is blocked at one stage is not look
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from heapq import heapify, heappop, heappush
 from itertools import count
@@ -183,11 +183,12 @@ class _Reach:
         """The ways of the hand alone, for each grasp to which the walls and the object itself leave one."""
         cell, opening = self.cell, self.cell.robot.opening
         hands = dict[float, tuple[float, float, PlanningQuery]]()
-        for grasp in self.all.grasps_on(self.name, self.T):
+        for asked in self.all.grasps_on(self.name, self.T):
+            grasp = replace(asked, T_world_hand=opening.beside(asked.T_world_hand))
             width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
             if width not in hands:
                 opened = opening.value_at(open_width(width, opening))
-                hands[width] = opened, opening.value_at(width), cell.problem({self.name: self.T}, opened)
+                hands[width] = opened, opening.closing_value(width), cell.problem({self.name: self.T}, opened)
             opened, closed, alone = hands[width]
             code, _ = reaching.hand_way_in(cell.hand, alone.task, grasp.T_world_hand, cell.memory)
             cell.forget()

@@ -125,15 +125,16 @@ class Picking:
             hand = hands.get(width)
             if hand is None:
                 hand = hands[width] = _OpenHand(cell, poses, name, width)
-            ways = [way for way in self._ways_in(hand, grasp, grasps, i, failures) if hand.closes(way[-1], failures)]
+            T_hand = cell.robot.opening.beside(grasp.T_world_hand)
+            ways = [way for way in self._ways_in(hand, T_hand, grasps, i, failures) if hand.closes(way[-1], failures)]
             if not ways:
                 continue
-            held = Held(name, inverse(grasp.T_world_hand) @ poses[name])
+            held = Held(name, cell.robot.opening.held(inverse(T_hand) @ poses[name]))
             carrying = cell.problem(rest, hand.closed, held=held)
             lifting = cell.allowing(carrying, name, "floor")
             for way in ways:
                 up = np.empty((LIFT_STEPS + 1, way.shape[1]))
-                code, pair = reaching.lift(cell.hand, lifting.task, grasp.T_world_hand, way[-1], up, cell.memory)
+                code, pair = reaching.lift(cell.hand, lifting.task, T_hand, way[-1], up, cell.memory)
                 if code == reaching.OK:
                     found += 1
                     cell.forget()
@@ -144,18 +145,19 @@ class Picking:
                 break
         cell.forget()
 
-    def _ways_in(self, hand: _OpenHand, grasp: Grasp, grasps: _Grasps, i: int, failures: _Failures) -> Array:
-        """Arm waypoints (W, n, A) of the straight ways of an open hand to grasp i: the hand alone first, then the arm's solutions."""
+    def _ways_in(self, hand: _OpenHand, T_hand: Array, grasps: _Grasps, i: int, failures: _Failures) -> Array:
+        """Arm waypoints (W, n, A) of the straight ways of an open hand to grasp i, at T_hand (4, 4): the hand alone first, then the arm's
+        solutions."""
         cell, task = self.cell, hand.reaching.task
-        code, pair = reaching.hand_way_in(cell.hand, task, grasp.T_world_hand, cell.memory)
+        code, pair = reaching.hand_way_in(cell.hand, task, T_hand, cell.memory)
         if code != reaching.OK:
             failures.note(code, hand.reaching, pair)
             return np.empty((0, 0, 0))
-        solutions = grasps.solutions(grasp, i)
+        solutions = grasps.solutions(T_hand, i)
         if len(solutions) == 0:
             failures.out_of_reach()
         found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
-        free = reaching.ways_in(cell.hand, task, grasp.T_world_hand, solutions, cell.memory, found, said)
+        free = reaching.ways_in(cell.hand, task, T_hand, solutions, cell.memory, found, said)
         for code, pair in said:
             if code != reaching.OK:
                 failures.note(code, hand.reaching, pair)
@@ -185,7 +187,7 @@ class _OpenHand:
 
     def __init__(self, cell: Workcell, poses: Mapping[str, Array], name: str, width_m: float) -> None:
         opening = cell.robot.opening
-        self.opened, self.closed = opening.value_at(open_width(width_m, opening)), opening.value_at(width_m)
+        self.opened, self.closed = opening.value_at(open_width(width_m, opening)), opening.closing_value(width_m)
         self.reaching = cell.problem(poses, self.opened)
         self._cell, self._poses, self._name = cell, poses, name
 
@@ -210,10 +212,10 @@ class _Grasps(LazyList[Grasp]):
         self._cell, self._tries = cell, ik_tries
         self._solutions: dict[int, Array] = {}
 
-    def solutions(self, grasp: Grasp, i: int) -> Array:
-        """Arm configurations (S, A) for a grasp, which is number i, the nearest to home first."""
+    def solutions(self, T_hand: Array, i: int) -> Array:
+        """Arm configurations (S, A) with the hand at T_hand (4, 4), for grasp number i, the nearest to home first."""
         if i not in self._solutions:
-            self._solutions[i] = self._cell.ik(grasp.T_world_hand, tries=self._tries)
+            self._solutions[i] = self._cell.ik(T_hand, tries=self._tries)
         return self._solutions[i]
 
 

@@ -48,9 +48,10 @@ class Placing:
     def __init__(self, cell: Workcell, pick: Pick, T_world_object: Array, release_query: ReleaseQuery) -> None:
         """T_world_object (4, 4): where the object was picked."""
         self.cell, self.pick, self.R, self.release_query = cell, pick, T_world_object[:3, :3], release_query
+        self._let_go = cell.robot.opening.let_go(pick.held.T_hand_body)
         rows = release_query.open.solids_of(pick.held.body)
         tasks = pick.lifting.task, release_query.opening.problem, release_query.open.task
-        self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, release_query.standing, pick.held.T_hand_body)
+        self._compiled = reaching.PutDown(*tasks, rows[0], rows[-1] + 1, release_query.standing, self._let_go)
 
     def place(self, centre: Array) -> Place | Blocked:
         """Put the object down over `centre` (3,), turned as suits the hand: static checks and the straight pieces.
@@ -71,7 +72,7 @@ class Placing:
             for turn in reaching.PLACE_TURNS:
                 reaching.place_on_floor(p.standing.body.vertices, self.R, natural + turn, centre, T)
                 if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
-                    T_hand = T @ inverse(self.pick.held.T_hand_body)
+                    T_hand = T @ inverse(self._let_go)
                     got, touch = down(np.array([turn]), cell.ik(T_hand, near=near, tries=TRIES))
                     if got == reaching.OK:
                         return Place(lower, retreat, T)

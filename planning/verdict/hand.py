@@ -82,7 +82,9 @@ def hand_of(robot: Robot) -> Hand:
     links = frozenset(link for link in solid if arm.driven_by(arm.links[link][0]) - {gripper} == own) | fingers
     low, high = float(arm.lower[gripper]), float(arm.upper[gripper])
     middle = _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2]))
-    pads = tuple(_pad(robot, arm, fingers, middle, side) for side in (1, -1))
+    jaw = robot.opening.jaw
+    movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
+    pads = tuple(_pad(robot, arm, movers[side], middle, side) for side in (1, -1))
     values = np.linspace(low, high, _VALUES)
     half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (pads[0], pads[1]), values, values)
     widths = half.width(values)

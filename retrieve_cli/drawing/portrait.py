@@ -8,7 +8,10 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, inverse, transform
-from perception.rendering.shading import Colour, Item, Polyline, Studio, shade
+from perception.rendering.colours import Colour
+from perception.rendering.lighting import Studio
+from perception.rendering.polylines import Polyline
+from perception.rendering.shading import Item, shade
 from retrieve_cli.drawing.picture import ASPECT, HALF_HEIGHT, HALF_WIDTH
 from retrieve_cli.drawing.still import WIDTH_PX, save
 from retrieve_cli.drawing.visuals import visuals

@@ -187,3 +187,23 @@ def test_two_arms_are_a_choice(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="body"/>{links}{both}</robot>')
     with pytest.raises(NoGripper, match="there are 2 arms, which begin with the joints l0, r0; say which with --hand-frame"):
         load(str(tmp_path / "r.urdf"))
+
+
+def test_a_jaw_keeps_the_fixed_pad_off_the_object_until_it_closes(robot: Callable[..., Robot]) -> None:
+    """The hand comes beside the place where it closes, and the jaw pushes what it takes by less than a plan may let anything jump."""
+    opening = robot(JAW).opening
+    T = transform(rotation_rpy((0.2, 0.1, 0.4)), [1.0, 2.0, 3.0])
+    came = np.linalg.inv(T) @ opening.beside(T)
+    assert came[:3, 3] == pytest.approx([0.0, -0.00062, 0.0])
+    held = opening.held(np.eye(4))
+    assert held[1, 3] == pytest.approx(-0.0002)
+    np.testing.assert_allclose(opening.let_go(held), np.eye(4), atol=1e-15)
+    assert opening.width_at(opening.closing_value(0.03)) == pytest.approx(0.03 + 0.00042, abs=1e-6)
+
+
+def test_a_hand_of_two_fingers_closes_where_it_is(robot: Callable[..., Robot]) -> None:
+    opening = robot(MIRRORED).opening
+    T = transform(rotation_rpy((0.2, 0.1, 0.4)), [1.0, 2.0, 3.0])
+    assert opening.beside(T) is T
+    assert opening.held(T) is T
+    assert opening.closing_value(0.03) == opening.value_at(0.03)

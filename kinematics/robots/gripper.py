@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,8 @@ ROOM_M = 0.005
 """What an object in the hand is to keep from all that does not hold it."""
 SLIVER_M = 1e-6
 """Triangles that are no higher than that say nothing about a hull's faces."""
+ACROSS_M = (-0.012, -0.006, 0.0, 0.006, 0.012)
+"""Where a jaw and what it closes on are looked at, along the hand's x."""
 BESIDE_M, PUSH_M = 0.00062, 0.0002
 """So far from an object is the pad that stands still while the hand comes, and so far does the jaw that moves push the object against it:
 more than what planned motions keep from everything, and less than what counts as no contact."""
@@ -40,7 +42,7 @@ class Opening:
     width_m: Array
     pad_z_m: Array
     depth_m: Array
-    pad_y_m: Array
+    pad_y_m: Array = field(default_factory=lambda: np.zeros(0))
     jaw: int = 0
     round_only: bool = False
 
@@ -63,7 +65,7 @@ class Opening:
 
     def pad_y_at(self, width_m: float) -> float:
         """The middle of the pads along the hand's y, at a width."""
-        return float(np.interp(width_m, self.width_m, self.pad_y_m))
+        return 0.0 if self.jaw == 0 else float(np.interp(width_m, self.width_m, self.pad_y_m))
 
     def hand_position(self, middle: Array, R: Array, width_m: float) -> Array:
         """Where the hand frame (3,) is when it is turned by R (3, 3) and the middle between its pads is at a point (3,), at a width."""
@@ -110,7 +112,7 @@ def measure(
         furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
         profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
     hinged = bool(jaw) and any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
-    widths, middles = zip(*(_width(p, jaw, hinged) for p in profiles))
+    widths, middles = zip(*(_round_width(p, jaw) if hinged else _width(p, jaw) for p in profiles))
     usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
     if (len(usable) < len(widths) and not jaw) or len(usable) < 2:
         raise NotClosing(f"robot {name}: no fingers on both sides of the hand frame along its y axis", sorted(fingers))
@@ -194,25 +196,44 @@ def _jaw_profile(placed: _Placed, fingers: frozenset[str], jaw: int, furthest: f
     """The same for a jaw that moves alone, never further than that from y = 0: the other side is what it closes on, and stands still."""
     links, sides = dict[str, Array](), {side: np.full(len(_Z), np.inf) for side in (1, -1)}
     for link, vertices, faces in placed:
-        low, high = cross_section(vertices, faces, _Z)
         side = jaw if link in fingers else -jaw
-        inner = np.where(np.isnan(low), np.inf, low if side > 0 else -high)
-        if link not in fingers:
-            inner = np.where(-inner < furthest, inner, np.inf)  # what lies beyond the jaw is not what it closes on
-        links[link] = np.minimum(links.get(link, np.inf), inner)
-        sides[side] = np.minimum(sides[side], inner)
+        for x in ACROSS_M:  # what is round stands upright between them, whatever ribs they have
+            low, high = cross_section(vertices - [x, 0.0, 0.0], faces, _Z)
+            inner = np.where(np.isnan(low), np.inf, low if side > 0 else -high)
+            if link not in fingers:
+                inner = np.where(-inner < furthest, inner, np.inf)  # what lies beyond the jaw is not what it closes on
+            links[link] = np.minimum(links.get(link, np.inf), inner)
+            sides[side] = np.minimum(sides[side], inner)
     return _Profile(links, sides)
 
 
-def _width(profile: _Profile, jaw: int, hinged: bool) -> tuple[float, float]:
-    """How far the pads are apart, and where their middle is along y; nan where they don't face each other. hinged: at the hand frame's
-    origin, for pads that stand askew are nearer to each other further in."""
+def _round_width(profile: _Profile, jaw: int) -> tuple[float, float]:
+    """How thick an upright cylinder about the hand's x is that both sides just touch, its axis at the hand frame's z; and where along y."""
+    if not (np.isfinite(profile.sides[1][_BETWEEN]).any() and np.isfinite(profile.sides[-1][_BETWEEN]).any()):
+        return np.nan, 0.0
+
+    def room(radius: float) -> tuple[float, float]:
+        """From where to where along the jaw's side the cylinder's axis may be."""
+        thick = np.sqrt(np.maximum(radius**2 - _Z**2, 0.0))
+        over = np.abs(_Z) < radius
+        fixed, moving = profile.sides[-jaw][over], profile.sides[jaw][over]
+        return float((thick[over] - fixed).max(initial=-np.inf)), float((moving - thick[over]).min(initial=np.inf))
+
+    small, large = 0.001, 0.15
+    if room(small)[0] > room(small)[1]:
+        return np.nan, 0.0
+    for _ in range(30):
+        radius = (small + large) / 2
+        small, large = (radius, large) if room(radius)[0] <= room(radius)[1] else (small, radius)
+    return 2 * small, jaw * sum(room(small)) / 2
+
+
+def _width(profile: _Profile, jaw: int) -> tuple[float, float]:
+    """How far the pads are apart, and where their middle is along y; nan where they don't face each other."""
     width = (profile.sides[1] + profile.sides[-1])[_BETWEEN]
     if not np.isfinite(width).any():
         return np.nan, 0.0
     at = int(np.argmin(np.where(np.isfinite(width), width, np.inf)))
-    if hinged:
-        at = int(np.argmin(np.abs(_Z[_BETWEEN])))
     plus, minus = (float(profile.sides[side][_BETWEEN][at]) for side in (1, -1))
     return float(width[at]), (plus - minus) / 2 if jaw else 0.0
 

@@ -18,6 +18,7 @@ from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
 
 MOST_M = 1000.0  # no grasp is further away
+PARALLEL = np.cos(np.radians(1))  # faces that look this much the way they close are parallel
 _STEPS, _ROUNDS = 65, 3
 
 
@@ -44,12 +45,13 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
     except ValueError as e:
         return str(e)
     opening = robot.opening
-    least, most = (float(opening.width_m[0]), opening.max_m) if opening.jaw else (float(hand.widths[0]), hand.max_width_m)
+    tabled = bool(opening.jaw) or _askew(hand)  # between such pads a width is no number of its own: the robot's table says where they close
+    least, most = (float(opening.width_m[0]), opening.max_m) if tabled else (float(hand.widths[0]), hand.max_width_m)
     if not x_g.width_m <= most + asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper opens {1000 * most:.0f} mm"
     if not x_g.width_m >= least - asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper closes to {1000 * least:.0f} mm"
-    frames = in_hand(hand, opening.value_at(x_g.width_m) if opening.jaw else closing_value(hand, x_g.width_m))
+    frames = in_hand(hand, opening.value_at(x_g.width_m) if tabled else closing_value(hand, x_g.width_m))
     if not unseen and scene.target is not None:
         target = scene.body(scene.target)
         T_hand_target = inverse(x_g.T_world_hand) @ target.T_world_body
@@ -65,6 +67,12 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
         if deep > TOUCH_M:
             return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in (*WALLS, MOUNT) else ''}{wall}"
     return None
+
+
+def _askew(hand: Hand) -> bool:
+    """Whether the pads' faces don't look along the way they close."""
+    frames = in_hand(hand, float(hand.values[len(hand.values) // 2]))
+    return any(abs((frames[p.carrier] @ p.T_carrier_face)[1, 2]) < PARALLEL for p in hand.pads)
 
 
 def closing_value(hand: Hand, width_m: float) -> float:

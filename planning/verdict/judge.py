@@ -7,7 +7,7 @@ closed form.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,7 +125,8 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
     if faults or not run:
         return _Replayed(faults, [], run, None)
     order = [robot.joint_names.index(name) for name in hand.arm.joints]
-    faults += limit_faults(hand.arm, run, robot.acceleration[order])
+    velocity = np.minimum(hand.arm.velocity, robot.velocity[order])  # a data sheet may know better than the URDF
+    faults += limit_faults(replace(hand.arm, velocity=velocity), run, robot.acceleration[order])
     faults += _start(scene, run, hand)
     ledger = keep(hand, scene, run, settings)
     faults += ledger.faults

@@ -524,11 +524,12 @@ def show(
     png: Annotated[Path | None, typer.Option("--png", help="Write a still picture; needs no display.", metavar="FILE")] = None,
     camera: Annotated[Camera, typer.Option("--camera", help="Where the still is taken from.")] = Camera.side,
     plots: Annotated[bool, typer.Option("--plots", help="The page plots the joints over time against their limits, too.")] = False,
+    parts: Annotated[bool, typer.Option("--parts", help="Draw the convex parts that stand for meshes, not the meshes.")] = False,
 ) -> Job:
     """Show a scene or a plan: in the browser, as a page, or as a still picture."""
     from retrieve_cli import show as command
 
-    return partial(command.run, file=file, index=index, scenes=scenes, html=html, png=png, camera=camera.value, plots=plots)
+    return partial(command.run, file=file, index=index, scenes=scenes, html=html, png=png, camera=camera.value, plots=plots, parts=parts)
 
 
 @app.command()

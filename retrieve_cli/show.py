@@ -20,13 +20,26 @@ FIRST_PORT, PORTS = 7000, 100
 """meshcat's own choice, and how many ports are tried before any free one."""
 
 
-def run(*, file: Path | None, index: int, scenes: Path | None, html: Path | None, png: Path | None, camera: str, plots: bool) -> None:
-    """Show line `index` of a file: write `html` and `png` where asked, else serve the page until Ctrl-C. plots: of the joints, too."""
+def run(
+    *,
+    file: Path | None,
+    index: int,
+    scenes: Path | None,
+    html: Path | None,
+    png: Path | None,
+    camera: str,
+    plots: bool,
+    parts: bool = False,
+) -> None:
+    """Show line `index` of a file: write `html` and `png` where asked, else serve the page until Ctrl-C. plots: of the joints, too.
+
+    parts: of meshes, the convex parts that stand for them.
+    """
     if png is not None and png.suffix.lower() != ".png":
         raise InputError(f"show: {png}: a still is a PNG file; give it a name that ends in .png")
     where, scene, plan = _find(file, index, scenes)
     with blame(where):
-        film = _film(scene, plan)
+        film = _film(scene, plan, parts)
     if png is not None:
         from retrieve_cli.drawing.still import write_png
 
@@ -65,12 +78,12 @@ def _write_page(film: Film, out: Path, *, plots: bool = False) -> None:
         part.write_text(text, encoding="utf-8")
 
 
-def _film(scene: Scene, plan: Plan | None) -> Film:
+def _film(scene: Scene, plan: Plan | None, parts: bool = False) -> Film:
     """Raises ValueError when the robot can't be loaded, or the plan is not for it."""
     from kinematics.robots.robot import from_ref
     from retrieve_cli.drawing.picture import Film
 
-    film = Film(from_ref(scene.robot, on_step=say), scene, plan)
+    film = Film(from_ref(scene.robot, on_step=say), scene, plan, parts)
     names = {b.name for b in scene.objects}
     for motion in plan.motions if plan else ():
         film.full(motion)

@@ -68,7 +68,7 @@ class _Cell:
 def decompose(surface: Surface, inside: Inside, how: Decomposition, on_share: OnShare = lambda _: None) -> list[Array]:
     """Corners (V, 3) of convex parts that together contain the surface, and what it encloses. on_share: told how much is done."""
     coarse = simplified(surface, how.faces)
-    solid_m3 = _solid_volume(surface, inside, how)
+    solid_m3 = solid_volume(surface, inside, how)
     voxel_m3 = solid_m3 / max(len(inside.points) + 0.5 * len(inside.skin), 1.0)
     low, high = surface.vertices.min(0), surface.vertices.max(0)
     box = np.concatenate([np.c_[np.eye(3), high + SAME_M], np.c_[-np.eye(3), SAME_M - low]])
@@ -110,7 +110,7 @@ def simplified(surface: Surface, faces: int) -> Surface:
     return Surface(middle, kept[np.sort(first)])
 
 
-def _solid_volume(surface: Surface, inside: Inside, how: Decomposition) -> float:
+def solid_volume(surface: Surface, inside: Inside, how: Decomposition) -> float:
     """About the volume of what a surface bounds: what it encloses, or a thin skin where it is open."""
     a, b, c = np.moveaxis(surface.triangles, 1, 0)
     skin = how.skin_m * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2

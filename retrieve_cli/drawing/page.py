@@ -15,7 +15,7 @@ import json
 import re
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,9 @@ from retrieve_cli.drawing.unknown_space import (
     view_pyramids,
 )
 from retrieve_cli.drawing.visuals import visuals
+
+if TYPE_CHECKING:
+    from perception.rendering.raycast import Mesh
 
 Colour = tuple[float, float, float]
 Command = dict[str, Any]
@@ -119,8 +122,8 @@ def _setting(film: Film) -> list[Command]:
         commands.append(_place(f"/cabinet/edges/{wall.name}", wall.T_world_body))
     for body in scene.obstacles:
         path = f"/obstacles/{body.name}"
-        commands += [*_solid(path, body.shape, OBSTACLE_COLOUR, OBSTACLE_ALPHA), _place(path, body.T_world_body)]
-        commands += [_lines(f"{path}/edges", outline(body.shape), OBSTACLE_COLOUR, 0.8)]
+        commands += [*_solid(path, film.look(body.shape), OBSTACLE_COLOUR, OBSTACLE_ALPHA), _place(path, body.T_world_body)]
+        commands += [_lines(f"{path}/edges", film.outline(body.shape), OBSTACLE_COLOUR, 0.8)]
     commands.append(_lines("/cabinet/front", [front_edges(scene.cabinet)], (0.35, 0.40, 0.47)))
     commands.append(_lines("/regions", grid(scene.cabinet, scene.regions_n), GRID_COLOUR, 0.8))
     return commands
@@ -134,9 +137,9 @@ def _objects(film: Film) -> list[Command]:
         commands.append(_lines("/target box", edges, TARGET_COLOUR, 0.9, through=True))
     for body in scene.objects:
         path = f"/objects/{body.name}"
-        commands += [*_solid(path, body.shape, film.colours[body.name]), _place(path, body.T_world_body)]
+        commands += [*_solid(path, film.look(body.shape), film.colours[body.name]), _place(path, body.T_world_body)]
         if body.name == scene.target:
-            commands += _target_marks(path, body.shape, film.colours[body.name])
+            commands += _target_marks(film, path, body.shape)
     if film.target is None:
         return commands
     (T, radius), colour = ring(scene.cabinet, film.target), film.colours[film.target.name]
@@ -148,10 +151,11 @@ def _objects(film: Film) -> list[Command]:
     return commands
 
 
-def _target_marks(path: str, shape: Shape, colour: Colour) -> list[Command]:
+def _target_marks(film: Film, path: str, shape: Shape) -> list[Command]:
     """The target's edges, and a ghost of it that shines through whatever hides it."""
-    ghosts = _solid(f"{path}/seen through", shape, colour, 0.25, through=True)
-    return [_lines(f"{path}/outline", outline(shape), (0.6 * colour[0], 0.6 * colour[1], 0.6 * colour[2])), *ghosts]
+    colour = film.colours[film.scene.target_name]
+    ghosts = _solid(f"{path}/seen through", film.look(shape), colour, 0.25, through=True)
+    return [_lines(f"{path}/outline", film.outline(shape), (0.6 * colour[0], 0.6 * colour[1], 0.6 * colour[2])), *ghosts]
 
 
 def _seen(film: Film) -> list[Command]:
@@ -179,9 +183,13 @@ def _arm(film: Film) -> list[Command]:
         commands.append(_mesh(path, *_creased(piece.vertices, piece.faces), piece.colour, shine=40))
     for k, held in enumerate(held_by(film)):
         path, shape = f"{nodes[robot.tree.index['hand']]}/held {k} {held.body}", scene.body(held.body).shape
-        commands += [*_solid(path, shape, film.colours[held.body]), _place(path, held.T_hand_body), _property(path, "visible", False)]
+        commands += [
+            *_solid(path, film.look(shape), film.colours[held.body]),
+            _place(path, held.T_hand_body),
+            _property(path, "visible", False),
+        ]
         if held.body == scene.target:
-            commands += _target_marks(path, shape, film.colours[held.body])
+            commands += _target_marks(film, path, shape)
     return commands
 
 
@@ -203,12 +211,16 @@ def _nodes(film: Film) -> dict[int, str]:
     return {i: "/robot/" + "/".join(tree.names[k] for k in tree.path(i)) for i in range(len(tree.names))}
 
 
-def _solid(path: str, shape: Shape, colour: Colour, opacity: float = 1.0, *, through: bool = False) -> list[Command]:
+def _solid(path: str, shape: Shape | Mesh, colour: Colour, opacity: float = 1.0, *, through: bool = False) -> list[Command]:
+    from perception.rendering.raycast import Mesh
+
     match shape:
         case Box():
             return [_mesh(path, *_flat(*_hull(box_corners(shape.half))), colour, opacity, through=through)]
         case Cylinder():
             return [_mesh(path, *_cylinder_mesh(shape.radius_m, shape.height_m), colour, opacity, through=through)]
+        case Mesh():
+            return [_mesh(path, *_creased(shape.vertices, shape.faces), colour, opacity, through=through)]
         case _:
             parts = [_creased(*_hull(part)) for part in convex_parts(shape)]
             return [_mesh(f"{path}/part {k}", *part, colour, opacity, through=through) for k, part in enumerate(parts)]

@@ -7,19 +7,24 @@ eye tells apart too; the strong warm one belongs to the target alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.robots.start import start_q
 from kinematics.scene import Body, Cabinet, Held, Scene, State
-from kinematics.shapes import Box, Cylinder, Shape, bounds, convex_parts
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, convex_parts
 from kinematics.transforms import Array, apply, inverse
 from perception.rendering.colours import PALETTE, TARGET_COLOUR
 from planning.plan import Motion, Move, Plan
+from retrieve_cli.drawing.meshes import look_of
+
+if TYPE_CHECKING:
+    from perception.rendering.raycast import Mesh
 
 Colour = tuple[float, float, float]
 EMPTY_COLOUR: Colour = (0.44, 0.48, 0.54)
@@ -58,11 +63,28 @@ class HandPath:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A scene, the robot in it, and what a plan does with them; a scene without a plan is a film that stands still."""
+    """A scene, the robot in it, and what a plan does with them; a scene without a plan is a film that stands still.
+
+    parts: meshes are drawn as the convex parts that stand for them.
+    """
 
     robot: Robot
     scene: Scene
     plan: Plan | None = None
+    parts: bool = False
+
+    def look(self, shape: Shape) -> Shape | Mesh:
+        """What to draw of a shape: of a mesh its own triangles, or where `parts` are asked for, its convex parts."""
+        return look_of(shape, self.parts)
+
+    def as_drawn(self, body: Body) -> Body:
+        """A body for its silhouette: around a mesh's own triangles runs one line, not one around each part."""
+        shape = body.shape
+        return body if self.look(shape) is shape else replace(body, shape=ConvexMesh((np.concatenate(convex_parts(shape)),)))
+
+    def outline(self, shape: Shape) -> list[Array]:
+        """The edges of a shape as it is drawn, as polylines (N, 3); none of a mesh's own triangles."""
+        return outline(shape) if self.look(shape) is shape else []
 
     @property
     def target(self) -> Body | None:

@@ -28,7 +28,6 @@ from retrieve_cli.drawing.picture import (
     front_edges,
     grid,
     ground,
-    outline,
     ring,
     silhouette,
 )
@@ -147,8 +146,8 @@ def items(film: Film, state: State, without: str = "") -> list[Item]:
     walls = scene.cabinet.walls()
     out = [Item(w.shape, w.T_world_body, WALL_COLOUR, alpha=0.13, gloss=0.0) for w in walls if w.name != "floor"]
     out += [Item(w.shape, w.T_world_body, FLOOR_COLOUR, gloss=0.0) for w in walls if w.name == "floor"]
-    out += [Item(b.shape, b.T_world_body, OBSTACLE_COLOUR, alpha=OBSTACLE_ALPHA, gloss=0.0) for b in scene.obstacles]
-    out += [Item(b.shape, b.T_world_body, film.colours[b.name], gloss=0.15) for b in film.bodies(state)]
+    out += [Item(film.look(b.shape), b.T_world_body, OBSTACLE_COLOUR, alpha=OBSTACLE_ALPHA, gloss=0.0) for b in scene.obstacles]
+    out += [Item(film.look(b.shape), b.T_world_body, film.colours[b.name], gloss=0.15) for b in film.bodies(state)]
     if (unknown := unknown_space(scene)) is not None:
         out.append(Item(unknown, np.eye(4), UNSEEN_COLOUR, alpha=UNKNOWN_ALPHA, gloss=0.0))
     links = film.link_poses(state.q)
@@ -173,8 +172,10 @@ def marks(film: Film, state: State, T_world_camera: Array) -> list[Polyline]:
     lines.append(Polyline(apply(T, circle(radius)), target, 3.5, hidden=0.45, halo_px=0.0))
     for body in film.bodies(state):
         if body.name == scene.target:
-            lines += [Polyline(apply(body.T_world_body, p), _darker(target), 2.0, hidden=0.0, halo_px=0.0) for p in outline(body.shape)]
-            lines += [Polyline(loop, target, 2.5, hidden=0.75, halo_px=0.0) for loop in silhouette(body, T_world_camera)]
+            lines += [
+                Polyline(apply(body.T_world_body, p), _darker(target), 2.0, hidden=0.0, halo_px=0.0) for p in film.outline(body.shape)
+            ]
+            lines += [Polyline(loop, target, 2.5, hidden=0.75, halo_px=0.0) for loop in silhouette(film.as_drawn(body), T_world_camera)]
     return lines
 
 
@@ -194,7 +195,7 @@ def plan_lines(film: Film, move: int | None = None) -> list[Polyline]:
         goals = [replace(film.scene.body(film.done[move].object), T_world_body=film.done[move].T_world_to)]
     for body in goals:
         colour = film.colours[body.name]
-        lines += [Polyline(apply(body.T_world_body, p), colour, 1.6, hidden=0.5, halo_px=0.0) for p in outline(body.shape)]
+        lines += [Polyline(apply(body.T_world_body, p), colour, 1.6, hidden=0.5, halo_px=0.0) for p in film.outline(body.shape)]
         lines.append(Polyline(footprint(film.scene.cabinet, body), colour, 3.5, hidden=0.35, halo_px=0.0))
     ways = sorted((w for w in film.path() if move is None or w.move == move), key=lambda w: w.held is not None)  # carried ones on top
     for way in ways:

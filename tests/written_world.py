@@ -56,6 +56,9 @@ class WrittenWorld:
     def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> _Written:
         return _Written(self.blocking, self.regions_of(poses))
 
+    partly_unseen = False
+    """Whether there is unseen space."""
+
     @property
     def thorough(self) -> WrittenWorld:
         if self.finer is None:

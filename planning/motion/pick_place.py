@@ -311,6 +311,11 @@ class Motions:
             ik_tries=picking.settings.ik_tries,
         )
 
+    @property
+    def partly_unseen(self) -> bool:
+        """Whether space that nobody has seen is among the obstacles."""
+        return self.cell.partly_unseen
+
     @cached_property
     def thorough(self) -> Motions:
         """The same motions with more grasps to choose from and more of the arm's solutions for them: slower, for where the quick look finds

@@ -368,6 +368,11 @@ class Workcell:
             self._solutions[key] = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
         return self._solutions[key]
 
+    @property
+    def partly_unseen(self) -> bool:
+        """Whether there are obstacles besides the scene's: space that nobody has seen."""
+        return bool(self._unseen)
+
     @contextmanager
     def within_budget(self) -> Iterator[None]:
         """All that is sought inside shares one time budget, if there is one: the paper's second for the whole indicator."""

@@ -63,6 +63,8 @@ class Lookahead:
             name, region = step.choice
             self._regions = iter((region,))
             yield name
+        if not self._coming and self.world.partly_unseen:
+            yield from self._guessed(seen, rng)
 
     def place(self, seen: Observation, name: str, rng: np.random.Generator) -> Iterator[int]:
         """The regions for the object that was selected last."""
@@ -92,6 +94,13 @@ class Lookahead:
             names.sort(key=lambda name: (cost(name), name))
         for name in names:
             self._regions = islice(self._off_the_way(seen, name, rng), GLANCED)
+            yield name
+
+    def _guessed(self, seen: Observation, rng: np.random.Generator) -> Iterator[str]:
+        """All objects by preference, where unseen space is in the way of every plan: what stops them says where to look next."""
+        cost = self.preferences.objects(seen)
+        for name in sorted(seen.movable, key=lambda name: (cost(name), name)):
+            self._regions = iter(self.preferences.regions(seen, name, rng))
             yield name
 
     def _off_the_way(self, seen: Observation, name: str, rng: np.random.Generator) -> Iterator[int]:

@@ -153,6 +153,17 @@ def test_a_state_that_was_not_foreseen_is_thought_about_anew() -> None:
     assert policy.outlook.least_moves == 2  # of the first state
 
 
+def test_where_unseen_space_is_in_every_way_all_is_proposed_by_preference() -> None:
+    """What stops the attempts says where to look next; where everything was seen, nothing is proposed."""
+    stuck = at_first({"t": ["ab"], "a": ["b"], "b": ["a"]})
+    world = WrittenWorld("ab", stuck)
+    assert asked(look(world), world) == []
+    world.partly_unseen = True
+    found = asked(look(world), world)
+    assert list(dict.fromkeys(name for name, _ in found)) == ["a", "b"]
+    assert len(found) > 2
+
+
 def test_where_the_quick_look_finds_no_way_a_thorough_one_does() -> None:
     stuck = at_first({"t": ["a"], "a": ["b"], "b": ["a"]})
     world = WrittenWorld("ab", stuck, finer=at_first({"t": ["a"], "a": ["b"], "b": ["a", ""]}))

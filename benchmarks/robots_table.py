@@ -74,10 +74,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=8)
     parser.add_argument("--only", nargs="*", default=[], help="names of robots")
     parser.add_argument("--rows", type=Path, help="keep rows in this file, and don't do again what is in it")
+    parser.add_argument("--print", action="store_true", help="only print what --rows has already")
     parser.add_argument("--docs", type=Path, help="write the table into this page")
     args = parser.parse_args()
     rows = read(args.rows)
-    for name in args.only or ROBOTS:
+    for name in args.only or ([] if args.print else ROBOTS):
         if name not in {row.robot for row in rows}:
             rows.append(one(name, args.n, args.seed))
             print(line(rows[-1]), flush=True)

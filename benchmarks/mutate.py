@@ -55,6 +55,8 @@ TESTS = {
     "planning/policies/lookahead.py": ("tests/planning/policies/test_lookahead.py",),
     "planning/relaxed_plan.py": ("tests/planning/test_relaxed_plan.py", "tests/planning/policies/test_lookahead.py"),
     "planning/policies/search.py": ("tests/planning/policies/test_lookahead.py",),
+    "planning/policies/unsolvable.py": ("tests/planning/policies/test_unsolvable.py",),
+    "planning/policies/rrt.py": ("tests/planning/policies/test_rrt.py",),
     "planning/policies/neural.py": ("tests/planning/policies/test_neural.py",),
     "planning/policies/random.py": ("tests/planning/policies/test_random.py",),
     "planning/policies/local.py": ("tests/planning/policies/test_local.py",),

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pytest
 from fakes import observation
 
 from perception.observation import Observation
 from planning.learning.model import Chosen, Placed
-from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_region
+from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_preferences, make_neural_region
 from planning.policies.regions import free_regions
 
 RNG = np.random.default_rng(0)
@@ -23,11 +24,13 @@ SEEN = observation({"a": (0.05, 0.15, 0.06, *SIZE), "b": (0.15, -0.15, 0.06, *SI
 
 @dataclass
 class WrittenModel:
-    """Stands for `Model`: scores by name for objects, by index for regions; what it is shown and asked is noted."""
+    """Stands for `Model`: scores by name for objects, by index for regions; what it is shown and asked is noted,
+    and how often it chose an object."""
 
     form: str
     shown: list[Observation] = field(default_factory=list)
     asked: list[tuple[str, list[int] | None]] = field(default_factory=list)
+    chosen: int = 0
 
     def see(self, seen: Observation) -> WrittenView:
         self.shown.append(seen)
@@ -41,12 +44,13 @@ class WrittenView:
 
     def select(self) -> Chosen:
         names = self.observation.movable
-        return Chosen(names, *[np.zeros(len(names), np.float32)] * 3, np.array([SCORES[n] for n in names], np.float32))
+        self.model.chosen += 1
+        return Chosen(names, *[np.zeros(len(names), np.float32)] * 4, np.array([SCORES[n] for n in names], np.float32))
 
     def place(self, name: str, regions: Sequence[int] | None = None) -> Placed:
         self.model.asked.append((name, None if regions is None else list(regions)))
         index = np.arange(len(self.observation.regions)) if regions is None else np.asarray(regions, np.intp)
-        return Placed(index, *[np.zeros(len(index), np.float32)] * 3, np.array([(7 * i) % 16 for i in index], np.float32))
+        return Placed(index, *[np.zeros(len(index), np.float32)] * 4, np.array([(7 * i) % 16 for i in index], np.float32))
 
 
 def halves(form: str) -> tuple[WrittenModel, CachedEncoding, Any, Any]:
@@ -85,3 +89,14 @@ def test_an_observation_is_encoded_once_for_both_halves() -> None:
     assert list(place(SEEN, "c", RNG))
     assert model.shown == [SEEN, other, SEEN]
     assert encoding.model is model  # type: ignore[comparison-overlap]
+
+
+def test_a_look_ahead_asks_the_networks_when_it_needs_them_and_once() -> None:
+    """Objects cost the less, the better their score; nothing is asked before a cost is."""
+    model, encoding, _, place = halves("objects")
+    preferences = make_neural_preferences(encoding)
+    cost = preferences.objects(SEEN)
+    assert (model.shown, model.chosen) == ([], 0)
+    assert {name: cost(name) for name in "abc"} == pytest.approx({"a": -0.2, "b": -0.9, "c": -0.5})
+    assert (model.shown, model.chosen) == ([SEEN], 1)
+    assert list(preferences.regions(SEEN, "b", RNG)) == list(place(SEEN, "b", RNG))

@@ -1,0 +1,138 @@
+"""The proof that no moves help, and what would, in cabinets in which it is written down what blocks what with which grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fakes import scene_of
+
+from kinematics.scene import APPROACHES, State
+from kinematics.transforms import Array
+from planning.motion.picking import THOROUGH
+from planning.plan import Unsolvable
+from planning.policies import unsolvable as module
+from planning.policies.unsolvable import Prover
+from planning.relaxed_plan import Names
+
+HERE = State(np.zeros(1), scene_of("a", "b", "c", target="t").poses())
+Ways = Mapping[str, Sequence[str]]
+STUCK: Ways = {"t": ["a", "b"], "a": ["b"], "b": ["a"], "c": ["a", ""]}
+"""a and b keep each other, and each blocks one way to the target."""
+OTHERS = "other approaches (diagonal, downward)"
+
+
+class Written:
+    def __init__(self, ways: Ways) -> None:
+        self.ways = ways
+
+    def free(self, name: str, standing: Names) -> bool:
+        return any(not frozenset(way) & standing for way in self.ways[name])
+
+
+class Cabinet:
+    """Stands for `Motions`: what blocks what in the thorough look, with any grasp of the target, with all approaches, with both.
+
+    made: how often obstructions were built for other grasps than the thorough look's own.
+    """
+
+    def __init__(self, usual: Ways, *, any_grasp: Ways | None = None, freely: Ways | None = None, both: Ways | None = None) -> None:
+        freely = freely or usual
+        self.answers = {
+            (("horizontal",), True): any_grasp or usual,
+            (APPROACHES, False): freely,
+            (APPROACHES, True): both or freely,
+        }
+        self.scene = SimpleNamespace(target_name="t", approaches=("horizontal",))
+        self.robot, self.cell, self.made = object(), object(), 0
+        self.thorough = SimpleNamespace(target_grasps=("the target's own",), obstructions=self._look(usual))
+
+    def _look(self, ways: Ways) -> Callable[[Mapping[str, Array]], Written]:
+        def look(poses: Mapping[str, Array]) -> Written:
+            assert poses is HERE.poses
+            return Written(ways)
+
+        return look
+
+
+@pytest.fixture(autouse=True)
+def grasps_that_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Grasps say what was asked for, and obstructions answer by the grasps that they were given."""
+
+    def sampled(robot: Any, scene: Any, name: str, T: Array, *, approaches: Sequence[str], sampling: Any) -> tuple[Any, ...]:
+        assert sampling is THOROUGH.sampling
+        return ("sampled", robot, scene, name, tuple(approaches))
+
+    class Obstruction:
+        def __init__(self, cell: Any, grasps_on: Callable[[str, Array], Iterable[Any]], *, ik_tries: int) -> None:
+            cabinet = next(c for c in CABINETS if c.cell is cell)
+            assert ik_tries == THOROUGH.ik_tries
+            on_a, on_t = (tuple(grasps_on(name, np.eye(4))) for name in "at")
+            assert on_a[:4] == ("sampled", cabinet.robot, cabinet.scene, "a")
+            assert on_t in (("the target's own",), ("sampled", cabinet.robot, cabinet.scene, "t", on_a[4]))
+            self.at = cabinet._look(cabinet.answers[on_a[4], on_t[0] == "sampled"])
+            cabinet.made += 1
+
+    monkeypatch.setattr(module, "sampled_grasps", sampled)
+    monkeypatch.setattr(module, "Obstruction", Obstruction)
+
+
+CABINETS: list[Cabinet] = []
+
+
+def proof(cabinet: Cabinet) -> Unsolvable | None:
+    CABINETS[:] = [cabinet]
+    return Prover(cabinet)(HERE)  # type: ignore[arg-type]
+
+
+def test_there_is_no_proof_where_the_stuck_ones_leave_a_way() -> None:
+    """Though others are in it: they can go."""
+    assert proof(Cabinet({**STUCK, "t": ["a", "c"]})) is None
+    assert proof(Cabinet({**STUCK, "t": [""]})) is None
+
+
+def test_what_is_stuck_is_named_and_each_that_would_help_by_hand() -> None:
+    """Without a, b can go, and the other way round; c is not stuck, and helps nobody."""
+    assert proof(Cabinet(STUCK)) == Unsolvable(("a", "b"), ("a taken away by hand", "b taken away by hand"))
+
+
+def test_only_what_frees_the_target_is_said_to_help() -> None:
+    ways: Ways = {"t": ["a"], "a": ["b"], "b": ["ac"], "c": ["b"]}
+    assert proof(Cabinet(ways)) == Unsolvable(("a", "b", "c"), ("a taken away by hand", "b taken away by hand"))
+    assert proof(Cabinet({**STUCK, "t": []})) == Unsolvable(("a", "b"), ())
+
+
+def test_another_grasp_or_other_approaches_help_where_they_free_the_target() -> None:
+    walled: Ways = {**STUCK, "t": []}
+    grasped, freed = {**walled, "t": [""]}, {**walled, "t": ["a"], "a": [""]}
+    assert proof(Cabinet(walled, any_grasp=grasped)) == Unsolvable(("a", "b"), ("another grasp of t",))
+    assert proof(Cabinet(walled, freely=freed)) == Unsolvable(("a", "b"), (OTHERS,))
+    assert proof(Cabinet(walled, any_grasp=grasped, freely=freed)) == Unsolvable(("a", "b"), ("another grasp of t", OTHERS))
+
+
+def test_both_together_are_said_where_neither_helps_alone() -> None:
+    walled: Ways = {**STUCK, "t": []}
+    freed, grasped = {**walled, "t": ["a"], "a": [""]}, {**walled, "t": [""]}
+    assert proof(Cabinet(walled, both=freed)) == Unsolvable(("a", "b"), ())  # a is stuck in the freer view as well
+    assert proof(Cabinet(walled, both=grasped)) == Unsolvable(("a", "b"), (f"another grasp of t and {OTHERS}",))
+    assert proof(Cabinet(walled, any_grasp=grasped, both=grasped)) == Unsolvable(("a", "b"), ("another grasp of t",))
+    assert proof(Cabinet(walled, freely=grasped, both=grasped)) == Unsolvable(("a", "b"), (OTHERS,))
+
+
+def test_where_all_approaches_are_allowed_no_others_are_named() -> None:
+    cabinet = Cabinet({**STUCK, "t": []})
+    cabinet.scene.approaches = APPROACHES
+    cabinet.answers = {(APPROACHES, True): STUCK}
+    assert proof(cabinet) == Unsolvable(("a", "b"), ())
+    assert cabinet.made == 1
+
+
+def test_obstructions_are_built_once_for_all_states() -> None:
+    cabinet = Cabinet(STUCK)
+    CABINETS[:] = [cabinet]
+    prover = Prover(cabinet)  # type: ignore[arg-type]
+    assert prover(HERE) == prover(HERE)
+    assert cabinet.made == 3

@@ -49,7 +49,7 @@ class Effort:
     """How hard a search tries. attempts: moves that are tried at most, feasible or not. step_back: by how much a state's rank grows with
     each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good."""
 
-    attempts: int = 600
+    attempts: int
     step_back: float = 0.02
 
 
@@ -117,9 +117,10 @@ class Search:
         """Moves from a state after which the target can be taken out; empty when none were found."""
         self._put(self._node(start, ()))
         for _ in range(self.effort.attempts):
-            node, choice = self._next()
-            if node is None or choice is None:
+            found = self._next()
+            if found is None:
                 break
+            node, choice = found
             child = self._tried(node, choice)
             self._put(node)
             if child is None:
@@ -129,8 +130,8 @@ class Search:
             self._put(child)
         return []
 
-    def _next(self) -> tuple[_Node | None, Choice | None]:
-        """The most promising state that has a move left, and the move."""
+    def _next(self) -> tuple[_Node, Choice] | None:
+        """The most promising state that has a move left, and the move; None when all were tried."""
         while self._queue:
             *_, node = heappop(self._queue)
             choice = next((choice for choice in node.choices if choice not in node.tried), None)
@@ -139,7 +140,7 @@ class Search:
             if not node.last_resort:
                 node.last_resort, node.choices = True, self._other_choices(node)
                 self._put(node)
-        return None, None
+        return None
 
     def _tried(self, node: _Node, choice: Choice) -> _Node | None:
         """Try a move: the state that it leads to, if it can be carried out and leads anywhere."""
@@ -194,7 +195,11 @@ class Search:
         names = [n for n in node.seen.movable if n not in node.cannot and obstructions.free(n, node.standing - {n})]
         firsts = {name for plan in node.plans for name in plan.firsts}
         names.sort(key=lambda name: (name not in firsts, node.cost(name), name))
-        return _in_turn([((name, region) for region in self.preferences.regions(node.seen, name, self.rng)) for name in names])
+        return _in_turn([self._anywhere(node, name) for name in names])
+
+    def _anywhere(self, node: _Node, name: str) -> Iterator[Choice]:
+        for region in self.preferences.regions(node.seen, name, self.rng):
+            yield name, region
 
 
 def _in_turn(queues: Sequence[Iterator[Choice]]) -> Iterator[Choice]:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pytest
 
-from planning.relaxed_plan import Names, relaxed_plan, relaxed_plans, shortest_plans, stuck_set
+from planning.relaxed_plan import Names, gets_shorter, relaxed_plan, relaxed_plans, shortest_plans, still_holds, stuck_set
 
 
 class Written:
@@ -85,6 +85,45 @@ def test_all_shortest_plans_and_what_can_go_first_in_them() -> None:
     written = Written({"t": ["ab", "bc", "abc"], "a": [""], "b": ["a", "c"], "c": [""]})
     plans = shortest_plans(relaxed_plans(written, "t", written.standing))
     assert [(set(plan.order), plan.firsts) for plan in plans] == [({"a", "b"}, ("a",)), ({"b", "c"}, ("c",))]
+
+
+def test_names_decide_between_plans_that_cost_the_same() -> None:
+    assert order({"t": ["bc", "ad"], "a": [""], "b": [""], "c": [""], "d": [""]}) == ("a", "d")
+
+
+def test_a_question_ends_after_its_sets() -> None:
+    ways = {"t": ["a", "b"], "a": [], "b": [""]}
+    assert order(ways, most_sets=1) is None
+    assert order(ways, most_sets=2) == ("b",)
+
+
+def test_an_order_holds_while_each_can_go_in_its_turn_and_the_target_at_last() -> None:
+    written = Written({"t": ["ab"], "a": ["b"], "b": [""], "c": ["a"]})
+    for names, holds in (("ba", True), ("ab", False), ("b", False), ("bac", True), ("", False)):
+        assert still_holds(written, "t", written.standing, names) == holds
+
+
+@pytest.mark.parametrize(
+    ("name", "there", "shorter"),
+    [
+        ("a", {"t": ["b"], "a": [""], "b": [""]}, True),  # the rest of the plan holds
+        ("a", {"t": ["ab"], "a": [""], "b": [""]}, False),  # as before
+        ("a", {"t": ["c", "ab"], "a": [""], "b": ["a"]}, True),  # another plan is shorter
+        ("a", {"t": ["ac"], "a": [""], "b": [""]}, False),  # another is as long
+        ("c", {"t": [""], "a": [""], "b": [""]}, False),  # c does not go first in any plan
+    ],
+)
+def test_a_move_makes_a_plan_shorter(name: str, there: Mapping[str, Sequence[str]], shorter: bool) -> None:
+    before = Written({"t": ["ab"], "a": [""], "b": [""], "c": [""]})
+    plans = shortest_plans(relaxed_plans(before, "t", before.standing))
+    assert gets_shorter(Written({**there, "c": [""]}), "t", before.standing, plans, name) is shorter
+
+
+def test_a_plan_of_one_gets_shorter_where_the_target_is_free() -> None:
+    before = Written({"t": ["a"], "a": [""]})
+    plans = shortest_plans(relaxed_plans(before, "t", before.standing))
+    for way, shorter in (("", True), ("a", False)):
+        assert gets_shorter(Written({"t": [way], "a": [""]}), "t", before.standing, plans, "a") is shorter
 
 
 @pytest.mark.parametrize("seed", range(60))

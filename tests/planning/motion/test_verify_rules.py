@@ -137,19 +137,24 @@ def test_a_spline_keeps_the_limits_between_its_waypoints(engines: Engines, monke
     """Its extremes count, to 1e-10, not its waypoints alone; coefficients within the limits say as much, and nobody asks for extremes."""
     asked: list[tuple[int, float]] = []
     monkeypatch.setattr(module, "extremes", lambda spline, order, exactly: asked.append((order, exactly)) or spline.reached)
-    for low, high, well in (([-1, -2, -9], [1, 2, 9], True), ([-1.1, 0, 0], [0, 0, 0], False), ([0, 0, 0], [0, 2.1, 0], False)):
+    for low, high, well in (
+        (LOWER - 1e-9, UPPER + 1e-9, True),
+        ([-1, -2, -9], [1, 2, 9], True),
+        ([-1.1, 0, 0], [0, 0, 0], False),
+        ([0, 0, 0], [0, 2.1, 0], False),
+    ):
         reached = np.array([low]), np.array([high])
         spline: Any = SimpleNamespace(control=np.full((1, 6, 3), 99.0), reached=reached)
         said = says(SimpleNamespace(stage="transit", q=np.zeros((1, 3)), spline=spline, held=None, allowed_contacts=()))  # type: ignore[arg-type]
         assert said == (None if well else Blocked("verify", detail="motion 0, transit: a joint leaves its limits"))
-    assert asked == 3 * [(0, 1e-10)]
-    for joint, (value, well) in product(range(3), ((0.99, True), (np.nan, False))):
+    assert asked == 4 * [(0, 1e-10)]
+    for joint, (value, well) in (*product(range(3), ((0.99, True), (np.nan, False))), *product(range(2), ((-9.0, False), (9.0, False)))):
         control = np.zeros((1, 6, 3))
         control[0, 2, joint] = value
         spline = SimpleNamespace(control=control, reached=(control[0], control[0]))
         said = says(SimpleNamespace(stage="transit", q=np.zeros((1, 3)), spline=spline, held=None, allowed_contacts=()))  # type: ignore[arg-type]
         assert (said is None) == well
-    assert len(asked) == 6
+    assert len(asked) == 11
 
 
 def test_motions_follow_one_another_without_a_gap(engines: Engines) -> None:
@@ -274,6 +279,17 @@ def test_what_is_carried_may_lean_as_far_as_is_said(engines: Engines, monkeypatc
     q = [0.2, 0.1, 0.0]
     said = verify(slider(), SCENE, [move(q), move(q, stage="lift", held=holding("a", q))], max_tilt_deg=20.0)
     assert said == Blocked("verify", "hand", "a", detail="motion 1, lift: a ('rows of', 'lift') 20")
+
+
+def test_the_worst_lean_on_the_way_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hand tips about x, there and back."""
+    monkeypatch.setattr(module, "hand_poses", lambda robot, scene, q: transform(rotations_about((1.0, 0.0, 0.0), np.radians(q[:, 0]))))
+    tips = np.array([[0.0], [40.0], [10.0]])
+    assert module._leans_too_far(slider(), SCENE, Held("a", np.eye(4)), tips, 30.0) == "it leans by 40.0°, and 30° is its limit"
+    assert module._leans_too_far(slider(), SCENE, Held("a", np.eye(4)), tips, 40.0) is None
+    for scale, said in ((1 + 1e-9, None), (-1 - 1e-9, "it leans by 180.0°, and 30° is its limit")):  # a cosine is rounded
+        monkeypatch.setattr(module, "hand_poses", lambda robot, scene, q, scale=scale: np.array([scale * np.eye(4)]))
+        assert module._leans_too_far(slider(), SCENE, Held("a", np.eye(4)), tips, 30.0) == said
 
 
 def test_an_object_may_not_slip_in_the_hand(engines: Engines) -> None:

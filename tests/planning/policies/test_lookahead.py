@@ -12,7 +12,7 @@ from kinematics.scene import State
 from perception.observation import Observation, observe
 from planning.motion.carry import Done
 from planning.motion.pick_place import Choice
-from planning.plan import Unsolvable
+from planning.plan import Blocked, Unsolvable
 from planning.policies.lookahead import NEAREST, Lookahead, nearest_regions
 from planning.policies.search import Effort, Preferences, Search
 
@@ -83,6 +83,57 @@ def test_where_the_arm_does_not_get_to_an_object_another_goes_first() -> None:
 def test_where_the_arm_does_not_get_to_the_target_something_is_moved_out_of_its_way() -> None:
     world = WrittenWorld("ab", at_first({"t": [""], "a": [""], "b": [""]}), reached=lambda name, regions: name != "t" or regions["b"] != -1)
     assert [name for name, _ in solve(world)] == ["b"]
+
+
+def test_every_object_that_can_be_picked_may_make_room_the_cheapest_first() -> None:
+    """Nothing is statically in the way, and yet the arm does not get to the target: all others are tried in turn, to every region; d can't
+    be picked."""
+    world = WrittenWorld("abcd", at_first({"t": [""], "a": [""], "b": [""], "c": [""], "d": ["a"]}), can=lambda choice: False)
+    world.reached = lambda name, regions: name != "t"
+    costs = Preferences(lambda seen: {"a": 2.0, "b": 1.0, "c": 3.0, "d": 0.0}.__getitem__, IN_ORDER.regions)
+    assert solve(world, preferences=costs) == []
+    assert world.tried == [(name, region) for region in range(16) for name in "bac"]
+
+
+def test_what_can_go_first_in_a_plan_makes_room_before_all_others() -> None:
+    """Where the plan's first object finds no place at which the plan gets on, it still goes anywhere before others, though it is dear."""
+
+    def blocking(name: str, regions: Mapping[str, int]) -> Sequence[str]:
+        return ["b"] if name == "t" else [""]
+
+    dear = Preferences(lambda seen: {"a": 0.0, "b": 1.0}.__getitem__, IN_ORDER.regions)
+    world = WrittenWorld("ab", blocking, can=lambda choice: False)
+    assert solve(world, preferences=dear) == []
+    assert world.tried == [(name, region) for region in range(16) for name in "ba"]
+
+
+def test_what_the_arm_does_not_get_to_is_no_detour() -> None:
+    """Nor is it asked about again; what is out of reach is found out by one failure."""
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}), can=lambda choice: False)
+    world.reached = lambda name, regions: name != "a"
+    assert solve(world) == []
+    assert world.tried == [("a", 0), *(("b", region) for region in range(16))]
+
+
+def test_a_detour_counts_as_a_move() -> None:
+    """With one move left, b can't make room for a, which the arm does not get to: only a is tried, and once."""
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}), reached=lambda name, regions: name != "a")
+    assert solve(world, most=1) == []
+    assert world.tried == [("a", 0)]
+
+
+def test_the_target_is_only_tried_where_its_relaxed_plan_is_empty() -> None:
+    looks: list[dict[str, int]] = []
+
+    class Watched(WrittenWorld):
+        def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
+            looks.append(self.regions_of(state.poses))
+            return super().retrieve_target(state, rng)
+
+    world = Watched("ab", at_first({"t": ["a"], "a": ["b"], "b": [""]}))
+    assert Search(world, IN_ORDER, SOME, 5, rng()).run(world.start())
+    assert len(looks) == 1
+    assert -1 not in looks[0].values()  # both were moved
 
 
 @pytest.mark.parametrize(("most", "found"), [(2, True), (1, False)])
@@ -220,6 +271,23 @@ def test_a_glance_is_not_repeated_where_nothing_changed() -> None:
     assert not world.tried
     assert asked(policy, world) == [("a", 0)]
     assert world.tried == [("a", 0)]
+
+
+def test_what_was_foreseen_needs_no_glance() -> None:
+    """After the first of two moves the other blocker is alone in the way; it goes where the search put it."""
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    policy = look(world, glance=True)
+    asked(policy, world)
+    world.state, foreseen = policy._coming[0].after, policy._coming[1].choice
+    assert asked(policy, world) == [foreseen]
+
+
+def test_moves_that_were_made_are_no_longer_left() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    policy = look(world, most=2)
+    assert len(asked(policy, world)) == 1
+    world.state = world.start()  # it came about that nothing changed, and two moves are needed still
+    assert asked(policy, world) == []
 
 
 def test_two_blockers_are_not_for_a_glance() -> None:

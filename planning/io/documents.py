@@ -1,6 +1,6 @@
 """What all documents have in common: kind and version, poses, numbers, paths.
 
-The field names are those of DESIGN's contract; every document that is read is checked. Lengths in metres, angles in radians, poses as
+The field names are those of docs/formats.md; every document that is read is checked. Lengths in metres, angles in radians, poses as
 {"p": [x, y, z], "q_wxyz": [w, x, y, z]}. Paths inside a file (meshes, URDFs) are relative to its folder; in memory they are absolute.
 Numbers keep every digit.
 """

@@ -1,4 +1,4 @@
-"""Plans to JSON documents and back: the field names of DESIGN's contract, and every check that a plan must pass."""
+"""Plans to JSON documents and back: the field names of docs/formats.md, and every check that a plan must pass."""
 
 from __future__ import annotations
 

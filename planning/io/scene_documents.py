@@ -1,4 +1,4 @@
-"""Scenes to JSON documents and back: the field names of DESIGN's contract, and every check that a scene must pass.
+"""Scenes to JSON documents and back: the field names of docs/formats.md, and every check that a scene must pass.
 
 A scene that uses nothing of version 2 is written as version 1. Paths inside a file (meshes, URDFs) are relative to its folder; in memory
 they are absolute.

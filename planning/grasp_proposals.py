@@ -16,14 +16,14 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
-from kinematics.shapes import bounds
+from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array
 from planning.grasps import FRICTION_ANGLE, line_contacts, pad_of, sample_grasps
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp
 
 MOST_SAMPLED = 60
-"""So many of the sampled grasps are looked at, the most natural first."""
+"""So many of the sampled grasps are looked at, the most natural first; on a mesh, where many may not hold, so many of those that do."""
 SQUARE, REACH, FREE = 0.4, 0.3, 0.3
 """What the parts of a score weigh."""
 
@@ -49,21 +49,35 @@ def propose(robot: Robot, scene: Scene, *, most: int = 12) -> Proposals:
     middle = np.sum(bounds(target.shape, target.T_world_body), axis=0) / 2
     toward = float(np.arctan2(middle[1] - base[1], middle[0] - base[0]))
     sampled = sample_grasps(target, robot.opening, APPROACHES, float(scene.cabinet.T_world_cabinet[2, 3]), toward, pad=pad_of(robot))
+    if isinstance(target.shape, ConvexMesh):
+        return rank(robot, scene, sampled, most=most, enough=MOST_SAMPLED)
     return rank(robot, scene, islice(sampled, MOST_SAMPLED), most=most)
 
 
-def rank(robot: Robot, scene: Scene, grasps: Iterable[Grasp], *, most: int = 12, quality: Sequence[float] | None = None) -> Proposals:
-    """The grasps that hold the target and are in reach, the best first. quality: of each, from 0 to 1; by default measured on the shape."""
+def rank(
+    robot: Robot,
+    scene: Scene,
+    grasps: Iterable[Grasp],
+    *,
+    most: int = 12,
+    quality: Sequence[float] | None = None,
+    enough: int | None = None,
+) -> Proposals:
+    """The grasps that hold the target and are in reach, the best first. quality: of each, from 0 to 1; by default measured on the shape.
+    enough: after so many that hold the target no more are looked at."""
     target = scene.target_body
     alone = Motions(robot, replace(scene, objects=(target,)), target_grasps=())
     among = Motions(robot, scene, target_grasps=())
     begin, crowded = alone.start(), among.start()
-    kept, dropped = list[tuple[Grasp, float]](), Counter[str]()
+    kept, dropped, held = list[tuple[Grasp, float]](), Counter[str](), 0
     for i, grasp in enumerate(grasps):
         wrong = judge_grasp(robot, scene, grasp)
         if wrong is not None:
             dropped[_in_short(wrong)] += 1
             continue
+        held += 1
+        if enough is not None and held > enough:
+            break
         start = replace(begin)  # a state of its own: what was found for one grasp is not what is found for another
         picks, _ = alone.picks(start, target.name, [grasp])
         if not picks:

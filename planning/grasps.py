@@ -21,6 +21,10 @@ from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, apply, inverse, transform
 
 FRICTION_ANGLE = np.radians(10)
+MESH_FRICTION_ANGLE = np.radians(20)  # smooth meshes face the fingers in no line exactly; friction of 0.5 holds 26.6°
+SET_BACKS = (1.0, 0.5, 0.0)  # shares of how far a mesh, taken for a box, is set back: the first that holds; what is round needs less
+BESIDE = (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)  # where meshes are crossed beside their middle: shares of how far they reach there
+MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
 LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pads' centre above the floor, so that the fingers clear it
@@ -177,6 +181,8 @@ def sample_grasps(
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
     pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines.
+    On a mesh those follow that meet it less squarely, or beside its middle, or that are set back less than its box would be: the pads may
+    meet an edge there, or the palm the mesh.
     The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
     if opening.round_only and not isinstance(body.shape, Cylinder):
@@ -197,6 +203,9 @@ def sample_grasps(
                 least = high[2] - room / np.sin(pitch) if kind == "diagonal" and isinstance(body.shape, Cylinder) else -np.inf
                 heights = (_level(kind, low[2], high[2], floor_z, share, least) for share in sampling.heights)
                 levels = sorted({z for z in heights if z is not None})
+                if isinstance(body.shape, ConvexMesh):
+                    more = (_level("diagonal" if kind == "downward" else kind, low[2], high[2], floor_z, share) for share in MESH_HEIGHTS)
+                    levels += [z for z in dict.fromkeys(more) if z is not None and z not in levels]
                 for side in (1.0, -1.0):
                     ahead = side * np.array([-u[1], u[0], 0.0])
                     R = _level_hand(ahead, pitch)
@@ -207,14 +216,40 @@ def sample_grasps(
                         point = np.array([middle[0], middle[1], z])
                         extent = (reach, float(high[2] - z), pitch)
                         candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, extent, back))
-    hits: dict[tuple[float, float], Contact | None] = {}
-    for _, point, u, R, extent, back in sorted(candidates, key=lambda c: c[0]):
-        line = (float(u[0]), float(point[2]))  # hands from both sides, and of all pitches, close along it
-        if line not in hits:
-            hits[line] = line_contacts(body.shape, body.T_world_body, point, u)
-        grasp = _antipodal(body, opening, hits[line], point, u, R, extent, back, pad)
+    hits: dict[tuple[float, float, float], Contact | None] = {}
+    left = []
+    for candidate in sorted(candidates, key=lambda c: c[0]):
+        _, point, u, R, extent, back = candidate
+        hit = _crossed(body, point, u, 0.0, hits)
+        grasp = _antipodal(body, opening, hit, point, u, R, extent, back, pad, FRICTION_ANGLE)
         if grasp is not None:
             yield grasp
+        elif isinstance(body.shape, ConvexMesh):
+            left.append(candidate)
+    for _, point, u, R, (reach, above, pitch), back in left:
+        level = np.array([-u[1], u[0], 0.0])
+        wide = float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ level))
+        lines = [(beside, _crossed(body, point, u, beside, hits)) for beside in (share * wide for share in (0.0, *BESIDE))]
+        for (beside, hit), share in product(sorted(lines, key=lambda line: _skew(line[1], u)), SET_BACKS):
+            around = (reach + beside * float(np.sign(level @ R[:, 2])), above, pitch)
+            grasp = _antipodal(body, opening, hit, point + beside * level, u, R, around, back, pad, MESH_FRICTION_ANGLE, share)
+            if grasp is not None:
+                yield grasp
+                break
+
+
+def _crossed(body: Body, point: Array, u: Array, beside: float, hits: dict[tuple[float, float, float], Contact | None]) -> Contact | None:
+    """Where the line along u that passes so far beside a point meets the body, remembered: hands from both sides, and of all pitches, close
+    along it."""
+    line = (float(u[0]), float(point[2]), beside)
+    if line not in hits:
+        hits[line] = line_contacts(body.shape, body.T_world_body, point + beside * np.array([-u[1], u[0], 0.0]) if beside else point, u)
+    return hits[line]
+
+
+def _skew(hit: Contact | None, u: Array) -> float:
+    """The larger angle, in rad, between a line along u and the surface's normals where it enters and leaves; π where it misses."""
+    return np.pi if hit is None else float(np.arccos(np.clip(min(-hit.enter_normal @ u, hit.leave_normal @ u), -1, 1)))
 
 
 def _level_hand(ahead: Array, pitch: float) -> Array:
@@ -275,18 +310,20 @@ def _antipodal(
     R: Array,
     extent: tuple[float, float, float],
     back: float,
-    pad: Pad | None = None,
+    pad: Pad | None,
+    friction_angle: float,
+    share: float = 1.0,
 ) -> Grasp | None:
     """The grasp with the pads' centre on the line through `point` along u, which meets the body so, or where that is too deep, nearer to
     the hand; or None. extent: the body's, see `_behind`. back: how much nearer still (m), where the body reaches so far. pad: see
-    `sample_grasps`."""
+    `sample_grasps`. friction_angle: between the line and the surface's normals at most. share: of how far the pads are set back."""
     if hit is None:
         return None
     back = 0.0 if isinstance(body.shape, Cylinder) else _set_back_pitched(*extent, hit.leave - hit.enter, opening, back)
     if back > 0.0:
-        point = point - back * R[:, 2]
+        point = point - share * back * R[:, 2]
         hit = line_contacts(body.shape, body.T_world_body, point, u)
-    cone = np.cos(FRICTION_ANGLE)
+    cone = np.cos(friction_angle)
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
         return None
     enter, leave = hit.enter, hit.leave

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Grasp, Held, Scene
+from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse
 from planning.grasps import DENSE, USUAL, Sampling, open_width, pad_of, sample_grasps
 from planning.motion import reaching
@@ -17,9 +19,12 @@ from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
+from planning.verdict import judge_grasp
 
 FEW_JOINTS = 6
 """An arm with fewer joints can't choose where its hand looks: it looks where the arm turns to."""
+MOST_PER_YAW = 10
+"""So many grasps on a mesh are enough, for each closing direction that is sampled: the most natural ones."""
 STAGES = {
     reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
     reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
@@ -222,10 +227,17 @@ class _Grasps(LazyList[Grasp]):
 def sampled_grasps(
     robot: Robot, scene: Scene, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
 ) -> Iterator[Grasp]:
-    """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default."""
+    """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default.
+
+    On a mesh, where pads may meet an edge, or the palm what is beside them, those that the verdict accepts in the empty cabinet.
+    """
     to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
     toward = float(np.arctan2(to_body[1], to_body[0]))
     sampling = replace(sampling, along_bearing=len(robot.arm_joints) < FEW_JOINTS)
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body = replace(scene.body(name), T_world_body=T)
-    return sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, pad_of(robot))
+    found = sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, pad_of(robot))
+    if not isinstance(body.shape, ConvexMesh):
+        return found
+    alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())
+    return islice((grasp for grasp in found if judge_grasp(robot, alone, grasp) is None), sampling.yaws * MOST_PER_YAW)

@@ -148,7 +148,7 @@ class Search:
         done = self.world.relocate(node.state, *choice, self.rng)
         if isinstance(done, Done):
             return self._node(done.after, (*node.moves, Step(choice, done.after)))
-        if choice[0] not in node.cannot and self.world.out_of_reach(node.state, choice[0]):
+        if self.world.out_of_reach(node.state, choice[0]):
             node.cannot |= {choice[0]}  # something else must go first
             self._think(node)
         return None

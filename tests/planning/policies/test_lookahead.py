@@ -85,6 +85,10 @@ def test_where_the_arm_does_not_get_to_the_target_something_is_moved_out_of_its_
     assert [name for name, _ in solve(world)] == ["b"]
 
 
+def test_fifty_failed_moves_weigh_as_much_as_one_more() -> None:
+    assert 1 / SOME.step_back == 50
+
+
 def test_every_object_that_can_be_picked_may_make_room_the_cheapest_first() -> None:
     """Nothing is statically in the way, and yet the arm does not get to the target: all others are tried in turn, to every region; d can't
     be picked."""
@@ -271,6 +275,13 @@ def test_a_glance_is_not_repeated_where_nothing_changed() -> None:
     assert not world.tried
     assert asked(policy, world) == [("a", 0)]
     assert world.tried == [("a", 0)]
+
+
+def test_a_glance_proposes_the_twelve_best_regions() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}))
+    policy, seen = look(world, glance=True), observe(world.scene, world.state)
+    assert next(iter(policy.select(seen, rng()))) == "a"
+    assert list(policy.place(seen, "a", rng())) == list(range(12))
 
 
 def test_what_was_foreseen_needs_no_glance() -> None:

@@ -57,6 +57,14 @@ def test_who_blocks_most_goes_first_and_who_blocks_nothing_stays(monkeypatch: py
         assert list(make_rrt_object(paths)(SEEN, RNG)) == order
 
 
+def test_of_those_that_block_as_much_the_first_in_the_scene_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [f"can_{i}" for i in range(60)]
+    blocks = [i % 3 for i in range(60)]
+    crowd = observation(dict.fromkeys([*names, "target"], BOXES["a"]))
+    select = make_rrt_object(Paths(blocks, np.zeros((60, 16), int)).install(monkeypatch))
+    assert list(select(crowd, RNG)) == names[2::3] + names[1::3]
+
+
 @pytest.mark.parametrize("name", ["b", "c"])
 def test_it_goes_to_the_nearest_free_region_where_it_blocks_no_path(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Of those that are as near, the first by number."""

@@ -18,7 +18,7 @@ from planning.policies import unsolvable as module
 from planning.policies.unsolvable import Prover
 from planning.relaxed_plan import Names
 
-HERE = State(np.zeros(1), scene_of("a", "b", "c", target="t").poses())
+HERE = State(np.zeros(1), scene_of(*"abcdefgh", target="t").poses())
 Ways = Mapping[str, Sequence[str]]
 STUCK: Ways = {"t": ["a", "b"], "a": ["b"], "b": ["a"], "c": ["a", ""]}
 """a and b keep each other, and each blocks one way to the target."""
@@ -26,11 +26,13 @@ OTHERS = "other approaches (diagonal, downward)"
 
 
 class Written:
+    """What the table does not name can be picked at once."""
+
     def __init__(self, ways: Ways) -> None:
         self.ways = ways
 
     def free(self, name: str, standing: Names) -> bool:
-        return any(not frozenset(way) & standing for way in self.ways[name])
+        return any(not frozenset(way) & standing for way in self.ways.get(name, [""]))
 
 
 class Cabinet:
@@ -97,6 +99,12 @@ def test_there_is_no_proof_where_the_stuck_ones_leave_a_way() -> None:
 def test_what_is_stuck_is_named_and_each_that_would_help_by_hand() -> None:
     """Without a, b can go, and the other way round; c is not stuck, and helps nobody."""
     assert proof(Cabinet(STUCK)) == Unsolvable(("a", "b"), ("a taken away by hand", "b taken away by hand"))
+
+
+def test_what_is_named_is_in_order() -> None:
+    """Eight in a ring, each kept by the next; whichever is taken away, the others can go."""
+    ring = {name: [nxt] for name, nxt in zip("abcdefgh", "bcdefgha", strict=True)}
+    assert proof(Cabinet({**ring, "t": ["a"]})) == Unsolvable(tuple("abcdefgh"), tuple(f"{n} taken away by hand" for n in "abcdefgh"))
 
 
 def test_only_what_frees_the_target_is_said_to_help() -> None:

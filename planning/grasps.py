@@ -108,7 +108,7 @@ def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Co
         case Cylinder():
             hits = [_through_cylinder(shape, o, d)]
         case ConvexMesh():
-            hits = [_through_planes(e[:, :3], -e[:, 3], o, d) for e in _planes(shape)]
+            hits = [_through_planes(rows[:, :3], rows[:, 3], o, d) for rows in _planes(shape)]
     through = [h for h in hits if h is not None]
     if not through:
         return None
@@ -118,10 +118,10 @@ def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Co
 
 @lru_cache(maxsize=64)
 def _planes(shape: ConvexMesh) -> tuple[Array, ...]:
-    """The planes (H, 4) of each part: outward unit normal and offset, negative within."""
-    from scipy.spatial import ConvexHull
+    """The planes (H, 4) of each part."""
+    from kinematics.meshes.cutting import planes_of  # brings scipy, which scenes without meshes do not need
 
-    return tuple(np.asarray(ConvexHull(part).equations) for part in shape.parts)
+    return tuple(planes_of(part) for part in shape.parts)
 
 
 def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Contact | None:

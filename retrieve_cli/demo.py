@@ -14,11 +14,8 @@ from retrieve_cli.terminal import announce_first_run, progress, say
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
     from perception.rendering.shading import Image
-    from planning.motion.pick_place import Motions
-    from planning.plan import Plan
     from retrieve_cli.drawing.picture import Film
 
 ROBOT, SPEC, POLICY = "ur5e", "paper", "neural"
@@ -33,13 +30,11 @@ def run(*, out: Path, seed: int) -> None:
     folder = _folder(out)
     announce_first_run()
     with blame("demo"):
-        scene, plan, motions = _hard_scene(seed, folder / "scene.jsonl")
-    from retrieve_cli.drawing.picture import Film
-
-    film = Film(motions.robot, scene, plan)
-    _tell(film, motions)
+        film = _hard_scene(seed, folder / "scene.jsonl")
+    _tell(film)
+    assert film.plan is not None
     with plan_writer(folder / "plan.jsonl") as write:
-        write(plan)
+        write(film.plan)
     say("\ndrawing")
     _draw(film, folder)
     say(f"  {folder / 'plan.html'}: the whole plan in 3D, with play controls; open it in a browser")
@@ -56,7 +51,7 @@ def _folder(out: Path) -> Path:
     return out
 
 
-def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
+def _hard_scene(seed: int, file: Path) -> Film:
     """The first scene of a seed in which two different objects are moved, each once and not far; else the first with any move.
 
     It is left in `file`, and planned as it is read from there: so `retrieve plan` makes the same plan of it, to the last bit.
@@ -66,7 +61,9 @@ def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
     from kinematics.robots.robot import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
+    from planning.library import plan_scene
     from planning.scene_generation import generate, load_spec
+    from retrieve_cli.drawing.picture import Film
 
     arm = load(ROBOT, on_step=say)
     spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.base_p), name=arm.name)
@@ -75,20 +72,20 @@ def _hard_scene(seed: int, file: Path) -> tuple[Scene, Plan, Motions]:
     with progress("scenes", LOOKS, out=file) as step:
         for index in range(MOST_LOOKS):
             scene = _through(file, generate(spec, arm, ref, seed, index))
-            plan, motions = _planned(scene, arm, seed)
+            plan = plan_scene(scene, POLICY, robot=arm, seed=seed)
             step()
             moved = [m.object for m in plan.moves if m.done]
             if not (plan.success and plan.verified and moved):
                 pass
             elif len(set(moved)) == len(moved) >= 2 and plan.hand_travel_m < CALM_M * (len(moved) + 1):
                 say(f"scene {scene.id} it is; those before were too easy, too long or unsolved" if index else f"scene {scene.id} it is")
-                return scene, plan, motions
+                return Film(arm, scene, plan)
             elif kept is None or len(moved) < len(kept[1].moves):
-                kept = scene, plan, motions, file.read_text(encoding="utf-8")
+                kept = scene, plan, file.read_text(encoding="utf-8")
             if kept and index + 1 >= LOOKS:
                 say(f"scene {kept[0].id} will do: none of {LOOKS} was better")
-                write_text(file, kept[3])
-                return kept[:3]
+                write_text(file, kept[2])
+                return Film(arm, *kept[:2])
     raise ValueError(f"none of {MOST_LOOKS} scenes was solved by moving something; try another --seed")
 
 
@@ -98,34 +95,15 @@ def _through(file: Path, scene: Scene) -> Scene:
     return next(read_scenes(file))[1]
 
 
-def _planned(scene: Scene, arm: Robot, seed: int) -> tuple[Plan, Motions]:
-    """Just what `retrieve plan` does with the scene alone in its file."""
-    import numpy as np
-
-    from planning.library import STAGE
-    from planning.motion.pick_place import Motions
-    from planning.policies import make_policy
-    from planning.retrieval import retrieve
-
-    motions = Motions(arm, scene)
-    rng = np.random.default_rng([seed, STAGE, scene.random_word])
-    return retrieve(scene, make_policy(POLICY, motions), motions, name=POLICY, rng=rng), motions
-
-
-def _tell(film: Film, motions: Motions) -> None:
+def _tell(film: Film) -> None:
     """The story: what is in the way, each move, and the times."""
     import numpy as np
-
-    from planning.plan import Blocked
 
     scene, plan = film.scene, film.plan
     assert plan is not None
     say(f"\n{scene.target_name} is wanted; {len(scene.objects) - 1} other objects stand in the cabinet")
     for number, move in enumerate(film.done):
-        first = next(s for s in film.stretches if s.move == number)
-        why = motions.retrieve_target(film.state_at(first.start_s), np.random.default_rng(0))
-        if isinstance(why, Blocked):
-            say(f"  {scene.target_name} is {'still ' if number else ''}blocked: {why.in_words()}")
+        say(f"  {scene.target_name} is {'still ' if number else ''}blocked: {plan.target_blocked[number].in_words()}")
         seconds = sum(s.end_s - s.start_s for s in film.stretches if s.move == number)
         far = 100 * float(np.linalg.norm(move.T_world_to[:3, 3] - move.T_world_from[:3, 3]))
         say(f"  {number + 1}. {move.object} moves {far:.0f} cm away, to region {move.region} ({seconds:.1f} s)")

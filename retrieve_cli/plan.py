@@ -318,14 +318,12 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
         name = job.policy or _default_policy(arm.name, job.model)
         model = once_loaded(job.model) if job.model else None
         rng, model_noise = np.random.default_rng([job.seed, library.STAGE, scene.random_word]), DepthNoise()
-        simulated = None if job.world else SimulatedWorld(arm, scene, rng, model_noise if job.noise else None, job.by)
         world: World
-        if job.world is not None:
-            own = own_world(job.world, scene, arm)
-            world, scene = own, as_it_is(own, scene, arm)
+        if job.world is None:
+            world = simulated = SimulatedWorld(arm, scene, rng, model_noise if job.noise else None, job.by)
         else:
-            assert simulated is not None
-            world = simulated
+            world, simulated = own_world(job.world, scene, arm), None
+            scene = as_it_is(world, scene, arm)
         return retrieve_unseen(
             world,
             arm,

@@ -29,24 +29,17 @@ def run(*, robots: list[str]) -> None:
 
 def warm(name: str) -> None:
     """Cover a robot, generate a scene for it, plan and verify it, and look at it: all that is compiled or derived once is used."""
-    import numpy as np
-
     from kinematics.robots.robot import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
     from perception.rendering.synthetic_camera import synthetic_camera
-    from planning.learning.model import ships
-    from planning.motion.pick_place import Motions
-    from planning.policies import make_policy
-    from planning.retrieval import retrieve
+    from planning.library import plan_scene
     from planning.scene_generation import generate, load_spec
 
     say(f"{name}: meshes and sphere covers")
     robot = load(name, on_step=say)
     say(f"{name}: a scene")
     scene = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), name), 0, 0)
-    motions = Motions(robot, scene)
-    policy = "neural" if ships(name) else "local"
     say(f"{name}: a plan")
-    retrieve(scene, make_policy(policy, motions), motions, name=policy, rng=np.random.default_rng(0))
-    synthetic_camera(robot, scene, scene.poses())(motions.cell.arm.hand_pose(robot.arm_q(robot.home)), robot.home)
+    plan_scene(scene, robot=robot)
+    synthetic_camera(robot, scene, scene.poses())(scene.robot.T_world_base @ robot.link_poses(robot.home)["hand"], robot.home)

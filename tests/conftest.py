@@ -24,6 +24,19 @@ PLANNED = {"paper": 6, "paper-any": 2, "shelf": 2}  # so many scenes of each spe
 SIDEWAYS = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the hand looking along the world's x, its own x up
 
 
+@pytest.fixture
+def retrieve(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run the program in this process: (exit code, stdout, stderr)."""
+
+    from retrieve_cli.__main__ import main
+
+    def call(*args: str | Path) -> tuple[int, str, str]:
+        code = main([str(a) for a in args])
+        return code, *capsys.readouterr()
+
+    return call
+
+
 @pytest.fixture(scope="session", params=list(named_robots()))
 def robot(request: pytest.FixtureRequest) -> Robot:
     """Each named robot in turn."""

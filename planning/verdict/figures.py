@@ -137,10 +137,9 @@ def figure_faults(scene: Scene, plan: Plan, courses: Sequence[Course], hand: Han
 
 def stated_faults(plan: Plan) -> list[Fault]:
     """What a plan's file says of its duration and clearance is what its motions give."""
-    own = {"duration_s": plan.duration_s, "clearance_m": plan.clearance_m}
     out = []
     for name, said in plan.stated.items():
-        is_so = own[name]
+        is_so: float | None = getattr(plan, name)
         if is_so is None or not abs(said - is_so) <= STATED[name]:
             out.append(Fault(PLAN, (), f"its {name} is {said:.4f}, and the motions make it {NOTHING if is_so is None else f'{is_so:.4f}'}"))
     return out

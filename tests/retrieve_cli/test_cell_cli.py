@@ -16,23 +16,11 @@ import yaml
 from kinematics.robots.robot import installed, named_robots
 from kinematics.transforms import rotation_from_wxyz, transform
 from retrieve_cli import warmup
-from retrieve_cli.__main__ import main
 from retrieve_cli.schema import KINDS
 
 Spoken = tuple[int, str, str]
 CAN = "can:0.025x0.12@0.6,0.05"
 TABLE = "table:box:1.6x1.2x0.04@-0.55,0,top=0"
-
-
-@pytest.fixture
-def retrieve(capsys: pytest.CaptureFixture[str]) -> Callable[..., Spoken]:
-    """Run the program in this process: (exit code, stdout, stderr)."""
-
-    def call(*args: str | Path) -> Spoken:
-        code = main([str(a) for a in args])
-        return code, *capsys.readouterr()
-
-    return call
 
 
 def lines(text: str) -> list[dict[str, Any]]:

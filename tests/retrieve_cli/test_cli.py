@@ -15,7 +15,7 @@ import documents
 import pytest
 
 from kinematics.errors import InputError, blame, choose
-from retrieve_cli.__main__ import OURS, check_packages, main
+from retrieve_cli.__main__ import OURS, check_packages
 from retrieve_cli.errors import BUG, guarded
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,17 +25,6 @@ COMMANDS = (
 )  # fmt: skip
 
 Spoken = tuple[int, str, str]
-
-
-@pytest.fixture
-def retrieve(capsys: pytest.CaptureFixture[str]) -> Callable[..., Spoken]:
-    """Run the program in this process: (exit code, stdout, stderr)."""
-
-    def call(*args: str | Path) -> Spoken:
-        code = main([str(a) for a in args])
-        return code, *capsys.readouterr()
-
-    return call
 
 
 def process(*args: str | Path, stdin: str = "", cwd: Path = ROOT, **environment: str) -> Spoken:

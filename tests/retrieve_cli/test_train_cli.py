@@ -16,22 +16,10 @@ from safetensors.numpy import load_file
 
 from planning.learning import train as training
 from planning.learning.model import from_pretrained
-from retrieve_cli.__main__ import main
 from retrieve_cli.train import sparkline
 
 FAST = ("--epochs", "2", "--width", "16", "--batch", "32", "--threads", "1", "--device", "cpu")
 Spoken = tuple[int, str, str]
-
-
-@pytest.fixture
-def retrieve(capsys: pytest.CaptureFixture[str]) -> Callable[..., Spoken]:
-    """Run the program in this process: (exit code, stdout, stderr)."""
-
-    def call(*args: str | Path) -> Spoken:
-        code = main([str(a) for a in args])
-        return code, *capsys.readouterr()
-
-    return call
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,6 @@ from kinematics.robots.robot import from_ref
 from kinematics.transforms import rotation_from_wxyz
 from perception.rendering.colours import TARGET_COLOUR
 from planning.io.files import read_plans, read_scenes
-from retrieve_cli.__main__ import main
 from retrieve_cli.drawing.picture import Film, held_by, straightened
 from retrieve_cli.drawing.plots import MOST_M
 from retrieve_cli.drawing.visuals import visuals
@@ -33,15 +32,6 @@ from retrieve_cli.show import write_html
 
 ROOT = Path(__file__).resolve().parents[3]
 Call = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def retrieve(capsys: pytest.CaptureFixture[str]) -> Call:
-    def call(*args: str | Path) -> tuple[int, str, str]:
-        code = main([str(a) for a in args])
-        return code, *capsys.readouterr()
-
-    return call
 
 
 @pytest.fixture(scope="module")

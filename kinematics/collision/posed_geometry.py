@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from kinematics.chain import Chain, Int
+from kinematics.collision.cover_levels import Levels
 from kinematics.collision.geometry import Parts
-from kinematics.collision.sphere_cover import Levels
 from kinematics.collision.vertex_groups import GROUP, grouped
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.jit.record import record

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain
+from kinematics.collision.cover_levels import Levels
 from kinematics.collision.geometry import Parts, Query, Solids
 from kinematics.collision.posed_geometry import PosedGeometry, make_posed_geometry
-from kinematics.collision.sphere_cover import Levels
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.transforms import Array
@@ -25,7 +25,7 @@ Index = NDArray[np.uint64]
 MANY = 3  # parts on one frame, from which on a look at the ball around all of them pays
 X_MAX = 16.0  # joint values beyond this are refused: float32 has too few digits left for them
 RATIO = 96 * 2.0**-24
-"""How much rounding is allowed for, a metre and a joint; sphere_check.py says why."""
+"""How much rounding is allowed for, a metre and a joint; sphere_lanes.py says why."""
 
 
 @record

@@ -7,7 +7,7 @@ import zipfile
 
 import numpy as np
 
-from kinematics.collision import sphere_cover
+from kinematics.collision import cover_levels
 from kinematics.robots.robot import load, named_robots
 from kinematics.transforms import Array
 
@@ -21,14 +21,14 @@ def hulls() -> list[Array]:
 
 
 def main() -> None:
-    made = dict(sphere_cover.derived(vertices) for vertices in hulls())
-    with zipfile.ZipFile(sphere_cover.SHIPPED, "w", zipfile.ZIP_DEFLATED) as out:
+    made = dict(cover_levels.derived(vertices) for vertices in hulls())
+    with zipfile.ZipFile(cover_levels.SHIPPED, "w", zipfile.ZIP_DEFLATED) as out:
         for name in sorted(made):
             for array, values in made[name].items():
                 data = io.BytesIO()
                 np.save(data, values)
                 out.writestr(zipfile.ZipInfo(f"{name}/{array}.npy", EPOCH), data.getvalue())
-    print(f"{sphere_cover.SHIPPED}: covers of {len(made)} hulls, {sphere_cover.SHIPPED.stat().st_size / 1e6:.1f} MB")
+    print(f"{cover_levels.SHIPPED}: covers of {len(made)} hulls, {cover_levels.SHIPPED.stat().st_size / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":

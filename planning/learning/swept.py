@@ -1,7 +1,7 @@
 """The space that the arm sweeps along a path, kept as heights: how far down it comes above each small cell of the cabinet's floor.
 
 Objects stand on the floor, so one touches the swept space where the arm comes lower than the object is tall: two dimensions say all.
-Heights are those of the links' fine covers (kinematics.collision.sphere_cover), which reach up to 5 mm beyond a link, taken at samples
+Heights are those of the links' fine covers (kinematics.collision.cover_levels), which reach up to 5 mm beyond a link, taken at samples
 between which a link moves by `SAMPLE_M`, on cells of `CELL_M`. So a verdict is that of the exact test with the object or the arm moved by a
 cell: good for counting how many of many paths an object blocks, not for letting an arm loose.
 """

@@ -12,7 +12,7 @@ from numba import njit
 from scipy.spatial import ConvexHull
 
 from kinematics.chain import Chain, forward
-from kinematics.collision import sphere_check, sphere_cover
+from kinematics.collision import cover_levels, sphere_check
 from kinematics.collision.geometry import BOX, CYLINDER, Parts, Query, make_parts, make_solids
 from kinematics.collision.sphere_model import make_sphere_model, make_sphere_world
 from kinematics.scene import Body
@@ -52,8 +52,8 @@ class Problem:
         hulls[-1] = Box(np.array([0.06, 0.05, 0.12])).half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         hulls[-1] = hulls[-1] @ held[:3, :3].T + held[:3, 3]
         self.parts = make_parts(frames, hulls)
-        self.covers = [sphere_cover.levels(h, 0.02, 0.006) for h in hulls[:-1]]
-        self.covers.append(sphere_cover.moved(sphere_cover.box_levels((0.06, 0.05, 0.12)), held))
+        self.covers = [cover_levels.levels(h, 0.02, 0.006) for h in hulls[:-1]]
+        self.covers.append(cover_levels.moved(cover_levels.box_levels((0.06, 0.05, 0.12)), held))
         tilted, upright = random_pose(rng, 0.9), transform(p=rng.uniform(-0.9, 0.9, 3))
         self.bodies = [
             Body("box", Box(np.array([0.3, 0.2, 0.5])), random_pose(rng, 0.9)),
@@ -330,7 +330,7 @@ def test_growth_covers_a_piece_to_its_very_ends():
     one, zero = np.ones(1), np.zeros(1, np.int64)
     chain = Chain(np.eye(4)[None], zero, one, 0 * one, zero + 1, 0 * one, one, zero)
     parts = make_parts([1], [needle])
-    model = make_sphere_model(chain, parts, [sphere_cover.levels(needle)])
+    model = make_sphere_model(chain, parts, [cover_levels.levels(needle)])
     for at, far in ((1.1, 0.0), (-0.1, 1.0)):
         grain = Body("grain", Box(np.full(3, 0.001)), transform(p=(0, 0, at)))
         world = make_sphere_world(make_solids([grain])[0], Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))
@@ -350,7 +350,7 @@ def test_growth_covers_what_a_frame_carries_as_one():
     for eighth in range(1, 8):
         there = np.array([np.cos(0.375 * eighth), np.sin(0.375 * eighth), 0])
         hulls = [corners + there, *cubes]
-        model = make_sphere_model(chain, make_parts([0, 1, 1, 1], hulls), [sphere_cover.levels(h) for h in hulls])
+        model = make_sphere_model(chain, make_parts([0, 1, 1, 1], hulls), [cover_levels.levels(h) for h in hulls])
         solids = make_solids([Body("cube", Box(np.full(3, 0.01)), transform(p=there))])[0]
         for check, pairs in (([0, 1, 1, 1], []), ([0, 0, 0, 0], [(2, 0)])):
             world = make_sphere_world(solids, Query(np.array(check, np.uint8)[:, None], np.array(pairs, np.int64).reshape(-1, 2)))
@@ -420,7 +420,7 @@ def test_parts_without_joints_fixed_to_the_world():
         np.zeros(0),
         np.zeros(0, np.int64),
     )
-    model = make_sphere_model(none, parts, [sphere_cover.levels(parts.vertices)])
+    model = make_sphere_model(none, parts, [cover_levels.levels(parts.vertices)])
     for x, verdict in ((0.3, sphere_check.FREE), (0.05, sphere_check.TOUCHES)):
         solids, _ = make_solids([Body("b", Box(np.array([0.02, 0.02, 0.02])), transform(p=(x, 0.05, 0.05)))])
         world = make_sphere_world(solids, Query(np.ones((1, 1), np.uint8), np.zeros((0, 2), np.int64)))

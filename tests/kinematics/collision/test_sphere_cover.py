@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from kinematics.collision import sphere_cover
+from kinematics.collision import cover_grid, cover_levels, sphere_cover
 from kinematics.robots.robot import load
 from kinematics.shapes import box_corners, prism
 from kinematics.transforms import apply, rotation_about, transform
@@ -114,10 +114,10 @@ def test_boxes_and_cylinders(seed):
     rng = np.random.default_rng([13, seed])
     for excess in (0.02, 0.005):
         size = tuple(rng.uniform(0.004, 0.26, 3))
-        box = sphere_cover.box_cover(size, excess)
+        box = cover_grid.box_cover(size, excess)
         sure(box_corners(np.array(size) / 2), box, excess)
         radius, height = rng.uniform(0.004, 0.08), rng.uniform(0.01, 0.3)
-        can = sphere_cover.cylinder_cover(radius, height, excess)
+        can = cover_grid.cylinder_cover(radius, height, excess)
         outside = prism(radius, height)
         assert len(sphere_cover.uncovered(outside, can)) == 0
         rho, z = np.hypot(can.centres[:, 0], can.centres[:, 1]), np.abs(can.centres[:, 2])
@@ -130,11 +130,11 @@ def test_boxes_and_cylinders(seed):
 def test_levels_list_every_fine_ball_that_a_coarse_one_needs(kind):
     if kind == "polytope":
         vertices = random_polytope(5)
-        levels = sphere_cover.levels(vertices, 0.02, 0.006)
+        levels = cover_levels.levels(vertices, 0.02, 0.006)
     elif kind == "box":
-        vertices, levels = box_corners(np.array([0.03, 0.025, 0.08])), sphere_cover.box_levels((0.06, 0.05, 0.16))
+        vertices, levels = box_corners(np.array([0.03, 0.025, 0.08])), cover_levels.box_levels((0.06, 0.05, 0.16))
     else:
-        vertices, levels = prism(0.03, 0.15), sphere_cover.cylinder_levels(0.03, 0.15)
+        vertices, levels = prism(0.03, 0.15), cover_levels.cylinder_levels(0.03, 0.15)
     points = inside(vertices, 2000, np.random.default_rng(0))
     in_coarse = ((points[:, None] - levels.coarse.centres) ** 2).sum(2) <= levels.coarse.radii**2
     in_fine = ((points[:, None] - levels.fine.centres) ** 2).sum(2) <= levels.fine.radii**2
@@ -151,9 +151,9 @@ def test_levels_list_every_fine_ball_that_a_coarse_one_needs(kind):
 
 def test_levels_come_from_the_disk_the_second_time():
     vertices, lines = random_polytope(2), []
-    first = sphere_cover.levels(vertices, on_step=lines.append)
+    first = cover_levels.levels(vertices, on_step=lines.append)
     made = len(lines)
-    second = sphere_cover.levels(vertices, on_step=lines.append)
+    second = cover_levels.levels(vertices, on_step=lines.append)
     assert made > 0
     assert len(lines) == made
     for a, b in zip(
@@ -167,7 +167,7 @@ def test_levels_come_from_the_disk_the_second_time():
 def test_moved_levels_cover_the_moved_solid():
     vertices = random_polytope(3)
     T = transform(rotation_about((1, 2, 3), 0.7), (0.1, -0.2, 0.3))
-    there = sphere_cover.moved(sphere_cover.levels(vertices, 0.02, 0.01), T)
+    there = cover_levels.moved(cover_levels.levels(vertices, 0.02, 0.01), T)
     sure(apply(T, vertices), there.coarse, 0.02)
     sure(apply(T, vertices), there.fine, 0.01)
 
@@ -181,20 +181,20 @@ def test_what_has_no_volume_is_refused():
     with pytest.raises(ValueError, match="positive"):
         sphere_cover.cover(random_polytope(0), 0.0)
     with pytest.raises(ValueError, match="positive"):
-        sphere_cover.box_cover((0.1, 0.0, 0.1), 0.01)
+        cover_grid.box_cover((0.1, 0.0, 0.1), 0.01)
     with pytest.raises(ValueError, match="positive"):
-        sphere_cover.cylinder_cover(0.1, -1.0, 0.01)
+        cover_grid.cylinder_cover(0.1, -1.0, 0.01)
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda", "gen3"])
 def test_the_covers_that_ship_are_those_of_the_named_robots_and_contain_their_hulls(name, monkeypatch):
     hulls = load(name).hulls
-    monkeypatch.setattr(sphere_cover, "_derived", None)  # to derive one would fail: `make covers` makes them again
+    monkeypatch.setattr(cover_levels, "_derived", None)  # to derive one would fail: `make covers` makes them again
     for hull in hulls:
-        found = sphere_cover.levels(hull.vertices)
+        found = cover_levels.levels(hull.vertices)
         for cover in (found.coarse, found.fine):
             assert len(sphere_cover.uncovered(hull.vertices, cover)) == 0
     monkeypatch.undo()
     smallest = min(hulls, key=lambda hull: len(hull.vertices))
-    for made, kept in zip(sphere_cover.derived(smallest.vertices)[1].values(), sphere_cover.levels(smallest.vertices)[:2]):
+    for made, kept in zip(cover_levels.derived(smallest.vertices)[1].values(), cover_levels.levels(smallest.vertices)[:2]):
         assert np.array_equal(made, np.c_[kept.centres, kept.radii])

@@ -1,0 +1,144 @@
+"""Covers of boxes and cylinders: a weighted set cover of grid cells, in one octant and mirrored.
+
+A cell whose corners all lie in one ball is covered, and the cells fill the solid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.collision.set_cover import weighted_set_cover
+from kinematics.collision.sphere_cover import SLACK, Cover
+from kinematics.jit.cache_files import njit
+from kinematics.shapes import CYLINDER_SIDES
+from kinematics.transforms import Array
+
+Int = NDArray[np.int64]
+Bits = NDArray[np.uint64]
+
+
+def mirror_images(centres: Array, axis: int) -> Int:
+    """The index of each ball's mirror image, of balls that are symmetric about the plane across an axis."""
+    mirrored = centres.copy()
+    mirrored[:, axis] *= -1
+    twins = np.empty(len(centres), np.int64)
+    twins[np.lexsort(mirrored.T)] = np.lexsort(centres.T)
+    return twins
+
+
+def box_cover(size_m: tuple[float, float, float], excess_m: float) -> Cover:
+    """Balls that contain the cuboid about the origin with edges size_m and reach at most excess_m beyond it."""
+    half = np.array(size_m, float) / 2
+    if not (half > 0).all() or not excess_m > 0:
+        raise ValueError(f"a box of {size_m} m with {excess_m} m of excess: all must be positive")
+    step = excess_m
+    while True:
+        far, spots = zip(*(_axis(h, step) for h in half), strict=True)
+        centres = np.stack(np.meshgrid(*spots, indexing="ij"), -1).reshape(-1, 3)
+        radii = (half - centres).min(1) + excess_m
+        weights = 2.0 ** (centres > 0).sum(1)
+        holds = _cells_held(far[0], far[1], far[2], radii - SLACK * excess_m)
+        chosen, left = weighted_set_cover(holds, far[0].shape[1] * far[1].shape[1] * far[2].shape[1], weights, np.zeros(0, np.int64))
+        if left == 0:
+            c, r = _mirrored(centres[chosen], radii[chosen])
+            return Cover(c, r, excess_m)
+        step /= 2
+
+
+def cylinder_cover(radius_m: float, height_m: float, excess_m: float) -> Cover:
+    """Balls that contain the cylinder about z (and the prism of `shapes.prism` around it) and reach at most excess_m beyond it."""
+    if not min(radius_m, height_m, excess_m) > 0:
+        raise ValueError(f"a cylinder of {radius_m} × {height_m} m with {excess_m} m of excess: all must be positive")
+    outer, h = radius_m / np.cos(np.pi / CYLINDER_SIDES), height_m / 2
+    step = excess_m
+    most = 8 + 4 * outer / excess_m  # balls in the ring that holds the rim: each takes about a step of it
+    rings = np.unique(np.concatenate([[1], np.geomspace(3, most, 14).astype(np.int64)]))
+    while True:
+        cells, (spots, heights) = [_edges(outer, step), _edges(h, step)], (_spots(radius_m, step), _spots(h, step))
+        rho, z, n = (g.ravel() for g in np.meshgrid(spots, heights, rings, indexing="ij"))
+        fits = (n > 1) | (rho == 0)
+        rho, z, n = rho[fits], z[fits], n[fits]
+        radii = np.minimum(radius_m - rho, h - z) + excess_m
+        r = cells[0]
+        flat = r[None] ** 2 + rho[:, None] ** 2 - 2 * r[None] * (rho * np.cos(np.pi / n))[:, None]
+        flat = np.maximum(flat[:, :-1], flat[:, 1:])
+        tall = (cells[1][None] - z[:, None]) ** 2
+        tall = np.maximum(tall[:, :-1], tall[:, 1:])
+        holds = (flat[:, :, None] + tall[:, None, :] <= ((radii - SLACK * excess_m) ** 2)[:, None, None]).reshape(len(rho), -1)
+        chosen, left = weighted_set_cover(_packed(holds), holds.shape[1], n * (1.0 + (z > 0)), np.zeros(0, np.int64))
+        if left == 0:
+            rows = []
+            for i in chosen:
+                angle = 2 * np.pi * (np.arange(n[i]) + 0.5 * (i % 2)) / n[i]
+                rows += [
+                    np.c_[rho[i] * np.cos(angle), rho[i] * np.sin(angle), np.full(n[i], s * z[i]), np.full(n[i], radii[i])]
+                    for s in ((1, -1) if z[i] > 0 else (1,))
+                ]
+            balls = np.concatenate(rows)
+            return Cover(balls[:, :3].copy(), balls[:, 3].copy(), excess_m)
+        step /= 2
+
+
+def _edges(h: float, step: float) -> Array:
+    """Cell edges over [0, h], not wider than 0.6 step."""
+    return np.linspace(0, h, max(1, int(np.ceil(h / (0.6 * step)))) + 1)
+
+
+def _spots(h: float, step: float) -> Array:
+    """Coordinates in [0, h] for centres: counted from the surface inwards, and 0."""
+    deep = np.concatenate([np.arange(0.5, 2.5, 0.5), np.arange(3.0, max(h / step, 3.0))])
+    inner = h - step * deep
+    return np.concatenate([[0.0], inner[inner > 0.1 * step]])
+
+
+def _axis(h: float, step: float) -> tuple[Array, Array]:
+    """For one axis: the squared distance (spots, cells) from a centre's coordinate to the far side of each cell; and the spots."""
+    edges, spots = _edges(h, step), _spots(h, step)
+    d = (edges[None] - spots[:, None]) ** 2
+    return np.maximum(d[:, :-1], d[:, 1:]), spots
+
+
+@njit(cache=True, nogil=True)
+def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array) -> Bits:
+    """Whether ball (i, j, k) of the lattice holds cell (u, v, w), as (balls, words of 64 cells)."""
+    nx, ny, nz = fx.shape[1], fy.shape[1], fz.shape[1]
+    holds, one = np.zeros((radii.shape[0], nx * ny * nz // 64 + 1), np.uint64), np.uint64(1)
+    for k in range(fz.shape[0]):
+        middle = int(np.argmin(fz[k]))  # away from it the cells' far sides are only ever further
+        for i in range(fx.shape[0]):
+            for j in range(fy.shape[0]):
+                ball = (i * fy.shape[0] + j) * fz.shape[0] + k
+                rr = radii[ball] ** 2 if radii[ball] > 0 else -1.0
+                for u in range(nx):
+                    for v in range(ny):
+                        left = rr - fx[i, u] - fy[j, v]
+                        if fz[k, middle] > left:
+                            continue
+                        first, last = middle, middle
+                        while first > 0 and fz[k, first - 1] <= left:
+                            first -= 1
+                        while last + 1 < nz and fz[k, last + 1] <= left:
+                            last += 1
+                        at = (u * ny + v) * nz
+                        for cell in range(at + first, at + last + 1):
+                            holds[ball, cell >> 6] |= one << np.uint64(cell & 63)
+    return holds
+
+
+def _packed(holds: NDArray[np.bool_]) -> Bits:
+    """Rows of flags as rows of words, at least one, of 64 flags each."""
+    room = np.zeros((len(holds), 8 * (holds.shape[1] // 64 + 1)), np.uint8)
+    packed = np.packbits(holds, axis=1, bitorder="little")
+    room[:, : packed.shape[1]] = packed
+    return room.view(np.uint64)
+
+
+def _mirrored(centres: Array, radii: Array) -> tuple[Array, Array]:
+    """The balls of the octant x, y, z >= 0 in all octants, once where they lie on a plane between two."""
+    balls = np.c_[centres, radii]
+    for axis in range(3):
+        twin = balls[balls[:, axis] > 0].copy()
+        twin[:, axis] *= -1
+        balls = np.concatenate([balls, twin])
+    return balls[:, :3].copy(), balls[:, 3].copy()

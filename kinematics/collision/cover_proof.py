@@ -1,0 +1,213 @@
+"""The proof that balls contain a solid: tetrahedra that fill it are bisected until each lies in one ball.
+
+Why contained. The hull is cut into tetrahedra, a fan from an inner point to its triangles. A ball is convex, so a tetrahedron whose four
+corners lie in one ball is covered; any other is bisected at its longest edge; a corner that lies in no ball is a counterexample and
+becomes a new sample of the set cover. When no tetrahedron is left the whole solid is covered, its surface *and* its interior: a cover of
+the surface alone would miss a small body that sits wholly inside. Boxes and cylinders have a grid instead: a cell whose corners all
+lie in one ball is covered, and the cells fill the solid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import copy_rows, jit_inline
+from kinematics.transforms import Array
+
+Int = NDArray[np.int64]
+
+_DEEPEST = 400  # tetrahedra that wait in the bisection, at most
+
+
+@jit_inline
+def _holds(c: Array, rr: float, x: float, y: float, z: float) -> bool:
+    return bool((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2 <= rr)
+
+
+@jit_inline
+def _one_ball(T: Array, centres: Array, rr: Array, n: int, first: int) -> int:
+    """One of the first n balls that holds the tetrahedron T (4, 3), or -1. `first` is tried first: neighbours often share it."""
+    for k in range(n):
+        i = k + first
+        if i >= n:
+            i -= n
+        if (
+            _holds(centres[i], rr[i], T[0, 0], T[0, 1], T[0, 2])
+            and _holds(centres[i], rr[i], T[1, 0], T[1, 1], T[1, 2])
+            and _holds(centres[i], rr[i], T[2, 0], T[2, 1], T[2, 2])
+            and _holds(centres[i], rr[i], T[3, 0], T[3, 1], T[3, 2])
+        ):
+            return i
+    return -1
+
+
+@jit_inline
+def _longest(T: Array) -> tuple[int, int, float]:
+    a, b, best = 0, 1, -1.0
+    for i in range(4):
+        for j in range(i + 1, 4):
+            d = (T[i, 0] - T[j, 0]) ** 2 + (T[i, 1] - T[j, 1]) ** 2 + (T[i, 2] - T[j, 2]) ** 2
+            if d > best:
+                a, b, best = i, j, d
+    return a, b, best
+
+
+@jit_inline
+def _split(stack: Array, top: int, a: int, b: int) -> None:
+    """Replace the tetrahedron stack[top] by its halves, at top and top + 1."""
+    for r in range(3):
+        middle = (stack[top, a, r] + stack[top, b, r]) / 2
+        for i in range(4):
+            stack[top + 1, i, r] = stack[top, i, r]
+        stack[top, a, r] = middle
+        stack[top + 1, b, r] = middle
+
+
+@njit(cache=True, nogil=True)
+def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, most: int, open_: NDArray[np.bool_]) -> Array:
+    """Corners of the bisection that lie in no ball (N, 3), at most `most`, and three a tetrahedron of the fan.
+
+    A tetrahedron shorter than `smallest` that no ball holds counts as a counterexample too, so the search ends. Only the tetrahedra
+    that are open_ (T,) are looked at; what is proved is closed. Nothing found: all proved.
+    """
+    found = np.empty((most, 3))
+    n = 0
+    stack = np.empty((_DEEPEST, 4, 3))
+    near, rr = np.empty_like(centres), np.empty_like(radii)
+    for root in range(fan.shape[0]):
+        if not open_[root]:
+            continue
+        near_n = _nearby(fan[root], centres, radii, near, rr)
+        mine, top, last = 0, 0, 0
+        copy_rows(fan[root], stack[0])
+        for i in range(4):
+            if mine == 0 and not _in_some(fan[root, i], near, rr, near_n):
+                found[n] = fan[root, i]
+                n += 1
+                mine += 1
+        while top >= 0 and mine < 3 and n < most:
+            i = _one_ball(stack[top], near, rr, near_n, last)
+            if i >= 0:
+                last = i
+                top -= 1
+                continue
+            a, b, long = _longest(stack[top])
+            middle = (stack[top, a] + stack[top, b]) / 2
+            if long < smallest * smallest or not _in_some(middle, near, rr, near_n):
+                found[n] = middle
+                n += 1
+                mine += 1
+                top -= 1
+            else:
+                _split(stack, top, a, b)
+                top += 1
+        if n == most:
+            break
+        open_[root] = mine > 0
+    return found[:n].copy()
+
+
+@njit(cache=True, nogil=True)
+def _nearby(T: Array, centres: Array, radii: Array, near: Array, rr: Array) -> int:
+    """Copy the balls that meet a ball around the tetrahedron T (4, 3) to near, their squared radii to rr; and how many they are."""
+    x, y, z = T[:, 0].mean(), T[:, 1].mean(), T[:, 2].mean()
+    reach = 0.0
+    for i in range(4):
+        reach = max(reach, np.sqrt((T[i, 0] - x) ** 2 + (T[i, 1] - y) ** 2 + (T[i, 2] - z) ** 2))
+    n = 0
+    for i in range(radii.shape[0]):
+        if _holds(centres[i], (radii[i] + reach) ** 2, x, y, z):
+            near[n] = centres[i]
+            rr[n] = radii[i] * radii[i]
+            n += 1
+    return n
+
+
+@jit_inline
+def _in_some(p: Array, centres: Array, rr: Array, n: int) -> bool:
+    for i in range(n):  # noqa: SIM110
+        if _holds(centres[i], rr[i], p[0], p[1], p[2]):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def links(fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array) -> NDArray[np.uint8]:
+    """Which coarse ball lists which fine ball (C, F): the same bisection, until a leaf lies in one of each; pairs at hand are preferred."""
+    A, B = coarse_r.shape[0], fine_r.shape[0]
+    linked = np.zeros((A, B), np.uint8)
+    stack, near_a, near_b = np.empty((_DEEPEST, 4, 3)), np.empty((_DEEPEST, A), np.int64), np.empty((_DEEPEST, B), np.int64)
+    many, in_a, all_ = np.zeros((2, _DEEPEST), np.int64), np.empty(A, np.int64), np.arange(max(A, B))
+    for root in range(fan.shape[0]):
+        copy_rows(fan[root], stack[0])
+        many[0, 0] = _reaching(stack[0], coarse, coarse_r, all_, A, near_a[0])
+        many[1, 0] = _reaching(stack[0], fine, fine_r, all_, B, near_b[0])
+        _link(stack, coarse, coarse_r, fine, fine_r, near_a, near_b, many, in_a, linked)
+    return linked
+
+
+@jit_inline
+def _link(
+    stack: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array, near_a: Int, near_b: Int, many: Int, in_a: Int,
+    linked: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """The bisection of stack[0]. Each tetrahedron stack[k] comes with the balls that reach it, the first many[:, k] of near_a[k] and
+    near_b[k]: its halves are reached by no others."""
+    top = 0
+    while top >= 0:
+        T = stack[top]
+        n_a = 0
+        for k in range(many[0, top]):
+            i = near_a[top, k]
+            if _all_in(T, coarse[i], coarse_r[i] * coarse_r[i]):
+                in_a[n_a] = i
+                n_a += 1
+        fresh, known = -1, False
+        if n_a > 0:
+            for m in range(many[1, top]):
+                j = near_b[top, m]
+                if _all_in(T, fine[j], fine_r[j] * fine_r[j]):
+                    for k in range(n_a):
+                        known = known or linked[in_a[k], j] > 0
+                    if known:
+                        break
+                    fresh = j
+        if known or fresh >= 0:
+            if not known:
+                linked[in_a[0], fresh] = 1
+            top -= 1
+            continue
+        a, b, _ = _longest(T)
+        _split(stack, top, a, b)
+        for half in (top + 1, top):
+            many[0, half] = _reaching(stack[half], coarse, coarse_r, near_a[top], many[0, top], near_a[half])
+            many[1, half] = _reaching(stack[half], fine, fine_r, near_b[top], many[1, top], near_b[half])
+        top += 1
+
+
+@jit_inline
+def _reaching(T: Array, centres: Array, radii: Array, some: Int, many: int, out: Int) -> int:
+    """Of some balls, `many` indices, those that reach the ball around a tetrahedron's middle: their indices, and how many."""
+    x = (T[0, 0] + T[1, 0] + T[2, 0] + T[3, 0]) / 4
+    y = (T[0, 1] + T[1, 1] + T[2, 1] + T[3, 1]) / 4
+    z = (T[0, 2] + T[1, 2] + T[2, 2] + T[3, 2]) / 4
+    reach = 0.0
+    for i in range(4):
+        reach = max(reach, np.sqrt((T[i, 0] - x) ** 2 + (T[i, 1] - y) ** 2 + (T[i, 2] - z) ** 2))
+    n = 0
+    for k in range(many):
+        i = some[k]
+        if _holds(centres[i], (radii[i] + reach) ** 2, x, y, z):
+            out[n] = i
+            n += 1
+    return n
+
+
+@jit_inline
+def _all_in(T: Array, c: Array, rr: float) -> bool:
+    for i in range(4):  # noqa: SIM110
+        if not _holds(c, rr, T[i, 0], T[i, 1], T[i, 2]):
+            return False
+    return True

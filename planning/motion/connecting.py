@@ -46,7 +46,7 @@ def connect(
     *wider, _ = settings.clearance.levels_m
     briefly = min(settings.clearance.iterations, max_iterations)
     for level in wider[:1]:
-        if (found := _connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings)) is not None:
+        if (found := connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings)) is not None:
             return found
         edge_check.enter(task.exact, memory.exact)
     found = plan(
@@ -55,11 +55,11 @@ def connect(
     if found.path is None:
         return found
     closely = replace(found, path=shorten(task, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path)
-    clear = (_connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings) for level in wider[1:])
+    clear = (connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings) for level in wider[1:])
     return next((route for route in clear if route is not None), closely)
 
 
-def _connect_clear(
+def connect_clear(
     task: Task, clear: Task, start: Array, goals: Array, iterations: int, seed: int, memory: Memory, settings: MotionSettings
 ) -> Route | None:
     """A path by the clear task, found within a few iterations, or None. Where an end is nearer to something than that, the hand is pulled

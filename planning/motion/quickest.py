@@ -5,7 +5,8 @@ is chosen anew: with which grasp and which of the arm's solutions an object is t
 These are the nodes of a graph, a layer a move, and ways between them its edges, weighted by time. The shortest path is sought lazily: ways
 are taken to be straight and free until a shortest path comes to use them; then they are looked at, and where they are not free they are
 planned (LazySP; Dellin and Srinivasa 2016, A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations). The moves as
-they were found are a path of the graph, too, so the result takes no longer, as far as times are estimated well.
+they were found are a path of the graph, too, so the result takes no longer, as far as times are estimated well. What is planned here keeps
+the wanted clearance, or is not used; and the search ends when what it may still gain is not worth another look.
 """
 
 from __future__ import annotations
@@ -30,8 +31,12 @@ DETOUR, DETOUR_S, FLIP, FLIP_S = 1.15, 0.25, 1.5, 1.2
 FLIP_S, where arms turn into another branch as a rule, so many times as much again."""
 PUT_DOWN_S = 0.9
 """Lowering and retreating, until these are known."""
+WORTH = 1.2
+"""A way that was planned anew is made quicker only if it takes no more than so many times what the quickest takes already."""
 MOST_TURNED = 4
 """Picks that differ by whole turns of joints."""
+DOUBT = 0.7
+"""A way that nobody has looked at is taken to need so much more than the straight one, as a share of what a detour takes more."""
 UNKNOWN, BENT, KNOWN = 0, 1, 2
 
 
@@ -58,7 +63,8 @@ class _Layer:
 
     pick_of (N,): the pick of each node. ends, leaves (N, A): where its transfer ends and where the arm is afterwards, about until it is
     known. across_s, put_s (N,): seconds of transfer, and of what follows; known (N,): of the transfer. transit_s, transit_known (M, P): the
-    same of the ways from the M nodes of the layer before to the P picks.
+    same of the ways from the M nodes of the layer before to the P picks. sure_s (N,), sure_transit_s (M, P): the same, but infinite where
+    not known.
     """
 
     def __init__(self, choices: Choices, lower: Array, upper: Array, limits: Limits) -> None:
@@ -75,23 +81,23 @@ class _Layer:
         self.enter, self.lifted = (np.array([getattr(p, way)[i] for p in self.picks]) for way, i in (("approach", 0), ("lift", -1)))
         at = np.array([pick.lift[0] for pick in self.picks])
         self.taking_s = straight_s(self.enter - at, limits) + straight_s(self.lifted - at, limits)
-        self.across_s = straight_s(self.ends - self.lifted[self.pick_of], limits)
+        self.across_s = _hoped_s(straight_s(self.ends - self.lifted[self.pick_of], limits))
         self.put_s = np.full(len(self.ends), 0.0 if choices.put is None else PUT_DOWN_S)
-        self.known = np.zeros(len(self.ends), np.int64)
+        self.known, self.sure_s = np.zeros(len(self.ends), np.int64), np.full(len(self.ends), np.inf)
         self.places: dict[int, Place] = {}
         self.across: dict[int, Array] = {}
         self.transits: dict[tuple[int, int], Array] = {}
-        self.transit_s, self.transit_known = np.zeros((0, 0)), np.zeros((0, 0), np.int64)
+        self.transit_s, self.sure_transit_s, self.transit_known = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0), np.int64)
 
-    def node_s(self) -> Array:
-        return np.asarray(self.taking_s[self.pick_of] + self.across_s + self.put_s)
+    def node_s(self, across_s: Array) -> Array:
+        return np.asarray(self.taking_s[self.pick_of] + across_s + self.put_s)
 
     def settle(self, n: int, place: Place) -> None:
         """Node n's way down is known."""
         self.places[n], self.ends[n], self.leaves[n] = place, place.lower[0], place.retreat[-1]
         at = place.lower[-1]
         self.put_s[n] = straight_s(self.ends[n] - at, self.limits) + straight_s(self.leaves[n] - at, self.limits)
-        self.across_s[n] = straight_s(self.ends[n] - self.lifted[self.pick_of[n]], self.limits)
+        self.across_s[n] = _hoped_s(straight_s(self.ends[n] - self.lifted[self.pick_of[n]], self.limits))
 
     def carry(self, before: int, n: int) -> Carry:
         p = int(self.pick_of[n])
@@ -109,8 +115,8 @@ class _Graph:
         self.planned = self.settings.planned * len(self.layers)
         for k, layer in enumerate(self.layers):
             found, leaves = layer.choices.found, self._leaves(k)
-            layer.transit_s = straight_s(layer.enter - leaves[:, None], limits)
-            layer.transit_known = np.zeros(layer.transit_s.shape, np.int64)
+            layer.transit_s = _hoped_s(straight_s(layer.enter - leaves[:, None], limits))
+            layer.transit_known, layer.sure_transit_s = np.zeros(layer.transit_s.shape, np.int64), np.full(layer.transit_s.shape, np.inf)
             self._know_transit(layer, (0, 0), found.way_in)
             if found.place is not None:
                 layer.settle(0, found.place)
@@ -118,18 +124,18 @@ class _Graph:
         for k in range(1, len(self.layers)):
             self._leave_from(k, 0)
 
-    def shortest(self) -> list[int]:
-        """A node in each layer, on a shortest path as far as times are known."""
+    def shortest(self, *, sure: bool = False) -> tuple[float, list[int]]:
+        """The seconds of a shortest path, and its node in each layer, as far as times are known; sure: among what is known alone."""
         best, before = np.zeros(1), list[Array]()
         for layer in self.layers:
-            total = best[:, None] + layer.transit_s
+            total = best[:, None] + (layer.sure_transit_s if sure else layer.transit_s)
             first = total.argmin(0)
             before.append(first[layer.pick_of])
-            best = total[first, np.arange(len(first))][layer.pick_of] + layer.node_s()
+            best = total[first, np.arange(len(first))][layer.pick_of] + layer.node_s(layer.sure_s if sure else layer.across_s)
         path = [int(best.argmin())]
         for first in before[:0:-1]:
             path.append(int(first[path[-1]]))
-        return path[::-1]
+        return float(best.min()), path[::-1]
 
     def look(self, path: Sequence[int]) -> bool:
         """Look at what is not known about a path: at all that is taken to be straight and free, or else plan one way that is not straight.
@@ -168,18 +174,20 @@ class _Graph:
                 layer.across[n] = self._better(layer.picks[p].carrying, layer.across[n])
 
     def _better(self, query: PlanningQuery, path: Array) -> Array:
-        found = [
-            path,
-            *(self.cell.connect(query, path[0], path[-1:], self.rng, self.settings.iterations) for _ in range(self.settings.again)),
-        ]
-        paths = [self.cell.quickened(query, p, self.rng) for p in found if not isinstance(p, Blocked)]
-        return min(paths, key=lambda p: polyline_s(p, self.limits))
-
-    def only_known(self) -> None:
-        """Leave out whatever is not known."""
-        for layer in self.layers:
-            layer.across_s[layer.known != KNOWN] = np.inf
-            layer.transit_s[layer.transit_known != KNOWN] = np.inf
+        best, misses = self.cell.quickened(query, path, self.rng), 0
+        best_s, least_s = polyline_s(best, self.limits), float(straight_s(path[-1] - path[0], self.limits))
+        for _ in range(self.settings.again):
+            if misses == self.settings.patience or best_s - least_s < self.settings.gain_s:
+                break
+            misses += 1
+            other = self.cell.connect_clear(query, path[0], path[-1], self.rng, self.settings.iterations)
+            if other is None or polyline_s(other, self.limits) > WORTH * best_s:
+                continue
+            other = self.cell.quickened(query, other, self.rng)
+            other_s = polyline_s(other, self.limits)
+            misses = 0 if other_s < best_s - self.settings.gain_s else misses
+            best, best_s = (other, other_s) if other_s < best_s else (best, best_s)
+        return best
 
     def _leaves(self, k: int) -> Array:
         return self.layers[k - 1].leaves if k else self.start[None]
@@ -188,7 +196,7 @@ class _Graph:
         """Transits to layer k from node n of the layer before, which has become known."""
         layer = self.layers[k]
         fresh = layer.transit_known[n] == UNKNOWN
-        layer.transit_s[n, fresh] = straight_s(layer.enter - self.layers[k - 1].leaves[n], self.limits)[fresh]
+        layer.transit_s[n, fresh] = _hoped_s(straight_s(layer.enter - self.layers[k - 1].leaves[n], self.limits))[fresh]
 
     def _moving(self, layer: _Layer, p: int) -> PlanningQuery:
         return self.cell.problem(layer.choices.before.poses, layer.picks[p].gripper_open)
@@ -208,14 +216,15 @@ class _Graph:
         if self.cell.straight(layer.picks[p].carrying, layer.lifted[p], layer.ends[n]):
             self._know_across(layer, n, np.stack([layer.lifted[p], layer.ends[n]]))
         else:
-            layer.across_s[n], layer.known[n] = _detour_s(layer.across_s[n]), BENT
+            straight = straight_s(layer.ends[n] - layer.lifted[p], self.limits)
+            layer.across_s[n], layer.known[n] = _detour_s(straight), BENT
 
     def _look_transit(self, k: int, before: int, p: int) -> None:
         layer, q = self.layers[k], self._leaves(k)[before]
         if self.cell.straight(self._moving(layer, p), q, layer.enter[p]):
             self._know_transit(layer, (before, p), self._opens(k, before, p, np.stack([q, layer.enter[p]])))
         else:
-            layer.transit_s[before, p] = _detour_s(layer.transit_s[before, p])
+            layer.transit_s[before, p] = _detour_s(straight_s(layer.enter[p] - q, self.limits))
             layer.transit_known[before, p] = BENT
 
     def _opens(self, k: int, before: int, p: int, path: Array) -> Array | None:
@@ -233,18 +242,17 @@ class _Graph:
         if self.planned == 0:
             return None
         self.planned -= 1
-        path = self.cell.connect(query, a, b[None], self.rng, self.settings.iterations)
-        return None if isinstance(path, Blocked) else path
+        return self.cell.connect_clear(query, a, b, self.rng, self.settings.iterations)
 
     def _know_transit(self, layer: _Layer, key: tuple[int, int], path: Array | None) -> None:
         layer.transit_known[key] = KNOWN
-        layer.transit_s[key] = np.inf if path is None else polyline_s(path, self.limits)
+        layer.transit_s[key] = layer.sure_transit_s[key] = np.inf if path is None else polyline_s(path, self.limits)
         if path is not None:
             layer.transits[key] = path
 
     def _know_across(self, layer: _Layer, n: int, path: Array | None) -> None:
         layer.known[n] = KNOWN
-        layer.across_s[n] = np.inf if path is None else polyline_s(path, self.limits)
+        layer.across_s[n] = layer.sure_s[n] = np.inf if path is None else polyline_s(path, self.limits)
         if path is not None:
             layer.across[n] = path
 
@@ -252,20 +260,25 @@ class _Graph:
 def quickest(cell: Workcell, start: Array, moves: Sequence[Choices], rng: np.random.Generator) -> list[Carry]:
     """For moves that follow one another from the arm's configuration `start` (A,), the ways that together take least time."""
     graph = _Graph(cell, start, moves, rng)
-    path = graph.shortest()
+    enough_s = graph.settings.gain_s * len(moves)
+    sure_s, path = graph.shortest(sure=True)
     for _ in range(graph.settings.looks):
-        if not graph.look(path):
+        hoped_s, hopeful = graph.shortest()
+        if hoped_s > sure_s - enough_s or not graph.look(hopeful):
             break
-        path = graph.shortest()
-    else:
-        graph.only_known()
-        path = graph.shortest()
+        sure_s, path = graph.shortest(sure=True)
     graph.polish(path)
     return [layer.carry(before, n) for layer, before, n in zip(graph.layers, [0, *path], path)]
 
 
-def _detour_s(straight_s: float) -> float:
-    return DETOUR * straight_s + DETOUR_S + FLIP * max(0.0, straight_s - FLIP_S)
+def _detour_s(straight_s: Array) -> Array:
+    """Seconds that a way is taken to need that is not straight, for seconds (...,) of the straight one."""
+    return np.asarray(DETOUR * straight_s + DETOUR_S + FLIP * np.maximum(0.0, straight_s - FLIP_S))
+
+
+def _hoped_s(straight_s: Array) -> Array:
+    """Seconds that a way is taken to need which nobody has looked at."""
+    return np.asarray(straight_s + DOUBT * (_detour_s(straight_s) - straight_s))
 
 
 def _turned(pick: Pick, lower: Array, upper: Array) -> Iterator[Pick]:

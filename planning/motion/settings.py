@@ -54,13 +54,16 @@ def tilt_limit_deg(body: Body, max_tilt_deg: float) -> float:
 @dataclass(frozen=True)
 class QuickestSettings:
     """How hard quick ways are sought. looks: how many shortest paths are looked at. planned: how many ways that are not straight are
-    planned for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker.
-    iterations: of each such search."""
+    planned for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker;
+    patience: so many of these in a row that bring nothing are the last. gain_s: what is to be hoped for from a move, or from planning a way
+    anew, for it to be looked at further. iterations: of each search for a way."""
 
     looks: int = 500
     planned: int = 12
     again: int = 6
-    iterations: int = 500
+    patience: int = 2
+    gain_s: float = 0.05
+    iterations: int = 200
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import bounds, convex_parts
 from kinematics.transforms import Array, transform
 from planning.motion.arm import MOST_OPENINGS, arm_at
-from planning.motion.connecting import connect
+from planning.motion.connecting import connect, connect_clear
 from planning.motion.edges import Memory, Task, connects, connects_from_ends, memory_for, pose_task, with_clearance, without_still
 from planning.motion.quicken import quicken
 from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
@@ -411,6 +411,17 @@ class Workcell:
             return Blocked("transit", detail=TILTS)
         touch = self.edge(query, start, goals[0]) or CollisionPair()
         return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
+
+    def connect_clear(self, query: PlanningQuery, start: Array, goal: Array, rng: np.random.Generator, iterations: int) -> Array | None:
+        """A shortened, certified path (K, A) from start (A,) to goal (A,), both free, that keeps the wanted clearance but near its ends.
+
+        None when none is found in so many iterations.
+        """
+        seed = int(rng.integers(2**31))
+        clear, memory = self.keeping(query, self.settings.clearance.wanted_m).task, self.enter(query)
+        found = connect_clear(query.task, clear, start, goal[None], iterations, seed, memory, self.settings)
+        self._entered = None
+        return None if found is None else found.path
 
     def keeping(self, query: PlanningQuery, clearance_m: float) -> PlanningQuery:
         """The same query for motions that keep so far from everything but what they may touch and unseen space, in metres."""

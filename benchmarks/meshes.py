@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
@@ -21,12 +22,15 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from kinematics.meshes.containment import largest_protrusion, union_volume
+from kinematics.meshes.containment import largest_protrusion
 from kinematics.meshes.cutting import hull_volume
 from kinematics.meshes.decomposition import Decomposition, decompose, solid_volume
 from kinematics.meshes.inside import fill
 from kinematics.meshes.surface import Surface, clean_surface
 from kinematics.transforms import Array
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from union_volume import union_volume
 
 SIZE_M = 0.12
 MESHES = {

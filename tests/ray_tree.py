@@ -10,7 +10,7 @@ from numba import njit
 
 from kinematics.collision.geometry import BOX, CYLINDER
 from kinematics.transforms import Array
-from perception.rendering.raycast import FAR, TINY, Ids, Int, Surfaces, _ids_of
+from perception.rendering.raycast import FAR, TINY, Ids, Int, Surfaces, _owner
 
 
 def cast_rays(s: Surfaces, origins: Array, directions: Array) -> tuple[Array, Ids]:
@@ -252,3 +252,12 @@ def _ray_cylinder(T: Array, half: Array, o: Array, d: Array) -> float:
         return np.inf
     root = np.sqrt(root2)
     return _first(max(enter, (-b - root) / a), min(leave, (root - b) / a))
+
+
+@njit(cache=True, nogil=True)
+def _ids_of(s: Surfaces, primitive: Ids) -> Ids:
+    ids = np.full(primitive.shape[0], -1, np.int32)
+    for i in range(primitive.shape[0]):
+        if primitive[i] >= 0:
+            ids[i] = s.id[_owner(s, primitive[i])]
+    return ids

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain, Int, forward
-from kinematics.collision.geometry import HULL, Parts, Query, Solids
+from kinematics.collision.geometry import HULL, Query, Solids
 from kinematics.collision.gjk import box_gap, gjk, relative
 from kinematics.collision.motion_bounds import begin_edge, safe_interval, twists
-from kinematics.collision.posed_geometry import PosedGeometry, make_posed_geometry
+from kinematics.collision.posed_geometry import PosedGeometry
 from kinematics.jit.decorators import copy_rows, jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.transforms import Array
@@ -87,19 +87,6 @@ class Scratch(NamedTuple):
     pool: Int
     counts: Int
     where: Array
-
-
-def make_problem(chain: Chain, parts: Parts, solids: Solids, query: Query, *, margin_m: float = MARGIN_M) -> Problem:
-    """Pack one motion query. Raises: ValueError when margin_m is not positive: a certificate needs some room."""
-    if not margin_m > 0:
-        raise ValueError(f"the margin must be positive, not {margin_m} m")
-    return pose(
-        chain,
-        make_posed_geometry(chain, parts),
-        solids,
-        Query(query.check, np.ascontiguousarray(query.pairs, np.int64).reshape(-1, 2)),
-        margin_m,
-    )
 
 
 def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margin_m: float) -> Problem:

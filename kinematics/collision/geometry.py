@@ -84,17 +84,6 @@ def make_parts(frames: list[int], hulls: list[Array]) -> Parts:
     )
 
 
-def join_parts(a: Parts, b: Parts) -> Parts:
-    """The parts of a, then those of b."""
-    return Parts(
-        np.concatenate([a.frame, b.frame]),
-        np.concatenate([a.start, b.start[1:] + a.start[-1]]),
-        np.concatenate([a.vertices, b.vertices]),
-        np.concatenate([a.centre, b.centre]),
-        np.concatenate([a.radius, b.radius]),
-    )
-
-
 def make_solids(bodies: tuple[Body, ...] | list[Body]) -> tuple[Solids, list[str]]:
     """Pack bodies at their poses; also the name of the body behind each solid (a mesh gives one solid a part)."""
     rows: list[tuple[int, Array, Array, Array, str]] = []

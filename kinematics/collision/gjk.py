@@ -36,26 +36,11 @@ def make_work() -> Array:
     return np.zeros((8, 4))
 
 
-def by_coordinate(points: Array) -> Array:
-    """Points (V, 3) in the layout (3, V) that the functions below take."""
-    return np.ascontiguousarray(np.asarray(points, float).T)
-
-
 @njit(cache=True, nogil=True)
 def distance(vertices: Array, a0: int, a1: int, T_a: Array, kind: int, half: Array, b0: int, b1: int, T_b: Array, work: Array) -> float:
     """The distance in metres between a polyhedron at T_a (4, 4) and a solid at T_b (4, 4), to 1e-9 relative; 0 when they touch."""
     relative(T_a, T_b, work)
     return float(gjk(vertices, np.empty((4, 0)), a0, a1, kind, half[0], half[1], half[2], b0, b1, work, 0.0, np.inf, 1e-9))
-
-
-@njit(cache=True, nogil=True)
-def separated_by(
-    vertices: Array, a0: int, a1: int, T_a: Array, kind: int, half: Array, b0: int, b1: int, T_b: Array, work: Array, margin_m: float
-) -> bool:
-    """Whether a polyhedron at T_a (4, 4) is certainly further than margin_m ≥ 0 from a solid at T_b (4, 4); in doubt it is not."""
-    relative(T_a, T_b, work)
-    above = margin_m + 1e-12
-    return bool(gjk(vertices, np.empty((4, 0)), a0, a1, kind, half[0], half[1], half[2], b0, b1, work, margin_m, above, 1e-9) >= above)
 
 
 @jit_entry

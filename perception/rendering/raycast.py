@@ -465,15 +465,6 @@ def _owner(s: Surfaces, primitive: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _ids_of(s: Surfaces, primitive: Ids) -> Ids:
-    ids = np.full(primitive.shape[0], -1, np.int32)
-    for i in range(primitive.shape[0]):
-        if primitive[i] >= 0:
-            ids[i] = s.id[_owner(s, primitive[i])]
-    return ids
-
-
-@njit(cache=True, nogil=True)
 def _finish(s: Surfaces, w: Array, primitive: Ids, depth: NDArray[np.float32], instance: Ids) -> None:
     """Inverse depth to depth, primitives to ids."""
     n = s.kind.shape[0]

@@ -118,15 +118,6 @@ def bring_upright(chain: Chain, upright: Upright, weight: Array, most: float, q:
     return bool(_cosine(chain, upright, q, scratch) >= wanted)
 
 
-@jit_entry
-def tilt_along(chain: Chain, upright: Upright, Q: Array, scratch: Scratch) -> float:
-    """The largest tilt, in rad, at any of configurations Q (N, J)."""
-    least = 1.0
-    for i in range(Q.shape[0]):
-        least = min(least, _cosine(chain, upright, Q[i], scratch))
-    return float(np.arccos(max(least, -1.0)))
-
-
 @jit_inline
 def _cosine(chain: Chain, upright: Upright, q: Array, scratch: Scratch) -> float:
     """The z of the axis at q (J,); the frames' poses are left in the scratch."""

@@ -10,7 +10,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.collision.geometry import BOX, CYLINDER, HULL, join_parts, make_parts, make_solids
+from kinematics.collision.geometry import BOX, CYLINDER, HULL, make_solids
 from kinematics.meshes.load import load_mesh
 from kinematics.scene import WALLS, Body, Cabinet, Grasp, Held, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners, convex_parts, prism
@@ -200,16 +200,3 @@ def test_solids_and_parts_hold_what_they_are_given() -> None:
     empty, none = make_solids([])
     assert none == []
     assert empty.T.shape == (0, 4, 4)
-
-
-def test_parts_join() -> None:
-    a, b = box_corners(np.ones(3)), prism(0.1, 0.2)
-    one, two = make_parts([0, 2], [a, b]), make_parts([3], [a])
-    both = join_parts(one, two)
-    assert both.frame.tolist() == [0, 2, 3]
-    for i, hull in enumerate([a, b, a]):
-        points = both.vertices[both.start[i] : both.start[i + 1]]
-        np.testing.assert_array_equal(points, hull)
-        assert (np.linalg.norm(points - both.centre[i], axis=1) <= both.radius[i] + 1e-12).all()
-    joined = join_parts(make_parts([], []), one)
-    np.testing.assert_array_equal(joined.start, one.start)

@@ -12,13 +12,11 @@ import pytest
 import trimesh
 from PIL import Image
 
-from kinematics.errors import InputError
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from perception.camera import Intrinsics, cloud, look_at
 from perception.frames import Frame, read_frames, write_frames, write_ply
 from perception.rendering.raycast import raycast, surfaces
-from retrieve_cli.view_files import load_views, save_views
 
 CAMERA = Intrinsics(80, 60, 70.0, 71.0, 38.5, 30.0)
 NAMES = ("box_0", "can_1")
@@ -194,14 +192,3 @@ def test_objects_are_numbered_by_name_across_frames(frames: tuple[Frame, ...], t
     write_ply(tmp_path / "b.ply", [a, swapped])
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
     assert write_ply(tmp_path / "empty.ply", []) == 0
-
-
-def test_the_command_lines_folder_holds_frames_and_cloud(frames: tuple[Frame, ...], tmp_path: Path) -> None:
-    home = save_views(tmp_path / "views", 2, frames)
-    assert (home / "cloud.ply").is_file()
-    assert len(load_views(tmp_path / "views", 2)) == len(load_views(tmp_path / "views")) == 2
-    with pytest.raises(InputError, match=r"--from-views .*has no scene 000004; there are 000002"):
-        load_views(tmp_path / "views", 4)
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="is a file"):
-        save_views(tmp_path / "file", 0, frames)

@@ -8,6 +8,7 @@ import fcl
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
+from small_queries import make_problem
 
 from kinematics.chain import Chain, forward
 from kinematics.collision.edge_check import (
@@ -19,7 +20,6 @@ from kinematics.collision.edge_check import (
     edge_contact,
     edge_free,
     first_contact,
-    make_problem,
     make_scratch,
     pair_bound,
     pieces_free,

@@ -6,9 +6,10 @@ import fcl
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
+from small_queries import by_coordinate, separated_by
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
-from kinematics.collision.gjk import box_gap, by_coordinate, distance, make_work, relative, separated_by, support
+from kinematics.collision.gjk import box_gap, distance, make_work, relative, support
 from kinematics.collision.vertex_groups import grouped
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array, apply, rotation_about, transform

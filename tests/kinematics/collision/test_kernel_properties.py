@@ -13,6 +13,7 @@ import fcl
 import numpy as np
 import pytest
 from conftest import random_q
+from small_queries import make_problem
 
 from kinematics.chain import forward
 from kinematics.collision import edge_check, sphere_check
@@ -44,7 +45,7 @@ class Cell:
         solids, _ = make_solids(bodies)
         check = np.repeat((parts.frame > 0)[:, None], len(bodies), 1).astype(np.uint8)
         query = Query(check, robot.self_pairs())
-        self.task: Task = make_task(edge_check.make_problem(self.chain, parts, solids, query), model, make_sphere_world(solids, query))
+        self.task: Task = make_task(make_problem(self.chain, parts, solids, query), model, make_sphere_world(solids, query))
         self.memory: Memory = make_memory(self.task)
         hulls = [parts.vertices[a:b] for a, b in zip(parts.start[:-1], parts.start[1:])]
         self.movers: list[Solid] = [hull_solid("", v) for v in hulls]

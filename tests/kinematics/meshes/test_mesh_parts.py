@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from union_volume import union_volume
 
 from kinematics import cache
 from kinematics.meshes import load as loading
-from kinematics.meshes.containment import largest_protrusion, union_volume
+from kinematics.meshes.containment import largest_protrusion
 from kinematics.meshes.cutting import cut, hull_volume, planes_of
 from kinematics.meshes.decomposition import Decomposition, simplified
 from kinematics.meshes.inside import fill

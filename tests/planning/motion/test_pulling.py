@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from small_queries import make_problem
 
 from kinematics.chain import Chain, forward
-from kinematics.collision.edge_check import Problem, config_free, make_problem, make_scratch
+from kinematics.collision.edge_check import Problem, config_free, make_scratch
 from kinematics.collision.geometry import Query, make_parts, make_solids
 from kinematics.inverse import make_work as make_descent
 from kinematics.jit.decorators import jit_entry

@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from small_queries import make_problem
 
 from kinematics.chain import Chain
-from kinematics.collision.edge_check import Problem, config_free, edge_free, make_problem, make_scratch
+from kinematics.collision.edge_check import Problem, config_free, edge_free, make_scratch
 from kinematics.collision.geometry import Query, make_parts, make_solids
 from kinematics.collision.gjk import distance, make_work
 from kinematics.robots.robot import Robot

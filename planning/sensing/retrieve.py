@@ -7,110 +7,58 @@ stops half-way, the loop looks again and plans on from where the arm is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Literal
 
 import numpy as np
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, Scene, State
+from kinematics.scene import Grasp, Scene, State
 from kinematics.transforms import Array
-from perception.belief import Belief, believe, observation, without_bodies, without_objects
-from perception.frames import Frame
-from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
+from perception.belief import observation
 from perception.objects.clustering import NoSurfaces
-from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.carry import Done
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
 from planning.plan import Blocked, Fault, Motion, Move, Plan
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
+from planning.sensing.belief_state import BeliefState
+from planning.sensing.carrying_out import Driven, carry_out
 from planning.sensing.focus import wanted
-from planning.sensing.look_around import BODY_MARGIN_M, Limits, Looked, look_around, skin, unknown_space
-from planning.sensing.world import AsBelieved, Truth, World, configuration, part_done, with_own_pixels
+from planning.sensing.look_around import Limits, Looked, unknown_space
+from planning.sensing.world import AsBelieved, Truth, World
 from planning.target_grasps import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
 
-FIRST = Limits(0.99, 0.001, 10)
-AGAIN = Limits(1.0, 0.0004, 5, 0.001)  # after a move: what was hidden behind the object
-HARDER = Limits(1.0, 0.0004, 3, 0.0)  # when nothing works with what is known: the current view, and two of what is in the way
-ONCE = Limits(1.0, 1.0, 1)
-PATIENCE = 4  # so often in a row
-MOST_HIDDEN = 2  # objects to be moved that a look is aimed at, besides the target
-MOST_STOPS = 3  # executions that may end half-way, before the loop does
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
 
 
-class _BeliefState:
-    """What has been gathered so far: pictures, the map, objects that were moved, and where the arm is."""
+_FIRST, _AFTER_MOVE = Limits(0.99, 0.001, 10), Limits(1.0, 0.0004, 5, 0.001)
+_WHEN_STUCK, _ONCE = Limits(1.0, 0.0004, 3, 0.0), Limits(1.0, 1.0, 1)
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        rng: np.random.Generator,
-        *,
-        by: Literal["mask", "geometry"] | None,
-        noise_1m_m: float,
-        target_box: Array | None,
-        pace: Pace,
-    ) -> None:
-        self.by, self.target_box, self.pace = by, target_box, pace
-        self.empty_scene = replace(scene, objects=(), observation=None)
-        self.robot, self.rng, self.noise = robot, rng, noise_1m_m
-        self.voxels, self.frames = unknown_voxels(self.empty_scene.cabinet), list[Frame]()
-        self.tracked: dict[str, Body] = {}
-        before_looking = Motions(self.robot, self.empty_scene)
-        self.q, self.start_blocked = before_looking.start().q, before_looking.start_blocked()
-        self.belief = Belief((), {}, self.voxels)
 
-    def look(self, world: World, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
-        base = self.empty_scene.robot.T_world_base
+@dataclass(frozen=True)
+class SensingSettings:
+    """How much the loop looks before it acts, and how often it tries again.
 
-        def drive(motions: Sequence[Motion]) -> tuple[Sequence[Motion], Array]:
-            stopped = world.execute(motions)
-            if stopped is None:
-                return motions, motions[-1].q[-1]
-            q = configuration(self.robot, world.where())
-            on_step(f"the way to a view stopped: {stopped.why}")
-            return (*motions[: stopped.motion], part_done(motions[stopped.motion], q)), q
+    first, after_move: the first look around and those after a move, which show what the object hid. when_stuck: when nothing works with
+    what is known, the current view and two of what is in the way, at most `patience` times in a row, aimed at no more than `most_hidden`
+    objects besides the target; once: one picture, where a step is lost without a move. most_stops: executions that may end half-way.
+    """
 
-        looked = look_around(
-            self.empty_scene, self.robot, lambda _, q: with_own_pixels(self.robot, base, world.take_frame(), q), self.q, self.voxels,
-            self.rng, bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise,
-            intrinsics=getattr(world, "intrinsics", DEFAULT), pace=self.pace, drive=drive, on_step=on_step,
-        )  # fmt: skip
-        fresh = looked.frames
-        if self.by is None:
-            self.by = "geometry" if any(f.instance is None for f in fresh) else "mask"
-        if self.by == "geometry":
-            fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.noise) for f in fresh)
-        self.frames += fresh
-        self.voxels, self.q = looked.voxels, looked.q
-        return looked
+    first: Limits = _FIRST
+    after_move: Limits = _AFTER_MOVE
+    when_stuck: Limits = _WHEN_STUCK
+    once: Limits = _ONCE
+    patience: int = 4
+    most_hidden: int = 2
+    most_stops: int = 3
 
-    def understand(self) -> None:
-        """Believe what all pictures together show. Raises: NoSurfaces when they show nothing but noise."""
-        self.belief = believe(
-            self.empty_scene, self.frames, self.voxels,
-            by=self.by or "geometry", target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
-        )  # fmt: skip
 
-    def moved(self, name: str, T_world_body: Array, q: Array) -> None:
-        """An object has been put down: the room that it took is free now, and where it stands is its own."""
-        body = self.belief.body(name)
-        assert body is not None
-        if self.by == "geometry" and name not in self.tracked:  # what shows it there is past
-            before = (without_objects(f, (name,)) for f in self.belief.frames)
-            self.frames = [replace(f, instance=None, names=()) for f in before]
-        self.tracked[name] = replace(body, T_world_body=T_world_body)
-        left = self.voxels.touched(body, BODY_MARGIN_M) | skin(self.voxels, [body])
-        self.voxels = self.voxels.marked(left, FREE).marked(self.voxels.touched(self.tracked[name]), UNKNOWN)
-        bodies = tuple(self.tracked.get(b.name, b) for b in self.belief.bodies)
-        self.belief, self.q = replace(self.belief, bodies=bodies, voxels=self.voxels), q
+SENSING = SensingSettings()
 
 
 def retrieve_unseen(
@@ -129,6 +77,7 @@ def retrieve_unseen(
     time_budget_s: float | None = None,
     target_box: Array | None = None,
     settings: MotionSettings = DEFAULTS,
+    sensing: SensingSettings = SENSING,
     pace: Pace = FULL,
     grasp: GraspChoice = GraspChoice.GIVEN,
     rng: np.random.Generator,
@@ -143,154 +92,192 @@ def retrieve_unseen(
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
     was seen when they were planned, and by the truth at the end, if there is one; `verified` and the reason "verify" tell.
     """
-    thinking, moving, steps = Stopwatch(), Stopwatch(), 0
-    moves: list[Move] = []
-    way: list[Motion] = []
-    doubts: list[Fault] = []
     known = truth or AsBelieved()
-    mind = _BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace)
-    limits, focus, patience, stops = FIRST, None, PATIENCE, 0
-    failed: set[tuple[str, int]] = set()
-    took: Grasp | None = None
-    kept_in: list[Blocked] = []
-    if mind.start_blocked is not None:
-        return conclude(robot, scene, mind.start_blocked, moves, way, name=name, rule=rule, thinking=thinking, moving=moving)
-    while True:
-        with moving:
-            looked = mind.look(world, limits, focus, on_step)
-        way += looked.motions
-        try:
-            with moving:
-                mind.understand()
-        except NoSurfaces as e:
-            taken: Done | Blocked = Blocked("look", body=scene.target_name, detail=f"the target was not found: {e}")
-            break
-        with moving:
-            motions, state = _ready(mind, iterations, time_budget_s, settings, grasp)
-            taken = _try_target(mind, looked, motions, state, rng)
-        if not isinstance(taken, Blocked):
-            with moving:
-                doubts += _as_seen(mind, state, taken.motions, settings.max_tilt_deg, taken.grasp)
-            names = known.names(mind.belief.bodies)
-            driven = _carry_out(world, known, motions, state, taken.motions, names, rng, on_step)
-            way += driven.motions
-            if driven.why is not None and not driven.holding and driven.released is None and stops < MOST_STOPS:
-                mind.q, limits, focus, stops = driven.q, AGAIN, None, stops + 1
-                continue
-            took = taken.grasp
-            if driven.why is not None:
-                taken = driven.why
-            elif names[scene.target_name] != scene.target_name:
-                taken = Blocked("verify", body=names[scene.target_name], detail=f"it was taken for the target {scene.target_name}")
-            break
-        kept_in[sum(move.done for move in moves) :] = [taken]
-        moved, stopped = False, None
-        hindered = list[tuple[str, Blocked]]()
-        if steps < max_moves and mind.belief.body(scene.target_name) is not None:
-            seen = observation(mind.empty_scene, mind.q, mind.belief)
-            for object_name, region in proposals(policy_for(motions), seen, rule, failed, rng, thinking):
-                with moving:
-                    done = motions.relocate(state, object_name, region, rng)
-                names = known.names(mind.belief.bodies)
-                its = names[object_name]
-                T_from = known.poses_now(state.poses)[its]
-                if isinstance(done, Blocked):
-                    failed.add((object_name, region))
-                    moves.append(Move(its, region, T_from, motions.place_pose(object_name, T_from, region), False, done))
-                    hindered.append((object_name, done))
-                    continue
-                with moving:
-                    ((_, done),) = motions.quickest([(state, done)], rng)
-                    planned = motions.trajectories(state, done.motions)
-                    doubts += _as_seen(mind, state, planned, settings.max_tilt_deg)
-                driven = _carry_out(world, known, motions, state, planned, names, rng, on_step)
-                way += driven.motions
-                if driven.why is not None and driven.released is None:
-                    stopped = driven
-                    break
-                on_step(f"moved {object_name} to region {region}")
-                moves.append(Move(its, region, T_from, known.poses_now(done.after.poses)[its], True))
-                mind.moved(object_name, done.after.poses[object_name], driven.q)
-                failed.clear()
-                moved = True
-                break
-        if stopped is not None:
-            if stopped.holding or stops == MOST_STOPS:
-                taken = stopped.why or taken
-                break
-            mind.q, limits, focus, stops = stopped.q, AGAIN, None, stops + 1
-            continue
-        if moved:
-            steps, patience, limits = steps + 1, PATIENCE, AGAIN
-            with moving:
-                focus = wanted(mind.empty_scene, mind.robot, mind.belief)
-            continue
-        with moving:
-            before, focus = focus, wanted(mind.empty_scene, mind.robot, mind.belief, _hidden(motions, state, hindered))
-        if patience == 0 or not focus.any() or (before is not None and np.array_equal(before > 0, focus > 0)):
-            # the last look has not shown any of what it was to show
-            steps += 1
-            if rule is Rule.DEEP or steps >= max_moves:
-                break
-            limits, focus = ONCE, None  # the step is lost; the policy may have something else to propose
-            continue
-        limits, patience = HARDER, patience - 1  # look where it may help, and try once more
-        failed.clear()
-    why = taken if isinstance(taken, Blocked) else None
-    ended = scene if truth is not None else replace(scene, objects=mind.belief.bodies)
-    plan = conclude(
-        robot, ended, why, moves, way,
-        name=name, rule=rule, thinking=thinking, moving=moving, settings=settings, grasp=took, faults=doubts, is_truth=truth is not None,
+    mind = BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace)
+    loop = _Loop(
+        world, known, mind, policy_for,
+        rule=rule, max_moves=max_moves, iterations=iterations, time_budget_s=time_budget_s, settings=settings, sensing=sensing, grasp=grasp,
+        rng=rng, on_step=on_step, limits=sensing.first, patience=sensing.patience,
     )  # fmt: skip
-    return replace(plan, target_blocked=tuple(kept_in))
+    record = loop.record
+    if mind.start_blocked is not None:
+        return conclude(
+            robot, scene, mind.start_blocked, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving
+        )
+    ended = None
+    while ended is None:
+        ended = loop.round()
+    scene = scene if truth is not None else replace(scene, objects=mind.belief.bodies)
+    plan = conclude(
+        robot, scene, ended.why, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving,
+        settings=settings, grasp=ended.grasp, faults=record.doubts, is_truth=truth is not None,
+    )  # fmt: skip
+    return replace(plan, target_blocked=tuple(record.kept_in))
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """How the loop ends: why the target is not out, None when it is, with the grasp that took it."""
+
+    why: Blocked | None
+    grasp: Grasp | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class _Driven:
-    """What became of motions that were to be carried out: as they were, for the record; where the arm is, q (J,); why it stopped, None when
-    all is done. released: the object that was put down, if one was; holding: whether one is in the hand."""
+class _Tried:
+    """What came of the policy's proposals. moved: an object was moved; stopped: an execution that ended before an object was put down;
+    hindered: objects that can't be moved, and why."""
 
-    motions: tuple[Motion, ...]
-    q: Array
-    why: Blocked | None = None
-    released: str | None = None
-    holding: bool = False
+    moved: bool = False
+    stopped: Driven | None = None
+    hindered: Sequence[tuple[str, Blocked]] = ()
 
 
-def _carry_out(
-    world: World,
-    known: Truth,
-    motions: Motions,
-    state: State,
-    planned: Sequence[Motion],
-    names: Mapping[str, str],
-    rng: np.random.Generator,
-    on_step: Callable[[str], None],
-) -> _Driven:
-    """Carry motions out; a transfer that stops half-way is planned anew from where the arm is, and gone on with."""
-    done, left, before = list[Motion](), list(planned), known.poses_now(state.poses)
-    for _ in range(MOST_STOPS + 1):
-        stopped = world.execute(left)
-        if stopped is None:
-            return _Driven(known.recorded([*done, *left], names, before), left[-1].q[-1], None, _released([*done, *left]), False)
-        q, at = configuration(motions.robot, world.where()), left[stopped.motion]
-        on_step(f"{at.stage} stopped: {stopped.why}")
-        done += [*left[: stopped.motion], part_done(at, q)]
-        why = Blocked(at.stage, body=at.held.body if at.held else None, detail=f"the execution stopped: {stopped.why}")
-        across = motions.across_again(state, at, q, rng) if at.held is not None and at.stage == "transfer" else why
-        if isinstance(across, Blocked):
-            break
-        left = [across, *left[stopped.motion + 1 :]]
-    return _Driven(known.recorded(done, names, before), q, why, _released(done), at.held is not None)
+@dataclass(eq=False)
+class _Record:
+    """What the plan will say. kept_in: for each number of moves done, why the target could not be taken then."""
+
+    moves: list[Move] = field(default_factory=list)
+    way: list[Motion] = field(default_factory=list)
+    doubts: list[Fault] = field(default_factory=list)
+    kept_in: list[Blocked] = field(default_factory=list)
 
 
-def _released(motions: Sequence[Motion]) -> str | None:
-    """The object that the motions put down, None when they put none down."""
-    held = [m.held.body for m in motions if m.held]
-    return held[-1] if held and motions[-1].stage in ("release", "retreat") else None
+@dataclass(eq=False)
+class _Loop:
+    """The state of the loop between two looks. limits, focus: of the next look; failed: objects and regions that came to nothing since the
+    last change; patience: looks that may still follow without a move; steps: of the policy; stops: of the world."""
+
+    world: World
+    known: Truth
+    mind: BeliefState
+    policy_for: Callable[[Motions], Policy]
+    rule: Rule
+    max_moves: int
+    iterations: int
+    time_budget_s: float | None
+    settings: MotionSettings
+    sensing: SensingSettings
+    grasp: GraspChoice
+    rng: np.random.Generator
+    on_step: Callable[[str], None]
+    limits: Limits
+    patience: int
+    focus: Array | None = None
+    steps: int = 0
+    stops: int = 0
+    failed: set[tuple[str, int]] = field(default_factory=set)
+    record: _Record = field(default_factory=_Record)
+    thinking: Stopwatch = field(default_factory=Stopwatch)
+    moving: Stopwatch = field(default_factory=Stopwatch)
+
+    def round(self) -> _Ended | None:
+        """Look, then take the target if there is a way, else move something, else look where it may help; the end, if this was it."""
+        mind, record = self.mind, self.record
+        with self.moving:
+            looked = mind.look(self.world, self.limits, self.focus, self.on_step)
+        record.way += looked.motions
+        try:
+            with self.moving:
+                mind.understand()
+        except NoSurfaces as e:
+            return _Ended(Blocked("look", body=mind.empty_scene.target_name, detail=f"the target was not found: {e}"))
+        with self.moving:
+            motions, state = _ready(mind, self.iterations, self.time_budget_s, self.settings, self.grasp)
+            taken = _try_target(mind, looked, motions, state, self.rng)
+        if not isinstance(taken, Blocked):
+            return self.take_out(motions, state, taken)
+        record.kept_in[sum(move.done for move in record.moves) :] = [taken]
+        tried = _Tried()
+        if self.steps < self.max_moves and mind.belief.body(mind.empty_scene.target_name) is not None:
+            tried = self.move_something(motions, state)
+        if tried.stopped is not None:
+            if tried.stopped.holding or self.stops == self.sensing.most_stops:
+                return _Ended(tried.stopped.why or taken)
+            self.look_after_stop(tried.stopped.q)
+            return None
+        if tried.moved:
+            self.steps, self.patience, self.limits = self.steps + 1, self.sensing.patience, self.sensing.after_move
+            with self.moving:
+                self.focus = wanted(mind.empty_scene, mind.robot, mind.belief)
+            return None
+        return None if self.look_closer(motions, state, tried.hindered) else _Ended(taken)
+
+    def take_out(self, motions: Motions, state: State, taken: Done) -> _Ended | None:
+        """Carry the last motions out; None when they stopped before the target was in the hand, and there is another try."""
+        target = self.mind.empty_scene.target_name
+        with self.moving:
+            self.record.doubts += _as_seen(self.mind, state, taken.motions, self.settings.max_tilt_deg, taken.grasp)
+        names = self.known.names(self.mind.belief.bodies)
+        driven = self.carry_out(motions, state, taken.motions)
+        if driven.why is not None and not driven.holding and driven.released is None and self.stops < self.sensing.most_stops:
+            self.look_after_stop(driven.q)
+            return None
+        if driven.why is not None:
+            return _Ended(driven.why, taken.grasp)
+        if names[target] != target:
+            return _Ended(Blocked("verify", body=names[target], detail=f"it was taken for the target {target}"), taken.grasp)
+        return _Ended(None, taken.grasp)
+
+    def move_something(self, motions: Motions, state: State) -> _Tried:
+        """Carry out the first of the policy's proposals for which there are motions."""
+        mind, hindered = self.mind, list[tuple[str, Blocked]]()
+        seen = observation(mind.empty_scene, mind.q, mind.belief)
+        for object_name, region in proposals(self.policy_for(motions), seen, self.rule, self.failed, self.rng, self.thinking):
+            with self.moving:
+                done = motions.relocate(state, object_name, region, self.rng)
+            its = self.known.names(mind.belief.bodies)[object_name]
+            T_from = self.known.poses_now(state.poses)[its]
+            if isinstance(done, Blocked):
+                self.failed.add((object_name, region))
+                T_to = motions.place_pose(object_name, T_from, region)
+                self.record.moves.append(Move(its, region, T_from, T_to, False, done))
+                hindered.append((object_name, done))
+                continue
+            with self.moving:
+                ((_, done),) = motions.quickest([(state, done)], self.rng)
+                planned = motions.trajectories(state, done.motions)
+                self.record.doubts += _as_seen(mind, state, planned, self.settings.max_tilt_deg)
+            driven = self.carry_out(motions, state, planned)
+            if driven.why is not None and driven.released is None:
+                return _Tried(stopped=driven, hindered=hindered)
+            self.on_step(f"moved {object_name} to region {region}")
+            self.record.moves.append(Move(its, region, T_from, self.known.poses_now(done.after.poses)[its], True))
+            mind.moved(object_name, done.after.poses[object_name], driven.q)
+            self.failed.clear()
+            return _Tried(moved=True, hindered=hindered)
+        return _Tried(hindered=hindered)
+
+    def look_closer(self, motions: Motions, state: State, hindered: Sequence[tuple[str, Blocked]]) -> bool:
+        """Aim the next look at what is in the way; False when the loop is to end instead."""
+        mind, before = self.mind, self.focus
+        with self.moving:
+            self.focus = wanted(mind.empty_scene, mind.robot, mind.belief, _hidden(motions, state, hindered, self.sensing.most_hidden))
+        if self.patience == 0 or not self.focus.any() or (before is not None and np.array_equal(before > 0, self.focus > 0)):
+            # the last look has not shown any of what it was to show
+            self.steps += 1
+            if self.rule is Rule.DEEP or self.steps >= self.max_moves:
+                return False
+            self.limits, self.focus = self.sensing.once, None  # the step is lost; the policy may have something else to propose
+            return True
+        self.limits, self.patience = self.sensing.when_stuck, self.patience - 1  # look where it may help, and try once more
+        self.failed.clear()
+        return True
+
+    def look_after_stop(self, q: Array) -> None:
+        """The arm stopped at q (J,): look again, and plan on from there."""
+        self.mind.q, self.limits, self.focus, self.stops = q, self.sensing.after_move, None, self.stops + 1
+
+    def carry_out(self, motions: Motions, state: State, planned: Sequence[Motion]) -> Driven:
+        names = self.known.names(self.mind.belief.bodies)
+        driven = carry_out(
+            self.world, self.known, motions, state, planned, names, self.rng, self.on_step, most_stops=self.sensing.most_stops
+        )
+        self.record.way += driven.motions
+        return driven
 
 
-def _as_seen(mind: _BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:
+def _as_seen(mind: BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:
     """What the verdict finds wrong with motions in the world as it was seen: what was not seen is left to the planner."""
     arm, names = mind.empty_scene.robot, mind.robot.joint_names
     if arm.q_start is not None:  # where it was at first
@@ -302,7 +289,7 @@ def _as_seen(mind: _BeliefState, state: State, motions: Sequence[Motion], max_ti
 
 
 def _ready(
-    mind: _BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings, choice: GraspChoice
+    mind: BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings, choice: GraspChoice
 ) -> tuple[Motions, State]:
     """Motion planning for what is believed now."""
     bodies = mind.belief.bodies
@@ -318,7 +305,7 @@ def _ready(
     return motions, State(mind.q, scene.poses())
 
 
-def _try_target(mind: _BeliefState, looked: Looked, motions: Motions, state: State, rng: np.random.Generator) -> Done | Blocked:
+def _try_target(mind: BeliefState, looked: Looked, motions: Motions, state: State, rng: np.random.Generator) -> Done | Blocked:
     """The motions that take the target out, or why there are none."""
     target = mind.empty_scene.target_name
     if mind.belief.body(target) is None:
@@ -330,12 +317,12 @@ def _try_target(mind: _BeliefState, looked: Looked, motions: Motions, state: Sta
     return replace(taken, motions=motions.trajectories(state, taken.motions))
 
 
-def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]]) -> list[str]:
-    """At most two objects that can't be moved for what was not seen: those tried, else those out of reach, nearest to x_g first."""
+def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]], most: int) -> list[str]:
+    """At most so many objects that can't be moved for what was not seen: those tried, else those out of reach, nearest to x_g first."""
     tried = [name for name, why in failed if (why.body or "").startswith(HIDDEN)]
     if tried:
-        return list(dict.fromkeys(tried))[:MOST_HIDDEN]
+        return list(dict.fromkeys(tried))[:most]
     at = motions.scene.x_g.T_world_hand[:2, 3]
     near = sorted(state.poses, key=lambda name: float(np.linalg.norm(state.poses[name][:2, 3] - at)))
     others = ((name, *motions.picks(state, name)) for name in near if name != motions.scene.target_name)
-    return list(islice((n for n, picks, why in others if not picks and (why.body or "").startswith(HIDDEN)), MOST_HIDDEN))
+    return list(islice((n for n, picks, why in others if not picks and (why.body or "").startswith(HIDDEN)), most))

@@ -15,7 +15,7 @@ from perception.camera import pinhole
 from planning.plan import Motion, Plan
 from planning.policies import make_policy
 from planning.scene_generation import generate, load_spec
-from planning.sensing.retrieve import MOST_STOPS, retrieve_unseen
+from planning.sensing.retrieve import SENSING, retrieve_unseen
 from planning.sensing.world import SimulatedWorld, Stopped, configuration, frame_from, part_done
 
 
@@ -68,7 +68,7 @@ def test_an_arm_that_always_stops_ends_the_loop_with_the_reason(ur5e: Robot, tru
     plan = planned(ur5e, truth, world)
     assert not plan.success
     assert "the execution stopped: somebody pressed the button" in str(plan.reason)
-    assert len(world.stopped) == MOST_STOPS + 1
+    assert len(world.stopped) == SENSING.most_stops + 1
 
 
 def test_an_arm_that_stops_as_it_lifts_is_not_gone_on_with(ur5e: Robot, truth: Scene) -> None:

@@ -1,0 +1,197 @@
+"""Plans: made, judged, handed to a controller: `plan`, `verify`, `export`."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from retrieve_cli.commands.options import (
+    Address,
+    At,
+    By,
+    Engine,
+    GripperJoint,
+    HandFrame,
+    Job,
+    PoseNoise,
+    Resume,
+    Robot,
+    Rule,
+    Seed,
+    TargetGrasp,
+    Workers,
+)
+
+
+def plan(
+    scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; stdin if left out or -.", metavar="SCENES")] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            "--policy", help="Who chooses objects and regions: neural (where networks ship, the default), local, …", metavar="NAME"
+        ),
+    ] = None,
+    rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
+    seed: Seed = 0,
+    iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
+    time_budget_s: Annotated[
+        float | None,
+        typer.Option("--time-budget-s", help="Seconds for a try of the target, or of a move, instead: not repeatable.", min=1e-3),
+    ] = None,
+    max_moves: Annotated[int, typer.Option("--max-moves", help="How many objects may be moved.", min=0)] = 5,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="A model folder; by default the networks that ship for the robot.", metavar="DIR")
+    ] = None,
+    sense: Annotated[bool, typer.Option("--sense", help="Know nothing at first: look, plan on what is seen, look again.")] = False,
+    world: Annotated[
+        str | None,
+        typer.Option("--world", help="With --sense: a real cell, the object that this function returns.", metavar="MODULE:FUNCTION"),
+    ] = None,
+    noise: Annotated[bool, typer.Option("--noise", help="With --sense: depths as noisy as a stereo depth camera's.")] = False,
+    by: Annotated[By, typer.Option("--by", help="With --sense: tell objects apart by masks, or by geometry alone.")] = By.mask,
+    target_box: Annotated[
+        str | None,
+        typer.Option("--target-box", help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.", metavar="BOX"),
+    ] = None,
+    grasp: Annotated[
+        TargetGrasp,
+        typer.Option("--grasp", help="How to take the target: x_g, any grasp that fits, or the best of a list."),
+    ] = TargetGrasp.given,
+    clearance: Annotated[
+        float,
+        typer.Option("--clearance", help="How far motions keep from everything, where the places they join let them, mm.", metavar="MM"),
+    ] = 5.0,
+    clearance_least: Annotated[float, typer.Option("--clearance-least", help="Less than that is refused, mm.", metavar="MM")] = 0.5,
+    max_tilt: Annotated[
+        float,
+        typer.Option("--max-tilt", help="How far what is carried may lean, where the scene does not say; 180 frees it.", metavar="DEG"),
+    ] = 30.0,
+    speed: Annotated[float, typer.Option("--speed", help="Share of full speed, 0.01 to 1: at 0.5 all takes twice as long.")] = 1.0,
+    hand_speed: Annotated[
+        float, typer.Option("--hand-speed", help="How fast the hand may move with an object in it, m/s.", metavar="M/S")
+    ] = 1.0,
+    slow_below: Annotated[
+        float,
+        typer.Option("--slow-below", help="Motions that come nearer to something slow down in proportion; 0: none.", metavar="MM"),
+    ] = 0.0,
+    limits: Annotated[
+        Path | None, typer.Option("--limits", help="Limits of velocity, acceleration and jerk of your own, TOML.", metavar="FILE")
+    ] = None,
+    unseen: Annotated[
+        str, typer.Option("--unseen", help="Scenes out of frames: space that nobody has seen is solid, or free.", metavar="solid|free")
+    ] = "solid",
+    html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
+    workers: Workers = None,
+    engine: At = Engine.local,
+    address: Address = None,
+    resume: Resume = False,
+    fail_fast: Annotated[
+        bool, typer.Option("--fail-fast", help="End at a scene that can't be meant, instead of saying so in its plan.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell no stories on the terminal.")] = False,
+    pose_noise_mm: Annotated[
+        float,
+        typer.Option(
+            "--pose-noise", help="Overlaps and gaps up to so many mm are settled as noise of the objects' poses.", min=0.0, max=20.0
+        ),
+    ] = 2.0,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Plans, JSON Lines; stdout if left out.", metavar="FILE")] = None,
+) -> Job:
+    """Plan moves and motions that take the target out, or say why there are none."""
+    from retrieve_cli import plan as command
+
+    return partial(
+        command.run,
+        scenes=scenes,
+        policy=policy,
+        rule=rule.value,
+        seed=seed,
+        iterations=iterations,
+        time_budget_s=time_budget_s,
+        max_moves=max_moves,
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
+        model=model,
+        sense=sense,
+        world=world,
+        noise=noise,
+        by=by.value,
+        target_box=target_box,
+        grasp=grasp.value,
+        clearance_mm=clearance,
+        clearance_least_mm=clearance_least,
+        max_tilt_deg=max_tilt,
+        speed=speed,
+        hand_speed=hand_speed,
+        slow_below_mm=slow_below,
+        limits=limits,
+        unseen=unseen,
+        html=html,
+        strict=strict,
+        resume=resume,
+        fail_fast=fail_fast,
+        quiet=quiet,
+        pose_noise_mm=pose_noise_mm,
+        out=out,
+        workers=workers,
+        engine=engine.value,
+        address=address,
+    )
+
+
+def verify(
+    scenes: Annotated[Path, typer.Argument(help="The scenes that the plans were made for, JSON Lines; - is stdin.", metavar="SCENES")],
+    plans: Annotated[Path | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every fault, one line of JSON a plan.")] = False,
+    mu: Annotated[float, typer.Option("--mu", help="Friction of the pads on objects.", min=0.01, max=5.0)] = 0.5,
+    max_tilt_deg: Annotated[
+        float | None, typer.Option("--max-tilt", help="How far, in degrees, an object may lean while it is carried.", min=0.0, max=180.0)
+    ] = None,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
+    workers: Workers = None,
+    pose_noise_mm: PoseNoise = 2.0,
+) -> Job:
+    """Judge plans from anywhere by their scenes alone: holds, contacts, limits, and whether each plan does what it says."""
+    from retrieve_cli import verify as command
+
+    return partial(
+        command.run,
+        scenes=scenes,
+        plans=plans,
+        as_json=as_json,
+        mu=mu,
+        max_tilt_deg=max_tilt_deg,
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
+        workers=workers,
+        pose_noise_mm=pose_noise_mm,
+    )
+
+
+def export(
+    plans: Annotated[Path | None, typer.Argument(help="Plans, JSON Lines; stdin if left out or -.", metavar="PLANS")] = None,
+    to: Annotated[str, typer.Option("--to", help="What the files are for.", metavar="ros2|urscript|franka|csv|npz")] = "csv",
+    out: Annotated[Path, typer.Option("-o", "--out", help="The folder that gets one folder a plan.", metavar="DIR")] = Path("exported"),
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate", help="Rows a second: csv 1000 by default, npz the plan's own rows.", metavar="HZ")
+    ] = None,
+    joints: Annotated[
+        str | None, typer.Option("--joints", help="The arm's joints in the controller's order, with commas between.", metavar="NAMES")
+    ] = None,
+    unverified: Annotated[bool, typer.Option("--unverified", help="Export plans that are not verified, too.")] = False,
+) -> Job:
+    """Write plans as files that a controller takes: trajectories of the arm, and the gripper's commands between them."""
+    from retrieve_cli.export import command
+
+    return partial(command.run, plans=plans, to=to, out=out, rate_hz=rate_hz, joints=joints, unverified=unverified)

@@ -23,13 +23,13 @@ from planning.motion.upright import is_upright
 PULL_OUT_M, PULLS_OUT = 0.02, 5
 """Steps in which the hand is pulled out of a narrow end, and how many."""
 MOST_ENDS = 8
-"""Goals that a search with clearance is given."""
+"""Starts, and goals, that a search with clearance is given."""
 
 
 def connect(
     task: Task,
     keeping: Callable[[float], Task],
-    start: Array,
+    starts: Array,
     goals: Array,
     *,
     max_iterations: int,
@@ -38,47 +38,47 @@ def connect(
     memory: Memory,
     settings: MotionSettings,
 ) -> Route:
-    """A shortened path from start (A,) to the nearest of goals (G, A), each edge certified.
+    """A shortened path from the nearest of starts (S, A) to the nearest of goals (G, A), each edge certified.
 
-    task: the query at the least clearance, which start and goals are to hold to; keeping: the same at another clearance, in metres.
+    task: the query at the least clearance, which starts and goals are to hold to; keeping: the same at another clearance, in metres.
     The memory is ready for the task, and has served others afterwards. max_iterations, time_budget_s: of the search at the least clearance.
     """
     *wider, _ = settings.clearance.levels_m
     briefly = min(settings.clearance.iterations, max_iterations)
     for level in wider[:1]:
-        if (found := connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings)) is not None:
+        if (found := connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings)) is not None:
             return found
         edge_check.enter(task.exact, memory.exact)
     found = plan(
-        task, start, goals, max_iterations=max_iterations, time_budget_s=time_budget_s, seed=seed, memory=memory, settings=settings.rrt
+        task, starts, goals, max_iterations=max_iterations, time_budget_s=time_budget_s, seed=seed, memory=memory, settings=settings.rrt
     )
     if found.path is None:
         return found
     closely = replace(found, path=shorten(task, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path)
-    clear = (connect_clear(task, keeping(level), start, goals, briefly, seed, memory, settings) for level in wider[1:])
+    clear = (connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings) for level in wider[1:])
     return next((route for route in clear if route is not None), closely)
 
 
 def connect_clear(
-    task: Task, clear: Task, start: Array, goals: Array, iterations: int, seed: int, memory: Memory, settings: MotionSettings
+    task: Task, clear: Task, starts: Array, goals: Array, iterations: int, seed: int, memory: Memory, settings: MotionSettings
 ) -> Route | None:
     """A path by the clear task, found within a few iterations, or None. Where an end is nearer to something than that, the hand is pulled
     straight out of there first, by edges of the other task."""
-    begin = way_out(task, clear, start, memory)
-    if begin is None:
+    begins = [(s, way) for s, q in enumerate(starts[:MOST_ENDS]) if (way := way_out(task, clear, q, memory)) is not None]
+    if not begins:
         return None
     ends = [(g, way) for g, q in enumerate(goals[:MOST_ENDS]) if (way := way_out(task, clear, q, memory)) is not None]
     if not ends:
         return None
     edge_check.enter(clear.exact, memory.exact)
-    roots = np.array([way[-1] for _, way in ends])
-    found = plan(clear, begin[-1], roots, max_iterations=iterations, seed=seed, memory=memory, settings=settings.rrt)
+    first, last = (np.array([way[-1] for _, way in ways]) for ways in (begins, ends))
+    found = plan(clear, first, last, max_iterations=iterations, seed=seed, memory=memory, settings=settings.rrt)
     if found.path is None:
         return None
     short = shorten(clear, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path
     assert short is not None
-    goal, end = ends[found.goal]
-    return replace(found, path=np.concatenate([begin[:-1], short, end[-2::-1]]), goal=goal)
+    (start, begin), (goal, end) = begins[found.start], ends[found.goal]
+    return replace(found, path=np.concatenate([begin[:-1], short, end[-2::-1]]), start=start, goal=goal)
 
 
 def way_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:

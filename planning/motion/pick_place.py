@@ -58,6 +58,7 @@ class _Memory:
         self.transits: dict[Pick, Array | Blocked] = {}
         self.reachable: dict[Pick, bool] = {}
         self.placing: dict[Pick, Placing] = {}
+        self.turned: dict[Pick, list[Pick]] = {}
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
         self.without: dict[str, dict[str, Array]] = {}
 
@@ -96,6 +97,11 @@ class Motions:
         self._bottoms = {b.name: float(boxes[b.name][2] - boxes[b.name][5] / 2 - b.T_world_body[2, 3]) - floor_z for b in scene.objects}
         """How far below its origin each object ends, less the floor's height."""
         self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Between which values (A,) the arm's joints may be."""
+        return self.cell.arm.chain.lower, self.cell.arm.chain.upper
 
     def start(self) -> State:
         """The scene's first state, the arm at its q_start or at home before the cabinet. Raises ValueError when it can't wait there."""
@@ -174,11 +180,15 @@ class Motions:
             if isinstance(way_in, Blocked):
                 why = way_in
                 continue
-            way_out = self._way_out(pick, rng)
-            if isinstance(way_out, Blocked):
-                why = way_out
+            goals = self._way_out_ends(pick)
+            if len(goals) == 0:
+                why = Blocked("transfer", "hand", name, detail="no free configuration holds it outside the cabinet")
                 continue
-            return carried(self.cell, state, name, self._without(state, name), Carry(pick, None, way_in, way_out))
+            across = self._across(state, pick, goals, rng)
+            if isinstance(across, Blocked):
+                why = across
+                continue
+            return carried(self.cell, state, name, self._without(state, name), across)
         return why
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
@@ -209,10 +219,12 @@ class Motions:
             if isinstance(way_in, Blocked):
                 why = way_in
                 continue
-            across = self.cell.connect(pick.carrying, pick.lift[-1], place.lower[:1], rng)
+            places = place.turned(*self.limits) if pick.carrying.task.upright.limited else [place]
+            across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
             if not isinstance(across, Blocked):
-                return carried(self.cell, state, name, self._without(state, name), Carry(pick, place, way_in, across))
-            why = replace(across, stage="transfer")
+                place = next(turned for turned in places if np.array_equal(turned.lower[0], across.across[-1]))
+                return carried(self.cell, state, name, self._without(state, name), replace(across, place=place))
+            why = across
             tries += 1
             if tries == MAX_TRIES:
                 break
@@ -244,7 +256,8 @@ class Motions:
                 break
             down, ends = self._placing(state, pick).ends(centres[open_])
             if len(down):
-                out[open_[down]] = self.cell.reached(pick.carrying, pick.lift[-1], ends, rng, BRIEFLY)
+                starts = np.array([turned.lift[-1] for turned in self._turned(state, pick)])
+                out[open_[down]] = self.cell.reached(pick.carrying, starts, ends, rng, BRIEFLY)
             open_ = open_[~out[open_]]
         return out
 
@@ -367,14 +380,30 @@ class Motions:
             known[pick] = blocked or self.cell.connect(moving, self.robot.arm_q(state.q), pick.approach[:1], rng)
         return known[pick]
 
-    def _way_out(self, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
-        """From the lifted target to a configuration with all of it outside the cabinet: straight out of it where there is a way."""
+    def _way_out_ends(self, pick: Pick) -> Array:
+        """Arm configurations (G, A) with all of the target outside the cabinet: straight out of it where there is a way."""
         near = self.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])
-        goals = np.concatenate([near, self.cell.outside(pick.carrying, pick.held)])
-        if len(goals) == 0:
-            return Blocked("transfer", "hand", pick.held.body, detail="no free configuration holds it outside the cabinet")
-        path = self.cell.connect(pick.carrying, pick.lift[-1], goals, rng)
-        return replace(path, stage="transfer") if isinstance(path, Blocked) else path
+        return np.concatenate([near, self.cell.outside(pick.carrying, pick.held)])
+
+    def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
+        """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further; not to a place
+        yet."""
+        picks = self._turned(state, pick)
+        path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng)
+        if isinstance(path, Blocked):
+            return replace(path, stage="transfer")
+        pick = next(turned for turned in picks if np.array_equal(turned.lift[-1], path[0]))
+        way_in = self._transit(state, pick, rng)
+        return way_in if isinstance(way_in, Blocked) else Carry(pick, None, way_in, path)
+
+    def _turned(self, state: State, pick: Pick) -> list[Pick]:
+        """A pick, and where what it holds must stay upright, the same with joints whole turns further."""
+        if not pick.carrying.task.upright.limited:
+            return [pick]
+        known = self._recall(state).turned
+        if pick not in known:
+            known[pick] = pick.turned(*self.limits)
+        return known[pick]
 
     @property
     def state(self) -> State:

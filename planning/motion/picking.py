@@ -17,6 +17,7 @@ from planning.grasps import DENSE, USUAL, Sampling, open_width, pad_of, sample_g
 from planning.motion import reaching
 from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
+from planning.motion.turns import whole_turns
 from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 from planning.verdict import judge_grasp
@@ -63,6 +64,11 @@ class Pick:
     held: Held
     carrying: PlanningQuery
     lifting: PlanningQuery
+
+    def turned(self, lower: Array, upper: Array) -> list[Pick]:
+        """This pick, and the same with joints whole turns further where limits (A,) allow that."""
+        _, *turns = whole_turns(np.concatenate([self.approach, self.lift]), lower, upper)
+        return [self, *(replace(self, approach=self.approach + by, lift=self.lift + by) for by in turns)]
 
 
 class Picking:

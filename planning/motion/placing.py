@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from kinematics.transforms import Array, inverse
 from planning.motion import reaching
 from planning.motion.picking import Pick
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
+from planning.motion.turns import whole_turns
 from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 
@@ -29,6 +30,11 @@ class Place:
     lower: Array
     retreat: Array
     T_world_object: Array
+
+    def turned(self, lower: Array, upper: Array) -> list[Place]:
+        """This place, and the same with joints whole turns further where limits (A,) allow that."""
+        _, *turns = whole_turns(np.concatenate([self.lower, self.retreat]), lower, upper)
+        return [self, *(replace(self, lower=self.lower + by, retreat=self.retreat + by) for by in turns)]
 
 
 @dataclass(frozen=True, eq=False)

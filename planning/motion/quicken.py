@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects_from_ends
-from planning.motion.rrt_connect import uniform
 from planning.motion.smoothing.estimates import Limits, room_for, seconds
+from planning.motion.trees import uniform
 
 _ROOM = 16  # waypoints that cut corners may add
 

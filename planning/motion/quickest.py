@@ -11,9 +11,8 @@ the wanted clearance, or is not used; and the search ends when what it may still
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
 
 import numpy as np
 
@@ -33,8 +32,6 @@ PUT_DOWN_S = 0.9
 """Lowering and retreating, until these are known."""
 WORTH = 1.2
 """A way that was planned anew is made quicker only if it takes no more than so many times what the quickest takes already."""
-MOST_TURNED = 4
-"""Picks that differ by whole turns of joints."""
 DOUBT = 0.7
 """A way that nobody has looked at is taken to need so much more than the straight one, as a share of what a detour takes more."""
 UNKNOWN, BENT, KNOWN = 0, 1, 2
@@ -69,7 +66,7 @@ class _Layer:
 
     def __init__(self, choices: Choices, lower: Array, upper: Array, limits: Limits) -> None:
         self.choices, self.limits, found = choices, limits, choices.found
-        kinds = [(found.pick, found.pick), *((t, pick) for pick in choices.picks for t in _turned(pick, lower, upper))]
+        kinds = [(found.pick, found.pick), *((turned, pick) for pick in choices.picks for turned in pick.turned(lower, upper))]
         self.picks, self.as_found = [turned for turned, _ in kinds], [pick for _, pick in kinds]
         known_ends = {id(pick): choices.ends(pick) for pick in self.as_found}
         ends = [_nearest_turns(known_ends[id(pick)], turned.lift[-1], lower, upper) for turned, pick in kinds]
@@ -279,15 +276,6 @@ def _detour_s(straight_s: Array) -> Array:
 def _hoped_s(straight_s: Array) -> Array:
     """Seconds that a way is taken to need which nobody has looked at."""
     return np.asarray(straight_s + DOUBT * (_detour_s(straight_s) - straight_s))
-
-
-def _turned(pick: Pick, lower: Array, upper: Array) -> Iterator[Pick]:
-    """A pick, and the same with joints a whole turn further where limits allow that."""
-    way = np.concatenate([pick.approach, pick.lift])
-    fits = [[s * 2 * np.pi for s in (0, 1, -1) if s == 0 or (lower[j] <= w.min() + s * 2 * np.pi and w.max() + s * 2 * np.pi <= upper[j])]
-            for j, w in enumerate(way.T)]  # fmt: skip
-    for by in islice(product(*fits), MOST_TURNED):
-        yield replace(pick, approach=pick.approach + by, lift=pick.lift + by) if any(by) else pick
 
 
 def _nearest_turns(solutions: Array, near: Array, lower: Array, upper: Array) -> Array:

@@ -16,7 +16,8 @@ from kinematics.doors import checked
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects, make_memory
-from planning.motion.rrt_connect import Route, uniform, weighted
+from planning.motion.rrt_connect import Route
+from planning.motion.trees import uniform, weighted
 
 _ROOM = 64  # waypoints that partial shortcuts may add
 
@@ -58,7 +59,7 @@ def shorten(
     rng = np.array([seed % 2**64], np.uint64)
     n = int(_shorten(task, room, len(path), rng, settings.tries, settings.patience, settings.gain, memory, work))
     spent = scratch.counts - counts
-    return Route(room[:n].copy(), "", -1, None, settings.tries, int(spent[0]), int(spent[2]), time.perf_counter() - began)
+    return Route(room[:n].copy(), "", -1, -1, None, settings.tries, int(spent[0]), int(spent[2]), time.perf_counter() - began)
 
 
 def length(task: Task, path: Array) -> float:

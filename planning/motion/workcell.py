@@ -389,16 +389,16 @@ class Workcell:
     def connect(
         self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
     ) -> Array | Blocked:
-        """A shortened, certified path (K, A) from start (A,) to the nearest of goals (G, A), with as much clearance as there is;
-        iterations: a budget of its own."""
-        seed = int(rng.integers(2**31))
-        if touch := self.touch(query, start):
+        """A shortened, certified path (K, A) from start (A,), or the nearest of several (S, A) with the hand at one pose, to the nearest of
+        goals (G, A), with as much clearance as there is; iterations: a budget of its own."""
+        seed, starts = int(rng.integers(2**31)), np.atleast_2d(start)
+        if touch := self.touch(query, starts[0]):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
         left_s = None if iterations else self._left_s()
         if left_s is not None and left_s <= 0:
             return Blocked("transit", detail=TIME_IS_UP)
         found = connect(
-            query.task, lambda clearance_m: self.keeping(query, clearance_m).task, start, goals,
+            query.task, lambda clearance_m: self.keeping(query, clearance_m).task, starts, goals,
             max_iterations=iterations or (self.iterations if self.time_budget_s is None else 2**62),
             time_budget_s=left_s, seed=seed, memory=self.memory, settings=self.settings,
         )  # fmt: skip
@@ -409,7 +409,7 @@ class Workcell:
             return Blocked("transit", touch.link, touch.body, detail="at the goal")
         if found.why == "tilt":
             return Blocked("transit", detail=TILTS)
-        touch = self.edge(query, start, goals[0]) or CollisionPair()
+        touch = self.edge(query, starts[0], goals[0]) or CollisionPair()
         return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
 
     def connect_clear(self, query: PlanningQuery, start: Array, goal: Array, rng: np.random.Generator, iterations: int) -> Array | None:
@@ -419,7 +419,7 @@ class Workcell:
         """
         seed = int(rng.integers(2**31))
         clear, memory = self.keeping(query, self.settings.clearance.wanted_m).task, self.enter(query)
-        found = connect_clear(query.task, clear, start, goal[None], iterations, seed, memory, self.settings)
+        found = connect_clear(query.task, clear, start[None], goal[None], iterations, seed, memory, self.settings)
         self._entered = None
         return None if found is None else found.path
 
@@ -464,7 +464,7 @@ class Workcell:
         return with_clearance(task, solids + off_m, min(clearance_m, self.settings.clearance.own_m) + off_m)
 
     def reached(self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
-        """To which of goals (G, A) there is a path from start (A,), each sought in so many iterations."""
+        """To which of goals (G, A) there is a path from start (A,), or from any of several (S, A), each sought in so many iterations."""
         seed = int(rng.integers(2**31))
         memory, rrt = self.enter(query), self.settings.rrt
         return reach(query.task, start, goals, max_iterations=iterations, seed=seed, memory=memory, settings=rrt)

@@ -122,6 +122,22 @@ def test_several_goals() -> None:
     assert here.goal == 0
 
 
+def test_several_starts() -> None:
+    """Starts in contact are left out, one behind a closed wall leads nowhere, the indices are those of the caller's arrays."""
+    inside, starts = np.array([0.0, -0.5]), np.array([[0.0, -0.5], RIGHT, LEFT, [-0.6, -0.7]])
+    for goals, pairs in ((np.array([[-0.5, 0.7]]), {(2, 0), (3, 0)}), (np.array([inside, RIGHT + 0.1]), {(1, 1)})):
+        found = plan(make_task(slit(0.0)), starts, goals)
+        assert found.path is not None
+        assert (found.start, found.goal) in pairs
+        np.testing.assert_array_equal(found.path[[0, -1]], [starts[found.start], goals[found.goal]])
+    blocked = plan(make_task(slit(0.3)), np.array([inside, [0.0, 0.95]]), RIGHT[None])
+    assert (blocked.path, blocked.why, blocked.contact, blocked.start) == (None, "start", (0, 2), -1)
+    task = make_task(slit(0.19))
+    goals = np.array([[-0.7, 0.8], [0.7, -0.8], inside])
+    for begin, reached in ((starts[:1], [0, 0, 0]), (starts[2:], [1, 0, 0]), (starts, [1, 1, 0])):
+        np.testing.assert_array_equal(reach(task, begin, goals, max_iterations=2000, seed=1, memory=make_memory(task)), reached)
+
+
 def test_reached_goals_are_those_with_a_way() -> None:
     """Goals on both sides of the wall, and some within it: through an opening all free ones are reached, without one those on this side."""
     x, y = np.meshgrid([-0.7, -0.5, 0.0, 0.5, 0.7], [-0.8, -0.3, 0.2, 0.8])

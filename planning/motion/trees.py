@@ -1,0 +1,306 @@
+"""The two trees of RRT-Connect, compiled: how they are planted, how they grow, and what else leads from goal to goal.
+
+With dynamic domains (Yershova et al. 2005): a node that failed to extend is drawn on only by samples near it. Half of the samples are drawn
+around the roots, of all sizes alike: a hand at a grasp, or between objects, has to find its way out first. A search that lasts pulls the
+hand straight out of stuck roots (pulling.py), and later goes towards each sample as far as it can. Distances are metres moved: each joint
+weighs what it can move.
+
+Where what is carried must stay upright, samples are turned until it is, and so is every step that would tilt it too far (projection, as in
+CBiRRT; Berenson et al. 2009): the limit leaves too little of the joints' box for samples to be met there by chance.
+
+The loop knows neither arm nor world: it asks `connects` (edges.py), the one place where an edge is judged.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.chain import Int
+from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
+from kinematics.jit.record import record
+from kinematics.transforms import Array
+from planning.motion.edges import Memory, Task, connects
+from planning.motion.pulling import PULL_M, WAYS, pulled
+from planning.motion.upright import bring_upright, is_upright
+
+FOUND, SPENT, FULL = 1, 0, 2
+HEADROOM = 0.9
+"""Share of the allowed tilt to which what a step tilts too far is brought back."""
+_EDGES = 4  # to a goal from others that were reached, before a search is begun
+
+
+@record
+class GrowthSettings(NamedTuple):
+    """`planning.motion.rrt_connect.RRTConnectSettings` for compiled code."""
+
+    step: float
+    around_roots: float
+    narrowest: float
+    domain: float
+    pulls_at: int
+    pulls: int
+    stuck: int
+    pulled: int
+    far_from: int
+
+
+@record
+class Trees(NamedTuple):
+    """Both trees, the starts' (0) and goals' (1), N nodes at most: q (2, N, J), parent (2, N), -1 for roots, radius (2, N) of the domain.
+
+    roots (2,): how many of each tree's first nodes are roots. size (2,); rng (1,): state of the random numbers; met (3,): the two nodes
+    that met, and iterations so far. Scratch: work (3, J); descent and T (2, 4, 4) for pulls.
+    """
+
+    q: Array
+    parent: Int
+    radius: Array
+    roots: Int
+    size: Int
+    rng: NDArray[np.uint64]
+    met: Int
+    work: Array
+    descent: Array
+    T: Array
+
+
+def plant(starts: Array, goals: Array, seed: int) -> Trees:
+    """Trees of nothing but roots, starts (S, J) and goals (G, J)."""
+    roots = np.array([len(starts), len(goals)], np.int64)
+    n, J = 256 + 2 * int(roots.max()), starts.shape[1]
+    trees = Trees(
+        np.zeros((2, n, J)),
+        np.full((2, n), -1, np.int64),
+        np.full((2, n), np.inf),
+        roots,
+        roots.copy(),
+        np.array([seed % 2**64], np.uint64),
+        np.zeros(3, np.int64),
+        np.empty((3, J)),
+        np.empty((12 + J, max(6, J))),
+        np.empty((2, 4, 4)),
+    )
+    trees.q[0, : len(starts)], trees.q[1, : len(goals)] = starts, goals
+    return trees
+
+
+def widen(trees: Trees) -> Trees:
+    """The same trees with room for twice as many nodes."""
+    return trees._replace(
+        q=np.concatenate([trees.q, np.zeros_like(trees.q)], 1),
+        parent=np.concatenate([trees.parent, trees.parent], 1),
+        radius=np.concatenate([trees.radius, trees.radius], 1),
+    )
+
+
+def climb(trees: Trees, side: int) -> list[int]:
+    """Node indices from where the trees met to the root."""
+    way = [int(trees.met[side])]
+    while trees.parent[side, way[-1]] >= 0:
+        way.append(int(trees.parent[side, way[-1]]))
+    return way
+
+
+@jit_inline
+def uniform(rng: NDArray[np.uint64]) -> float:
+    """A number in [0, 1) from the state rng (1,), which it advances (SplitMix64; Steele, Lea and Flood 2014)."""
+    rng[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = rng[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) * 2.0**-53
+
+
+@jit_inline
+def weighted(weight: Array, a: Array, b: Array) -> float:
+    """The distance of two configurations (J,) in metres moved."""
+    d = 0.0
+    for j in range(weight.shape[0]):
+        e = weight[j] * (b[j] - a[j])
+        d += e * e
+    return float(np.sqrt(d))
+
+
+@jit_entry
+def grow(task: Task, trees: Trees, s: GrowthSettings, iterations: int, memory: Memory) -> int:
+    """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
+    q, size, weight = trees.q, trees.size, task.exact.weight
+    lower, upper = task.exact.chain.lower, task.exact.chain.upper
+    step = s.step * weighted(weight, lower, upper)
+    if trees.met[2] == 0:  # the nearest goals straight away
+        for g in range(min(size[1], 4)):
+            near, _ = _closest(q, 0, size[0], weight, q[1, g])
+            if connects(task, q[0, near], q[1, g], memory):
+                trees.met[0], trees.met[1] = near, g
+                trees.met[2] = 1
+                return FOUND
+    for _ in range(iterations):
+        if size[0] == q.shape[1] or size[1] == q.shape[1]:
+            return FULL
+        turn = trees.met[2]
+        trees.met[2] += 1
+        root = _to_pull(trees, s, turn)
+        if root >= 0:
+            side = 0 if root < min(trees.roots[0], s.pulled) else 1
+            root -= side * min(trees.roots[0], s.pulled)
+            here = _pull(task, trees, side, root, (turn - s.pulls_at) % WAYS, s.pulls, memory)
+        else:
+            side = turn % 2
+            if turn % 4 != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
+                side = 0 if size[0] < size[1] else 1  # balance
+            _sample(trees, s, side, lower, upper, trees.work[0])
+            if task.upright.limited:
+                tilt = task.upright.most * np.sqrt(uniform(trees.rng))  # evenly over the cone
+                bring_upright(task.exact.chain, task.upright, weight, tilt, trees.work[0], memory.exact, trees.work[2])
+            here = _extend(task, trees, s, side, step, turn >= s.far_from, memory)
+        if here >= 0 and _meet(task, trees, side, here, step, memory):
+            return FOUND
+    return SPENT
+
+
+@jit_inline
+def _to_pull(trees: Trees, s: GrowthSettings, turn: int) -> int:
+    """Which root the hand is pulled out of in this iteration, the starts first, then the goals; -1 for none."""
+    starts, goals, root = min(trees.roots[0], s.pulled), min(trees.roots[1], s.pulled), (turn - s.pulls_at) // WAYS
+    if root < 0 or root >= starts + goals:
+        return -1
+    side = 0 if root < starts else 1
+    return root if trees.size[side] - trees.roots[side] <= s.stuck else -1
+
+
+@jit_inline
+def _pull(task: Task, trees: Trees, side: int, root: int, way: int, pulls: int, memory: Memory) -> int:
+    """Pull the hand out of a root, one way; the last new node of that tree, or -1."""
+    q, new, here = trees.q, trees.work[1], root
+    for _ in range(pulls):
+        pulled(task.exact.chain, q[side, here], way, PULL_M, memory.exact.poses, trees.descent, trees.T, new)
+        if trees.size[side] == q.shape[1] or not connects(task, q[side, here], new, memory):
+            break
+        here = _add(trees, side, here, new)
+    return here if here != root else -1
+
+
+@jit_inline
+def _extend(task: Task, trees: Trees, s: GrowthSettings, side: int, step: float, far: bool, memory: Memory) -> int:
+    """Extend one tree towards the target trees.work[0] by a step, or by all that are free; its last new node, or -1."""
+    q, weight, target, new = trees.q, task.exact.weight, trees.work[0], trees.work[1]
+    near, d = _closest(q, side, trees.size[side], weight, target)
+    if d > trees.radius[side, near]:
+        return -1
+    here = near
+    while trees.size[side] < q.shape[1]:
+        share = min(1.0, step / max(d, 1e-300))
+        for j in range(weight.shape[0]):
+            new[j] = q[side, here, j] + share * (target[j] - q[side, here, j])
+        mended = _mend(task, trees, new, memory)
+        if not connects(task, q[side, here], new, memory):
+            break
+        here = _add(trees, side, here, new)
+        if mended:
+            nearer = weighted(weight, new, target)
+            if nearer > d - 0.3 * step:  # along the limit, not towards the target any more
+                break
+            d = nearer
+        else:
+            d -= step
+        if not far or (share == 1.0 and not mended):
+            break
+    if here == near:
+        widest = s.domain * step
+        trees.radius[side, near] = widest if trees.radius[side, near] == np.inf else max(0.1 * widest, 0.7 * trees.radius[side, near])
+        return -1
+    trees.radius[side, near] *= 1.3
+    return here
+
+
+@jit_inline
+def _meet(task: Task, trees: Trees, side: int, here: int, step: float, memory: Memory) -> bool:
+    """Grow the other tree straight towards a node of this one, as far as it goes. Whether they met: trees.met says where."""
+    q, other, target = trees.q, 1 - side, trees.work[0]
+    near, d = _closest(q, other, trees.size[other], task.exact.weight, q[side, here])
+    steps = max(1, int(np.ceil(d / step)))
+    for s in range(steps):
+        for j in range(target.shape[0]):
+            target[j] = q[other, near, j] + (q[side, here, j] - q[other, near, j]) / (steps - s)
+        if s < steps - 1:
+            _mend(task, trees, target, memory)
+        if trees.size[other] == q.shape[1] or not connects(task, q[other, near], target, memory):
+            return False
+        if s < steps - 1:
+            near = _add(trees, other, near, target)
+    trees.met[side], trees.met[other] = here, near
+    return True
+
+
+@jit_inline
+def _mend(task: Task, trees: Trees, q: Array, memory: Memory) -> bool:
+    """Bring a configuration (J,) back where what is carried is upright; whether there was anything to mend."""
+    upright = task.upright
+    if not upright.limited or is_upright(task.exact.chain, upright, q, memory.exact):
+        return False
+    bring_upright(task.exact.chain, upright, task.exact.weight, HEADROOM * upright.most, q, memory.exact, trees.work[2])
+    return True
+
+
+@jit_entry
+def spread(task: Task, starts: Array, goals: Array, memory: Memory, found: NDArray[np.bool_], tried: NDArray[np.bool_]) -> None:
+    """Mark in found (G,) which goals (G, J) an edge leads to from one of starts (S, J) or from a goal that was found, the nearest few of
+    these.
+
+    tried (G, G + S): edges to a goal that were looked at before, from another goal or, in the last columns, from a start.
+    """
+    G, weight = goals.shape[0], task.exact.weight
+    for _ in range(_EDGES):
+        for g in range(G):
+            if found[g]:
+                continue
+            near, best = -1, np.inf
+            for h in range(tried.shape[1]):
+                if not tried[g, h] and (h >= G or found[h]):
+                    d = weighted(weight, goals[h] if h < G else starts[h - G], goals[g])
+                    if d < best:
+                        near, best = h, d
+            if near >= 0:
+                tried[g, near] = True
+                found[g] = connects(task, goals[near] if near < G else starts[near - G], goals[g], memory)
+
+
+@jit_inline
+def _sample(trees: Trees, s: GrowthSettings, side: int, lower: Array, upper: Array, target: Array) -> None:
+    """Draw a target (J,) for one tree: from the whole box, or from a smaller one around a root, of a size from `narrowest` to 1."""
+    if uniform(trees.rng) >= s.around_roots:
+        for j in range(lower.shape[0]):
+            target[j] = lower[j] + uniform(trees.rng) * (upper[j] - lower[j])
+        return
+    share = s.narrowest ** uniform(trees.rng)
+    root = int(uniform(trees.rng) * trees.roots[side]) if side == 1 or trees.roots[0] > 1 else 0
+    for j in range(lower.shape[0]):
+        drawn = trees.q[side, root, j] + share * (uniform(trees.rng) - 0.5) * (upper[j] - lower[j])
+        target[j] = min(max(drawn, lower[j]), upper[j])
+
+
+@jit_inline
+def _add(trees: Trees, side: int, parent: int, q: Array) -> int:
+    n = trees.size[side]
+    copy_row(q, trees.q[side, n])
+    trees.parent[side, n], trees.radius[side, n] = parent, np.inf
+    trees.size[side] = n + 1
+    return int(n)
+
+
+@jit_inline
+def _closest(q: Array, side: int, size: int, weight: Array, target: Array) -> tuple[int, float]:
+    """The node of one tree nearest to a target (J,), and how far it is."""
+    at, best = 0, np.inf
+    for n in range(size):
+        d = 0.0
+        for j in range(weight.shape[0]):
+            e = weight[j] * (q[side, n, j] - target[j])
+            d += e * e
+        if d < best:
+            at, best = n, d
+    return at, float(np.sqrt(best))

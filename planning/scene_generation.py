@@ -32,6 +32,9 @@ STAGE = 1  # this stage's word in the seeds of random generators
 SPECS = ("paper", "paper-any", "shelf", "hard", "hard-any", "lab-s", "lab-l")
 
 
+Judge = Callable[[Scene, Robot, np.random.Generator], str | None]
+
+
 class NoScene(Exception):
     """A spec asks for what a robot can't do, or for what is never blocked."""
 
@@ -130,12 +133,14 @@ def generate(
     index: int,
     *,
     stage: int = STAGE,
+    judge: Judge | None = None,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Scene:
     """Scene number `index` of a seed: the same whatever came before it and on whichever worker.
 
     ref: how the scene file names the robot; its base stands where ref says. stage: whose word goes into the random generator, so that the
-    scenes of another stage are others. on_step: told of each sample that is thrown away.
+    scenes of another stage are others. judge: says what is wrong with a sample, None for a valid scene; by default, whether it is blocked
+    and can be solved. on_step: told of each sample that is thrown away.
     Raises: NoScene when 2 000 samples in a row are no valid scene: the spec asks for what this robot can't do.
     """
     rng = np.random.default_rng([seed, stage, index])
@@ -143,7 +148,7 @@ def generate(
         scene = _sample(spec, ref, robot, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:
             continue
-        verdict = _judge(scene, robot, rng) or judge_grasp(robot, scene)
+        verdict = (judge or _judge)(scene, robot, rng) or judge_grasp(robot, scene)
         if verdict is None:
             return scene
         on_step(verdict)

@@ -19,13 +19,13 @@ from kinematics.collision.edge_check import MARGIN_M
 from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse
+from planning.learning.brief_look import BriefLook
 from planning.learning.horizon import look_ahead, shortens
 from planning.learning.label_file import NOT_ASKED
 from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
 from planning.motion.pick_place import Motions
-from planning.plan import Blocked
 
-ITERATIONS = 1500  # of a search in the emptied cabinet
+ITERATIONS = 500  # of a search in the emptied cabinet
 PATHS = 64
 MOST_IN_VAIN = 2  # searches for one solution of x_g
 
@@ -85,30 +85,29 @@ class PathsToTarget:
     lows: F32
 
 
-def label(
-    motions: Motions, state: State, ways: PathsToTarget, rng: np.random.Generator, *, objects: int | None = None, number: int = 0
-) -> Row:
+def label(look: BriefLook, ways: PathsToTarget, *, objects: int | None = None, number: int = 0) -> Row:
     """Label a state in which the target is still blocked, by the ways to x_g that `paths_to_target` found.
 
     objects: how many objects at most are asked where they could be carried to, those that go first in a shortest relaxed plan in front,
     then those that block paths; None for all of them.
     number: of the state within its scene.
     """
+    motions, state = look.motions, look.state
     scene, names = motions.scene, movable(motions.scene)
     T = inverse(scene.cabinet.T_world_cabinet)
     cells = scene.cabinet.regions(scene.regions_n) @ T[:3, :3].T + T[:3, 3]
     fits = np.array([_fits(scene, state, name, cells) for name in names], np.bool_).reshape(len(names), len(cells))
     blocks, hits = paths_met(motions, state, names, cells, ways)
-    horizon = look_ahead(motions, state)
+    horizon = look_ahead(look.view)
     firsts = np.array([name in horizon.firsts for name in names], np.uint8)
-    can, asked = _can(motions, state, names, (firsts == 0, blocks == 0), objects, rng)
+    can, asked = _can(look, names, (firsts == 0, blocks == 0), objects)
     feasible = np.where(can[:, None] == 1, NOT_ASKED, np.uint8(0)) * np.ones((1, len(cells)), np.uint8)
     shorter = np.full(feasible.shape, NOT_ASKED, np.uint8)
     for i in asked:
         at = np.flatnonzero(fits[i])
         feasible[i] = 0
-        feasible[i, at] = motions.placeable(state, names[i], at, rng)
-        for region, helps in shortens(motions, state, horizon, names[i], np.flatnonzero(feasible[i] == 1)).items():
+        feasible[i, at] = look.placeable(names[i], at)
+        for region, helps in shortens(motions, state, look.view, horizon, names[i], np.flatnonzero(feasible[i] == 1)).items():
             shorter[i, region] = helps
     hand = T @ scene.x_g.T_world_hand
     boxes = {name: object_box(Body(name, scene.body(name).shape, T @ pose)) for name, pose in state.poses.items()}
@@ -116,7 +115,7 @@ def label(
         scene.id, number, motions.robot.name, (T @ scene.robot.T_world_base)[:3, 3], np.asarray(scene.cabinet.size_m),
         np.array([a in scene.approaches for a in APPROACHES], np.uint8), np.concatenate([hand[:3, 3], hand[:3, 0], hand[:3, 1]]),
         scene.x_g.width_m, boxes[scene.target_name], np.array([boxes[n] for n in names]).reshape(-1, 6),
-        np.column_stack([cells, np.ones(len(cells))]), int(ways.times.sum()), blocks, can, _opens(motions, state, names, blocks, rng),
+        np.column_stack([cells, np.ones(len(cells))]), int(ways.times.sum()), blocks, can, _opens(look, names, blocks),
         feasible, np.where(fits, hits, NOT_ASKED).astype(np.uint8),
         horizon.moves, firsts if horizon.moves > 0 else np.full(len(names), NOT_ASKED, np.uint8), shorter,
     )  # fmt: skip
@@ -143,7 +142,7 @@ def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, pa
     if not picks:
         return PathsToTarget((), np.zeros(0, np.int64), 0.0, floor, np.zeros((*floor.n, 0), np.float32))
     empty = motions.cell.problem(alone.poses, picks[0].gripper_open)
-    left, straight = deque(range(len(picks))), dict[int, int]()
+    left, straight, of = deque(range(len(picks))), dict[int, int](), list[int]()
     reached, in_vain = set[int](), Counter[int]()
     for _ in range(paths):
         if not left:
@@ -153,8 +152,8 @@ def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, pa
         if i in straight:  # the straight way is what every search tries first: it would be found again
             times[straight[i]] += 1
             continue
-        way = motions.cell.connect(empty, start, picks[i].approach[:1], rng, ITERATIONS)
-        if isinstance(way, Blocked):
+        way = motions.cell.way(empty, start, picks[i].approach[:1], rng, ITERATIONS, shorter=True)
+        if way is None:
             in_vain[i] += 1
             if in_vain[i] == MOST_IN_VAIN and i not in reached:
                 left.remove(i)
@@ -162,11 +161,15 @@ def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, pa
         reached.add(i)
         if len(way) == 2:
             straight[i] = len(found)
-        found.append(np.concatenate([way, picks[i].approach[1:]]))
+        found.append(way)
+        of.append(i)
         times.append(1)
     balls = arm_balls(motions.robot, scene.robot.T_world_base, picks[0].gripper_open)
-    lows = lowest(motions.cell.arm.chain, empty.problem.weight, balls, floor, found)
-    return PathsToTarget(tuple(found), np.array(times, np.int64), picks[0].gripper_open, floor, lows)
+    chain, weight, used = motions.cell.arm.chain, empty.problem.weight, sorted(set(of))
+    ends = lowest(chain, weight, balls, floor, [picks[i].approach for i in used])
+    lows = np.minimum(lowest(chain, weight, balls, floor, found), ends[:, :, [used.index(i) for i in of]])
+    paths_found = tuple(np.concatenate([way, picks[i].approach[1:]]) for way, i in zip(found, of))
+    return PathsToTarget(paths_found, np.array(times, np.int64), picks[0].gripper_open, floor, lows)
 
 
 def _tallest(motions: Motions, state: State) -> float:
@@ -197,31 +200,16 @@ def _fits(scene: Scene, state: State, name: str, cells: Array) -> NDArray[np.boo
     return np.asarray((room >= 2 * MARGIN_M).all(0) & (cells[:, 0] >= half[0]))
 
 
-def _can(
-    motions: Motions, state: State, names: Sequence[str], last: Sequence[Flags], most: int | None, rng: np.random.Generator
-) -> tuple[Bytes, list[int]]:
+def _can(look: BriefLook, names: Sequence[str], last: Sequence[Flags], most: int | None) -> tuple[Bytes, list[int]]:
     """Whether each object can be picked (m,), and whose regions are looked at: of those that can, the ones that are not `last` in front.
 
     last: flags (m,) by which objects are sorted, the most important flags first.
     """
-    can, asked = np.zeros(len(names), np.uint8), list[int]()
-    obstructions = motions.obstructions(state.poses)
-    for i in sorted(rng.permutation(len(names)), key=lambda i: [flags[i] for flags in last]):
-        if not obstructions.free(names[i], frozenset(names) - {names[i]}):
-            continue  # not even if the arm could leap; and that is remembered over the states of a scene
-        more = most is None or len(asked) < most
-        can[i] = motions.pickable(state, names[i], rng, briefly=not more)
-        if can[i] and more:
-            asked.append(int(i))
-    return can, asked
+    can = np.array([look.pickable(name) for name in names], np.uint8)
+    order = sorted(look.rng.permutation(len(names)), key=lambda i: [flags[i] for flags in last])
+    return can, [int(i) for i in order if can[i]][:most]
 
 
-def _opens(motions: Motions, state: State, names: Sequence[str], blocks: Counts, rng: np.random.Generator) -> Bytes:
+def _opens(look: BriefLook, names: Sequence[str], blocks: Counts) -> Bytes:
     """Whether the target can be taken out without each object (m,); one that blocks no path is not asked about."""
-    out = np.full(len(names), NOT_ASKED, np.uint8)
-    for i in range(len(names)):
-        if not blocks[i]:
-            continue
-        gone = State(state.q, {n: T for n, T in state.poses.items() if n != names[i]})
-        out[i] = not isinstance(motions.retrieve_target(gone, rng), Blocked)
-    return out
+    return np.array([look.target_free(gone=(name,)) if met else NOT_ASKED for name, met in zip(names, blocks)], np.uint8)

@@ -13,11 +13,10 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
+from planning.learning.brief_look import BriefLook
 from planning.learning.labels import PATHS, Row, label, movable, paths_to_target
 from planning.learning.partial_views import glimpsed
-from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
-from planning.plan import Blocked
 from planning.scene_generation import Spec, generate
 
 STAGE = 3  # this stage's word in the seeds of random generators
@@ -46,8 +45,17 @@ def varied_scene(spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int,
     n = int(rng.integers(variety.regions_n[0], variety.regions_n[1] + 1)) if variety.regions_n else spec.regions_n
     T_world_base = transform(p=variety.base_m * rng.uniform(-1, 1, 3)) @ ref.T_world_base
     spec = replace(spec, cabinet_size_m=spec.cabinet_size_m * share, regions_n=n)
-    scene = generate(spec, robot, replace(ref, T_world_base=T_world_base), seed, index, stage=STAGE)
+    scene = generate(spec, robot, replace(ref, T_world_base=T_world_base), seed, index, stage=STAGE, judge=_briefly_judged)
     return replace(scene, id=f"label-{scene.id}", seed=(seed, STAGE, index))
+
+
+def _briefly_judged(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:
+    """What is wrong with a scene, "free" or "unsolvable", after a brief look; None when it is blocked, and solvable once emptied."""
+    motions = Motions(robot, replace(scene, robot=replace(scene.robot, mount=False)))
+    look = BriefLook(motions, motions.start(), rng)
+    if look.target_free():
+        return "free"
+    return None if look.target_free(gone=movable(scene)) else "unsolvable"
 
 
 def rows(
@@ -70,22 +78,23 @@ def rows(
     state, ways = motions.start(), None
     rng, looks = (np.random.default_rng([seed, STAGE, index, word]) for word in (1, 2))
     for number in range(moves + 1):
-        if not isinstance(motions.retrieve_target(state, rng), Blocked):
+        look = BriefLook(motions, state, rng)
+        if look.target_free():
             return
         ways = ways or paths_to_target(motions, state, rng, paths)
-        row = label(motions, state, ways, rng, objects=objects, number=number)
+        row = label(look, ways, objects=objects, number=number)
         yield row
         if looks.random() < partly_seen and (part := glimpsed(motions, state, row, looks)) is not None:
             yield part
-        done = next_move(motions, state, row, rng) if number < moves else None
-        if done is None:
+        after = next_state(look, row) if number < moves else None
+        if after is None:
             return
-        state = done.after
+        state = after
 
 
-def next_move(motions: Motions, state: State, row: Row, rng: np.random.Generator) -> Done | None:
-    """A feasible move of a state, half of the time one of an object that blocks paths; None when a few tries find none."""
-    names = movable(motions.scene)
+def next_state(look: BriefLook, row: Row) -> State | None:
+    """What comes of a feasible move of a state, half of the time one of an object that blocks paths; None when a few tries find none."""
+    names, rng = movable(look.motions.scene), look.rng
     for _ in range(_TRIES):
         able = np.flatnonzero(row.pickable)
         blocking = [i for i in able if row.blocks[i]]
@@ -94,7 +103,6 @@ def next_move(motions: Motions, state: State, row: Row, rng: np.random.Generator
         i = int(rng.choice(blocking if blocking and rng.random() < _TOWARDS_THE_TARGET else able))
         known = np.flatnonzero(row.feasible[i] == 1)
         region = int(rng.choice(known)) if len(known) else int(rng.integers(len(row.regions)))
-        done = motions.relocate(state, names[i], region, rng)
-        if isinstance(done, Done):
-            return done
+        if (after := look.after(names[i], region)) is not None:
+            return after
     return None

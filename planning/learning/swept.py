@@ -9,6 +9,7 @@ cell: good for counting how many of many paths an object blocks, not for letting
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +86,13 @@ def make_floor(size_m: Array, T_world_cabinet: Array, top_m: float = np.inf) -> 
 
 def footprint(shape: Shape, R: Array) -> Footprint:
     """Where a shape with the rotation R (3, 3), cabinet frame, meets the floor's cells: the outline of its shadow, and its height."""
+    return _footprint(shape, R.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _footprint(shape: Shape, rotation: bytes) -> Footprint:
+    """See `footprint`; a scene's objects are asked about in all of its states."""
+    R = np.frombuffer(rotation).reshape(3, 3)
     from scipy.spatial import ConvexHull
 
     points = np.concatenate(convex_parts(shape)) @ R.T
@@ -99,10 +107,10 @@ def lowest(chain: Chain, weight: Array, balls: Balls, floor: Floor, paths: Seque
 
     weight (J,): metres that the arm moves at most per unit of each joint (exact.Problem.weight).
     """
-    out = np.full((int(floor.n[0]), int(floor.n[1]), len(paths)), np.inf, np.float32)
-    for k, path in enumerate(paths):
-        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), k, out)
-    return out
+    out = np.full((len(paths), int(floor.n[0]), int(floor.n[1])), np.inf, np.float32)
+    for low, path in zip(out, paths):
+        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), low)
+    return np.ascontiguousarray(out.transpose(1, 2, 0))
 
 
 def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[np.bool_]:
@@ -113,7 +121,7 @@ def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[n
 
 
 @njit(cache=True, nogil=True)
-def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array, k: int, out: F32) -> None:
+def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array, out: F32) -> None:
     n_parts = balls.frame.shape[0]
     frames = np.empty((chain.q_index.shape[0] + 1, 4, 4))
     drawn = np.full((n_parts, 3, 4), np.inf)
@@ -156,11 +164,11 @@ def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array,
                 for r in range(3):
                     for c in range(4):
                         M[r, c] = T[r, 0] * F[0, c] + T[r, 1] * F[1, c] + T[r, 2] * F[2, c] + (T[r, 3] if c == 3 else 0.0)
-                _draw(M, balls.ball, balls.start[p], balls.start[p + 1], floor, k, out)
+                _draw(M, balls.ball, balls.start[p], balls.start[p + 1], floor, out)
 
 
 @njit(cache=True, nogil=True)
-def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, k: int, out: F32) -> None:
+def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, out: F32) -> None:
     """Lower the heights under some balls, whose frame stands at M (3, 4) in the cabinet."""
     cx, cy = floor.cell[0], floor.cell[1]
     half = floor.size[1] / 2
@@ -179,10 +187,9 @@ def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, k: int, ou
             for b in range(j0, j1 + 1):
                 dy = (b + 0.5) * cy - y
                 rest = left - dy * dy
-                if rest >= 0.0:
-                    low = z - np.sqrt(rest)
-                    if low < out[a, b, k]:
-                        out[a, b, k] = low
+                high = z - out[a, b]
+                if rest >= 0.0 and (high <= 0.0 or rest > high * high):  # z - √rest < out, without the root where it is not
+                    out[a, b] = z - np.sqrt(rest)
 
 
 @njit(cache=True, nogil=True)

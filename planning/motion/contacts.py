@@ -68,6 +68,44 @@ def meet_along(problem: edge_check.Problem, way: Array, whole: Array, open_: Fla
                 _open(problem, b, 0, open_)
 
 
+@jit_entry
+def clear_of(
+    reach: edge_check.Problem, closing: edge_check.Problem, lifting: edge_check.Problem, approach: Array, up: Array, first: int, last: int,
+    T: Array, whole: Array, open_: Flags, scratch: edge_check.Scratch, met: Flags, clear: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """For each of poses T (R, 4, 4) of the object whose solids are first:last, whether a whole way to another one is clear of it: (R,).
+
+    reach: the empty hand, along approach (n, A); closing: the fingers on their way, at its end; lifting: the object in the hand, along up
+    (m, A). All have the same solids, which are moved. whole, open_: see `meet_along`. met (B + 1,): scratch.
+    """
+    for r in range(T.shape[0]):
+        for b in range(first, last):
+            copy_rows(T[r], reach.solid_T[b])
+        clear[r] = _clear_along(reach, approach, first, last, whole, open_, scratch)
+        if clear[r]:
+            for b in range(met.shape[0]):
+                met[b] = 0 if first <= b < last else 1
+            meet_at(closing, approach[approach.shape[0] - 1], scratch, met)
+            for b in range(first, last):
+                clear[r] = clear[r] and met[b] == 0
+        if clear[r]:
+            clear[r] = _clear_along(lifting, up, first, last, whole, open_, scratch)
+
+
+@jit_inline
+def _clear_along(
+    problem: edge_check.Problem, way: Array, first: int, last: int, whole: Array, open_: Flags, scratch: edge_check.Scratch
+) -> bool:
+    """Whether all edges between the rows of way (n, J) are clear of solids first:last."""
+    edge_check.enter(problem, scratch)
+    for b in range(problem.solid_T.shape[0] + 1):
+        _open(problem, b, 1 if first <= b < last else 0, open_)
+    free = True
+    for k in range(way.shape[0] - 1, 0, -1):  # the end is the likeliest to touch
+        free = free and edge_check.pieces_free(problem, way[k - 1], way[k], whole, 1, open_, scratch)
+    return free
+
+
 @jit_inline
 def _open(problem: edge_check.Problem, b: int, value: int, open_: Flags) -> None:
     """Set whether the pairs of the moving bodies and solid b are looked at; with b = B, those of the moving bodies among themselves."""

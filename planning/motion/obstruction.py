@@ -18,6 +18,7 @@ from heapq import heapify, heappop, heappush
 from itertools import count
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.collision import edge_check
@@ -29,7 +30,7 @@ from kinematics.transforms import Array, inverse
 from planning.grasps import open_width
 from planning.motion import reaching
 from planning.motion.arm import FINGERS_AT, Arm
-from planning.motion.contacts import WHOLE, Flags, meet_along, meet_at, meet_hand
+from planning.motion.contacts import WHOLE, Flags, clear_of, meet_along, meet_at, meet_hand
 from planning.motion.edges import Task, make_task
 from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
@@ -80,6 +81,27 @@ class Obstruction:
                 heappush(queue, (part.blockers(present).bit_count(), next(ticket), part))
         return found
 
+    def first_ways(self, spot: int, present: int, enough: int, enough_grasps: int) -> list[FreeWay]:
+        """Whole ways to the object at a spot that nothing of `present` blocks, those by the most natural grasps first: so many will do, and
+        after so many grasps any that was found."""
+        found = list[FreeWay]()
+        for way in self._ways_to(spot):
+            if found and (len(found) >= enough or way.number >= enough_grasps):
+                break
+            found += (free.found for free in _free_ways([way], present, WHOLE_WAY) if free.found is not None)
+        return found
+
+    def free_ways(self, spot: int, present: int) -> Iterator[FreeWay]:
+        """All whole ways to the object at a spot that nothing of `present` blocks, each when it is asked for."""
+        return (way.found for way in _free_ways(self._ways_to(spot), present, WHOLE_WAY) if way.found is not None)
+
+    def clear_of(self, way: FreeWay, name: str, T: Array) -> NDArray[np.bool_]:
+        """Whether a way to another object is clear of this one at each of poses T (R, 4, 4): (R,)."""
+        clear = np.empty(len(T), np.bool_)
+        self.queries.move(way, name, T, clear)
+        self.cell.forget()
+        return clear
+
     def members(self, spots: int) -> list[tuple[int, str, Array]]:
         """The spots of a set: each as a set of its own, whose it is, and T_world_object (4, 4)."""
         found = []
@@ -121,20 +143,49 @@ class View:
         sets = (frozenset(other for _, other, _ in self.ways.members(spots)) for spots in found)
         return [names for names in sets if self.target not in names]
 
+    def first_ways(self, name: str, standing: frozenset[str], enough: int, enough_grasps: int) -> list[FreeWay]:
+        """See `Obstruction.first_ways`; the target stands, too."""
+        return self.ways.first_ways(self.spots[name], self._present(name, standing), enough, enough_grasps)
+
+    def free_ways(self, name: str, standing: frozenset[str]) -> Iterator[FreeWay]:
+        """All whole ways to an object while only `standing`, itself and the target stand."""
+        return self.ways.free_ways(self.spots[name], self._present(name, standing))
+
+    def clear_of(self, way: FreeWay, name: str, T: Array) -> NDArray[np.bool_]:
+        """Whether a way to another object is clear of this one at each of poses T (R, 4, 4): (R,)."""
+        return self.ways.clear_of(way, name, T)
+
     def _present(self, name: str, standing: frozenset[str]) -> int:
         return sum(self.spots[other] for other in {*standing, self.target} - {name})
+
+
+@dataclass(frozen=True, eq=False)
+class FreeWay:
+    """A whole way to an object that the walls and the object itself leave free. grasp: with the hand where it really is; opened, closed:
+    the gripper's values; arm waypoints (n, A) of the approach and the lift; problems: what is asked about the approach, the fingers and
+    the lift."""
+
+    grasp: Grasp
+    opened: float
+    closed: float
+    approach: Array
+    lift: Array
+    problems: tuple[edge_check.Problem, edge_check.Problem, edge_check.Problem]
 
 
 @dataclass(eq=False)
 class _Way:
     """A way as far as it was looked at. met: the spots that are known to block it; known: those that were held against it.
 
-    test: which of some spots block it at this stage. split: the ways of the next stage.
+    test: which of some spots block it at this stage. split: the ways of the next stage. number: of its grasp, in the order in which they
+    come. found: a whole way's waypoints.
     """
 
     stage: int
     test: Callable[[int], int]
     split: Callable[[], Iterator[_Way]]
+    number: int = 0
+    found: FreeWay | None = None
     met: int = 0
     known: int = 0
     _parts: list[_Way] | None = None
@@ -165,12 +216,13 @@ def _free_ways(ways: Iterable[_Way], present: int, stage: int) -> Iterator[_Way]
 
 @dataclass(frozen=True, eq=False)
 class _Grip:
-    """A grasp, and the gripper's values before and after closing. alone: the open hand before the object alone."""
+    """A grasp, and the gripper's values before and after closing. alone: the open hand before the object alone; reach: among everything."""
 
     grasp: Grasp
     opened: float
     closed: float
     alone: PlanningQuery
+    reach: edge_check.Problem
 
 
 class _Reach:
@@ -183,7 +235,7 @@ class _Reach:
         """The ways of the hand alone, for each grasp to which the walls and the object itself leave one."""
         cell, opening = self.cell, self.cell.robot.opening
         hands = dict[float, tuple[float, float, PlanningQuery]]()
-        for asked in self.all.grasps_on(self.name, self.T):
+        for number, asked in enumerate(self.all.grasps_on(self.name, self.T)):
             grasp = replace(asked, T_world_hand=opening.beside(asked.T_world_hand))
             width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
             if width not in hands:
@@ -193,38 +245,38 @@ class _Reach:
             code, _ = reaching.hand_way_in(cell.hand, alone.task, grasp.T_world_hand, cell.memory)
             cell.forget()
             if code == reaching.OK:
-                yield self._hand(_Grip(grasp, opened, closed, alone))
+                yield self._hand(_Grip(grasp, opened, closed, alone, self.queries.reach(opened)), number)
 
-    def _hand(self, grip: _Grip) -> _Way:
-        reach, cell = self.queries.reach(grip.opened), self.cell
+    def _hand(self, grip: _Grip, number: int) -> _Way:
+        cell = self.cell
 
         def test(flags: Flags) -> None:
-            meet_hand(cell.hand, reach, grip.grasp.T_world_hand, cell.memory.exact, flags)
+            meet_hand(cell.hand, grip.reach, grip.grasp.T_world_hand, cell.memory.exact, flags)
 
         def split() -> Iterator[_Way]:
             return (self._at_grasp(grip, q) for q in cell.ik(grip.grasp.T_world_hand, tries=self.all.ik_tries))
 
-        return _Way(HAND, self._asked(test), split)
+        return _Way(HAND, self._asked(test), split, number)
 
     def _at_grasp(self, grip: _Grip, q: Array) -> _Way:
-        reach, memory = self.queries.reach(grip.opened), self.cell.memory
-        return _Way(GRASP, self._asked(lambda flags: meet_at(reach, q, memory.exact, flags)), lambda: self._way_in(grip, q))
+        memory = self.cell.memory
+        return _Way(GRASP, self._asked(lambda flags: meet_at(grip.reach, q, memory.exact, flags)), lambda: self._way_in(grip, q))
 
     def _way_in(self, grip: _Grip, q: Array) -> Iterator[_Way]:
         """The straight way to the grasp, if the arm can follow it and the walls leave it free."""
-        cell, reach, T_hand = self.cell, self.queries.reach(grip.opened), grip.grasp.T_world_hand
+        cell, T_hand = self.cell, grip.grasp.T_world_hand
         found, said = np.empty((1, APPROACH_STEPS + 1, len(q))), np.empty((1, 2), np.int64)
         if reaching.ways_in(cell.hand, grip.alone.task, T_hand, q[None], cell.memory, found, said):
 
             def test(flags: Flags) -> None:
-                meet_along(reach, found[0], WHOLE, self.queries.open, cell.memory.exact, flags)
+                meet_along(grip.reach, found[0], WHOLE, self.queries.open, cell.memory.exact, flags)
 
-            yield _Way(WAY_IN, self._asked(test), lambda: self._whole_way(grip, q))
+            yield _Way(WAY_IN, self._asked(test), lambda: self._whole_way(grip, found[0]))
         cell.forget()
 
-    def _whole_way(self, grip: _Grip, q: Array) -> Iterator[_Way]:
+    def _whole_way(self, grip: _Grip, approach: Array) -> Iterator[_Way]:
         """The same with the closing fingers and the lift, if the arm can follow and the walls leave them free."""
-        cell, queries, T_hand, scratch = self.cell, self.queries, grip.grasp.T_world_hand, self.cell.memory.exact
+        cell, queries, T_hand, scratch, q = self.cell, self.queries, grip.grasp.T_world_hand, self.cell.memory.exact, approach[-1]
         up = np.empty((LIFT_STEPS + 1, len(q)))
         code, _ = reaching.lift(cell.hand, queries.nothing, T_hand, q, up, cell.memory)
         cell.forget()
@@ -240,7 +292,8 @@ class _Reach:
         walls = queries.ask_walls()
         hold(walls)
         if not queries.met_walls(walls):
-            yield _Way(WHOLE_WAY, self._asked(hold), lambda: iter(()))
+            way = FreeWay(grip.grasp, grip.opened, grip.closed, approach, up, (grip.reach, closing, lifting))
+            yield _Way(WHOLE_WAY, self._asked(hold), lambda: iter(()), found=way)
 
     def _asked(self, test: Callable[[Flags], None]) -> Callable[[int], int]:
         """Ask a test about spots."""
@@ -267,7 +320,9 @@ class _Queries:
         self._rows = {name: [i for i, n in enumerate(names) if n == name] for name in names}
         self._walls = [i for body in cell.walls for i in self._rows[body.name]]
         self._memo: dict[tuple[object, ...], edge_check.Problem] = {}
-        self._asked: dict[int, tuple[Flags, list[tuple[int, list[int], Array]]]] = {}  # by spots: whose flags are 0; what stands where
+        self._asked: dict[
+            int, tuple[Flags, bytes, list[tuple[int, list[int], Array]]]
+        ] = {}  # by spots: whose flags are 0; what stands where
         self._placed = 0  # the spots that were asked about last
         n = len(self.arm.links) + max(*map(len, self._rows.values()), len(FINGERS_AT) * len(self.arm.fingers)) + len(names)
         self.open: Flags = np.zeros((n, n), np.uint8)
@@ -280,8 +335,8 @@ class _Queries:
             flags = np.ones(len(self.solids.T) + 1, np.uint8)
             rows = [self._rows[name] for _, name, _ in found]
             flags[[i for at in rows for i in at]] = 0
-            self._asked[spots] = flags, [(spot, at, T) for (spot, _, T), at in zip(found, rows)]
-        flags, placed = self._asked[spots]
+            self._asked[spots] = flags, flags.tobytes(), [(spot, at, T) for (spot, _, T), at in zip(found, rows)]
+        flags, _, placed = self._asked[spots]
         if spots != self._placed:
             for _, at, T in placed:
                 self.solids.T[at] = T
@@ -290,10 +345,17 @@ class _Queries:
 
     def met(self, spots: int, flags: Flags) -> int:
         """The spots that were met."""
-        before, placed = self._asked[spots]
-        if np.array_equal(flags, before):
+        _, before, placed = self._asked[spots]
+        if flags.tobytes() == before:
             return 0
         return sum(spot for spot, rows, _ in placed if any(flags[i] for i in rows))
+
+    def move(self, way: FreeWay, name: str, T: Array, clear: NDArray[np.bool_]) -> None:
+        """See `contacts.clear_of`."""
+        rows, met = self._rows[name], np.empty(len(self.solids.T) + 1, np.uint8)
+        scratch = self.cell.memory.exact
+        clear_of(*way.problems, way.approach, way.lift, rows[0], rows[-1] + 1, T, WHOLE, self.open, scratch, met, clear)
+        self._placed = 0
 
     def ask_walls(self) -> Flags:
         """Flags of a question about the walls, and about the arm and what it holds among themselves."""

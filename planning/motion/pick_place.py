@@ -11,13 +11,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from itertools import chain, islice
+from itertools import chain
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kinematics.chain import Int
 from kinematics.collision.robot_model import bare_geometry
 from kinematics.doors import indices
 from kinematics.robots.robot import Robot
@@ -42,7 +40,6 @@ MAX_TRIES = 3  # of an object's picks, how many are given to RRT-Connect before 
 MOST_TRIES = 8  # of the target's picks, all grasps together
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
-BRIEFLY, BRIEF_PICKS = 300, 4  # iterations of RRT-Connect, and grasps tried, where only labels hang on the answer
 
 
 Choice = tuple[str, int]
@@ -56,7 +53,6 @@ class _Memory:
         self.state = state
         self.picks: dict[str, tuple[list[Pick], Blocked]] = {}
         self.transits: dict[Pick, Array | Blocked] = {}
-        self.reachable: dict[Pick, bool] = {}
         self.placing: dict[Pick, Placing] = {}
         self.turned: dict[Pick, list[Pick]] = {}
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
@@ -133,7 +129,7 @@ class Motions:
     def _choices(self, state: State, found: Carry) -> Choices:
         """The ways to make a move that was found."""
         name, place = found.pick.held.body, found.place
-        rest = self._without(state, name)
+        rest = self.without(state, name)
         if place is None:
             picks = [pick for pick in self.picks(state, name, self.target_grasps)[0] if pick.grasp is found.pick.grasp]
             outside: dict[bytes, Array] = {}
@@ -152,7 +148,7 @@ class Motions:
             return self.cell.ik(place.T_world_object @ inverse(pick.held.T_hand_body))
 
         def put(pick: Pick, end: Array) -> Place | None:
-            return self._placing(state, pick).at(place.T_world_object, end)
+            return self.placing(state, pick).at(place.T_world_object, end)
 
         return Choices(state, name, rest, found, picks, solutions, put)
 
@@ -188,7 +184,7 @@ class Motions:
             if isinstance(across, Blocked):
                 why = across
                 continue
-            return carried(self.cell, state, name, self._without(state, name), across)
+            return carried(self.cell, state, name, self.without(state, name), across)
         return why
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
@@ -203,7 +199,7 @@ class Motions:
         there = self.place_pose(name, state.poses[name], region)
         if np.linalg.norm((there - state.poses[name])[:3, 3]) < LEAST_M:
             return Blocked("region", name, detail="it stands there already")
-        if touch := self.cell.placed(self.scene.body(name), there, self._without(state, name)):
+        if touch := self.cell.placed(self.scene.body(name), there, self.without(state, name)):
             return Blocked("region", touch.link, touch.body, detail=touch.detail)
         centre, tries = self.scene.regions()[region], 0
         for pick in picks:
@@ -211,7 +207,7 @@ class Motions:
             if isinstance(unreached, Blocked):
                 why = unreached
                 continue
-            place = self._placing(state, pick).place(centre)
+            place = self.placing(state, pick).place(centre)
             if isinstance(place, Blocked):
                 why = place
                 continue
@@ -223,7 +219,7 @@ class Motions:
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
             if not isinstance(across, Blocked):
                 place = next(turned for turned in places if np.array_equal(turned.lower[0], across.across[-1]))
-                return carried(self.cell, state, name, self._without(state, name), replace(across, place=place))
+                return carried(self.cell, state, name, self.without(state, name), replace(across, place=place))
             why = across
             tries += 1
             if tries == MAX_TRIES:
@@ -233,7 +229,7 @@ class Motions:
     def across_again(self, state: State, motion: Motion, q: Array, rng: np.random.Generator) -> Motion | Blocked:
         """From q (J,), where the arm stopped with an object in the hand, to where a transfer ends. state: before the pick."""
         assert motion.held is not None
-        rest = self._without(state, motion.held.body)
+        rest = self.without(state, motion.held.body)
         carrying = self.cell.problem(rest, float(motion.q[-1][self.robot.gripper_joint]), held=motion.held)
         path = self.cell.connect(carrying, self.robot.arm_q(q), self.robot.arm_q(motion.q[-1])[None], rng)
         if isinstance(path, Blocked):
@@ -241,44 +237,6 @@ class Motions:
         rows = np.array([self.robot.with_arm(row, float(q[self.robot.gripper_joint])) for row in path])
         again = replace(motion, q=rows, t_s=np.arange(len(rows), dtype=float), qd=None, qdd=None)
         return timed(self.cell, rest, [again], self.pace)[0]
-
-    def placeable(self, state: State, name: str, regions: Sequence[int] | Int, rng: np.random.Generator) -> NDArray[np.bool_]:
-        """To which of some regions (N,) an object can be carried now: `relocate` with less patience, many at once, without the motions."""
-        picks, _ = self.picks(state, name)
-        out = np.zeros(len(regions), np.bool_)
-        if not picks:
-            return out
-        regions = indices("regions", np.asarray(regions, np.int64) if len(regions) == 0 else regions, self.scene.regions_n**2)
-        centres, R = self.scene.regions()[regions], state.poses[name][:3, :3]
-        open_ = np.flatnonzero(self.cell.room_over(name, R, centres, self._without(state, name)))
-        for pick in islice((pick for pick in picks if self.reachable(state, pick, rng)), BRIEF_PICKS):
-            if not len(open_):
-                break
-            down, ends = self._placing(state, pick).ends(centres[open_])
-            if len(down):
-                starts = np.array([turned.lift[-1] for turned in self._turned(state, pick)])
-                out[open_[down]] = self.cell.reached(pick.carrying, starts, ends, rng, BRIEFLY)
-            open_ = open_[~out[open_]]
-        return out
-
-    def pickable(self, state: State, name: str, rng: np.random.Generator, *, briefly: bool = False) -> bool:
-        """Whether an object can be picked now: some pick holds up to the static checks, and the arm gets there from where it is.
-
-        briefly: the first picks that are found will do, if the arm gets there; for objects about which nothing more will be asked.
-        """
-        if briefly and name not in self._recall(state).picks:
-            found = self._picking.some_picks(state.poses, self._without(state, name), name)
-            if any(self.reachable(state, pick, rng) for pick in islice(found, MAX_TRIES)):
-                return True
-        return any(self.reachable(state, pick, rng) for pick in self.picks(state, name)[0][:MAX_TRIES])
-
-    def reachable(self, state: State, pick: Pick, rng: np.random.Generator) -> bool:
-        """Whether the arm gets from where it is to the beginning of a pick's approach, sought briefly."""
-        known = self._recall(state).reachable
-        if pick not in known:
-            moving = self.cell.problem(state.poses, pick.gripper_open)
-            known[pick] = bool(self.cell.reached(moving, self.robot.arm_q(state.q), pick.approach[:1], rng, BRIEFLY)[0])
-        return known[pick]
 
     @cached_property
     def target_grasps(self) -> Sequence[Grasp] | LazyList[Grasp]:
@@ -296,7 +254,7 @@ class Motions:
         if name not in found and (upper := self._carried(state, name)):
             found[name] = [], Blocked("grasp", body=upper, detail=f"{upper} stands on {name} and goes first")
         if name not in found:
-            poses, rest, q = state.poses, self._without(state, name), self.robot.arm_q(state.q)
+            poses, rest, q = state.poses, self.without(state, name), self.robot.arm_q(state.q)
             if grasps is None:
                 found[name] = self._picking.picks(poses, rest, name, q)
             elif isinstance(grasps, LazyList):
@@ -359,10 +317,11 @@ class Motions:
         floor_z, standing = float(self.scene.cabinet.T_world_cabinet[2, 3]), {b.name: b for b in state.bodies(self.scene)}
         return next((n for n in off_floor if stands_on(standing[n], standing[name], floor_z)), None)
 
-    def _placing(self, state: State, pick: Pick) -> Placing:
+    def placing(self, state: State, pick: Pick) -> Placing:
+        """The ways to put down what a pick takes hold of."""
         known, release_query = self._recall(state).placing, self._recall(state).release_query
         if pick not in known:
-            name, rest = pick.held.body, self._without(state, pick.held.body)
+            name, rest = pick.held.body, self.without(state, pick.held.body)
             key = (name, pick.gripper_open, pick.gripper_closed)
             if key not in release_query:
                 standing = {**rest, name: state.poses[name]}
@@ -388,7 +347,7 @@ class Motions:
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further; not to a place
         yet."""
-        picks = self._turned(state, pick)
+        picks = self.turned(state, pick)
         path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng)
         if isinstance(path, Blocked):
             return replace(path, stage="transfer")
@@ -396,7 +355,7 @@ class Motions:
         way_in = self._transit(state, pick, rng)
         return way_in if isinstance(way_in, Blocked) else Carry(pick, None, way_in, path)
 
-    def _turned(self, state: State, pick: Pick) -> list[Pick]:
+    def turned(self, state: State, pick: Pick) -> list[Pick]:
         """A pick, and where what it holds must stay upright, the same with joints whole turns further."""
         if not pick.carrying.task.upright.limited:
             return [pick]
@@ -421,7 +380,7 @@ class Motions:
         self._memories.append(found or _Memory(state))
         return self._memories[-1]
 
-    def _without(self, state: State, name: str) -> dict[str, Array]:
+    def without(self, state: State, name: str) -> dict[str, Array]:
         """The poses of the objects besides one."""
         known = self._recall(state).without
         if name not in known:

@@ -87,10 +87,6 @@ class Picking:
         """
         return self._picks(self.grasps(poses, name), poses, rest, name, q)
 
-    def some_picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str) -> Iterator[Pick]:
-        """The same ways, but in the order in which they are found, and each when it is asked for."""
-        return self._one_by_one(self.grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
-
     def picks_with(
         self, grasps: Sequence[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
     ) -> tuple[list[Pick], Blocked]:

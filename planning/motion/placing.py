@@ -16,6 +16,7 @@ from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
+BRIEF_DOWN, BRIEF_BACK = 2, 4  # pieces of the straight ways down and back where only labels hang on the answer
 STAGES = {
     reaching.REACH: "ik", reaching.REGION: "region", reaching.LIFTED: "lower", reaching.AT_GRASP: "lower", reaching.UPWARDS: "lower",
     reaching.FINGERS: "release", reaching.BACKWARDS: "retreat",
@@ -97,10 +98,10 @@ class Placing:
         return Place(lower, retreat, T_world_object) if code == reaching.OK else None
 
     def ends(self, centres: Array) -> tuple[Int, Array]:
-        """Over which of centres (N, 3) the object can be put down by solutions near the pick's: their indices (K,), and the arm's
-        configurations where the ways down begin (K, A)."""
+        """Over which of centres (N, 3) the object can be put down by solutions near the pick's, looked at in longer pieces than `place`
+        does: their indices (K,), and the arm's configurations where the ways down begin (K, A)."""
         natural, turns = self._natural_turns(centres), np.array(reaching.PLACE_TURNS)
-        near, (lower, retreat, T) = self.pick.lift[-1], self._waypoints()
+        near, (lower, retreat, T) = self.pick.lift[-1], self._waypoints(BRIEF_DOWN, BRIEF_BACK)
         ends, codes = np.empty((len(centres), len(near))), np.empty(len(centres), np.int64)
         reaching.put_down_all(
             self.cell.hand, self._compiled, self.R, natural, centres, turns, near[None], self.cell.memory, lower, retreat, T, ends, codes
@@ -109,10 +110,10 @@ class Placing:
         down = np.flatnonzero(codes == reaching.OK)
         return down, ends[down]
 
-    def _waypoints(self) -> tuple[Array, Array, Array]:
-        """Room for the ways down and back, and a pose."""
+    def _waypoints(self, down: int = LIFT_STEPS, back: int = APPROACH_STEPS) -> tuple[Array, Array, Array]:
+        """Room for the ways down and back, in so many pieces, and a pose."""
         A = self.pick.lift.shape[1]
-        return np.empty((LIFT_STEPS + 1, A)), np.empty((APPROACH_STEPS + 1, A)), np.empty((4, 4))
+        return np.empty((down + 1, A)), np.empty((back + 1, A)), np.empty((4, 4))
 
     def _natural_turns(self, centres: Array) -> Array:
         """How far an object turns with the hand to centres (..., 3): for a level grasp the hand comes in along the bearing of the place,

@@ -16,7 +16,7 @@ from kinematics import inverse
 from kinematics.collision import edge_check
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
-from kinematics.collision.robot_model import shape_geometry
+from kinematics.collision.robot_model import bare_geometry, shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
 from kinematics.doors import checked
 from kinematics.mount import standing_still
@@ -31,8 +31,9 @@ from planning.motion.connecting import connect, connect_clear
 from planning.motion.edges import Memory, Task, connects, connects_from_ends, memory_for, pose_task, with_clearance, without_still
 from planning.motion.quicken import quicken
 from planning.motion.reaching import HANGS_OVER, PlacementQuery, make_hand, stands, stands_over
-from planning.motion.rrt_connect import reach
+from planning.motion.rrt_connect import plan, reach
 from planning.motion.settings import DEFAULTS, LEAST_TILT_DEG, MotionSettings, tilt_limit_deg
+from planning.motion.shortcut import shorten
 from planning.motion.upright import Upright, edge_is_upright, is_upright, make_upright
 from planning.motion.waiting import LEVEL, looking_in, waiting
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
@@ -275,7 +276,7 @@ class Workcell:
 
     def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[PlacementQuery, ContactQuery]:
         """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
-        pieces = shape_geometry(self.scene.body(name).shape)
+        pieces = bare_geometry(self.scene.body(name).shape)
         n = len(pieces.start) - 1
         posed = pose_geometry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
         _, solids, bodies, _ = self._standing(poses)
@@ -462,6 +463,20 @@ class Workcell:
     def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float, off_m: float = 0.0) -> Task:
         solids = np.array([0.0 if name in self._unseen else clearance_m for name in bodies])
         return with_clearance(task, solids + off_m, min(clearance_m, self.settings.clearance.own_m) + off_m)
+
+    def way(
+        self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int, *, shorter: bool = False
+    ) -> Array | None:
+        """As `connect`, but the first path that is found (K, A), with no more than the least clearance; None without one.
+
+        shorter: whether it is shortened.
+        """
+        seed = int(rng.integers(2**31))
+        memory, rrt = self.enter(query), self.settings.rrt
+        path = plan(query.task, start, goals, max_iterations=iterations, seed=seed, memory=memory, settings=rrt).path
+        if path is None or not shorter:
+            return path
+        return shorten(query.task, path, settings=self.settings.shortcuts, seed=seed, memory=memory).path
 
     def reached(self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int) -> NDArray[np.bool_]:
         """To which of goals (G, A) there is a path from start (A,), or from any of several (S, A), each sought in so many iterations."""

@@ -1,0 +1,131 @@
+"""What the arm can do in a state, for labels: which objects it can pick, where they can be put, whether the target comes out.
+
+The same checks as `Motions` makes, in the same order, with less patience: the static ones first, held against each object once for all
+states of a scene (planning.motion.obstruction), then brief searches of RRT-Connect of which nothing is kept but whether they got there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.chain import Int
+from kinematics.scene import Held, State
+from kinematics.transforms import Array, inverse
+from planning.motion.obstruction import FreeWay, View
+from planning.motion.pick_place import MAX_TRIES, Motions
+from planning.motion.picking import Pick
+from planning.motion.workcell import PlanningQuery
+from planning.plan import Blocked
+
+BRIEFLY, PATIENTLY = 150, 1000
+"""Iterations of RRT-Connect for an object, and for the target."""
+PICKS, AMONG_GRASPS = 4, 12
+"""With so many picks of an object, found among so many grasps and more if need be, its regions are looked at."""
+
+
+class BriefLook:
+    """What can be done in a state. view: its obstructions; rng: decides where searches look."""
+
+    def __init__(self, motions: Motions, state: State, rng: np.random.Generator) -> None:
+        self.motions, self.state, self.rng = motions, state, rng
+        self.view: View = motions.obstructions(state.poses)
+        self.names = frozenset(state.poses)
+        self._picks: dict[str, list[FreeWay]] = {}
+        self._reached: dict[FreeWay, bool] = {}
+        self._put: dict[tuple[str, int], Pick] = {}
+
+    def pickable(self, name: str) -> bool:
+        """Whether an object can be picked now: some way holds up to the static checks, and the arm gets there from where it is."""
+        return any(map(self._reachable, islice(self.view.free_ways(name, self.names - {name}), MAX_TRIES)))
+
+    def placeable(self, name: str, regions: Sequence[int] | Int) -> NDArray[np.bool_]:
+        """To which of some regions (N,) an object can be carried now."""
+        motions, poses = self.motions, self.state.poses
+        cell, rest, out = motions.cell, self._rest(name), np.zeros(len(regions), np.bool_)
+        centres = motions.scene.regions()[regions]
+        open_: Int | None = None
+        carrying: dict[int, PlanningQuery] = {}
+        for way in filter(self._reachable, self._ways(name)):
+            if open_ is None:
+                open_ = np.flatnonzero(cell.room_over(name, poses[name][:3, :3], centres, rest))
+            if not len(open_):
+                break
+            pick = self._pick(name, rest, way, carrying)
+            down, ends = motions.placing(self.state, pick).ends(centres[open_])
+            if len(down):
+                out[open_[down]] = cell.reached(pick.carrying, pick.lift[-1], ends, self.rng, BRIEFLY)
+            self._put |= {(name, int(regions[i])): pick for i in open_[out[open_]]}
+            open_ = open_[~out[open_]]
+        return out
+
+    def after(self, name: str, region: int) -> State | None:
+        """The state after an object was carried to a region, as far as it was found, or is found now, that it can be."""
+        key, motions = (name, region), self.motions
+        if key not in self._put and not self.placeable(name, [region])[0]:
+            return None
+        pick = self._put[key]
+        place = motions.placing(self.state, pick).place(motions.scene.regions()[region])
+        if isinstance(place, Blocked):
+            return None
+        return State(motions.robot.with_arm(place.retreat[-1], pick.gripper_open), {**self._rest(name), name: place.T_world_object})
+
+    def target_free(self, gone: Collection[str] = ()) -> bool:
+        """Whether the target can be taken out now, or would be if some objects were gone."""
+        motions, target, q = self.motions, self.view.target, self.motions.robot.arm_q(self.state.q)
+        standing = self.names.difference(gone)
+        ways = self.view.first_ways(target, standing - {target}, PICKS, AMONG_GRASPS)
+        if not ways:
+            return False
+        poses = {name: T for name, T in self.state.poses.items() if name in standing} if gone else self.state.poses
+        rest = {name: T for name, T in poses.items() if name != target}
+        carrying: dict[int, PlanningQuery] = {}
+        for way in _by_turn(ways, q)[:MAX_TRIES]:
+            if not self._leads(motions.cell.problem(poses, way.opened), q, way.approach[:1]):
+                continue
+            pick = self._pick(target, rest, way, carrying)
+            if self._leads(pick.carrying, pick.lift[-1], motions.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])):
+                return True
+            if self._leads(pick.carrying, pick.lift[-1], motions.cell.outside(pick.carrying, pick.held)):
+                return True
+        return False
+
+    def _ways(self, name: str) -> list[FreeWay]:
+        """The static picks of an object, the least to turn first."""
+        if name not in self._picks:
+            found = self.view.first_ways(name, self.names - {name}, PICKS, AMONG_GRASPS)
+            self._picks[name] = _by_turn(found, self.motions.robot.arm_q(self.state.q))[:PICKS]
+        return self._picks[name]
+
+    def _reachable(self, way: FreeWay) -> bool:
+        """Whether the arm gets from where it is to the beginning of a way."""
+        if way not in self._reached:
+            moving = self.motions.cell.problem(self.state.poses, way.opened)
+            q = self.motions.robot.arm_q(self.state.q)
+            self._reached[way] = bool(self.motions.cell.reached(moving, q, way.approach[:1], self.rng, BRIEFLY)[0])
+        return self._reached[way]
+
+    def _leads(self, query: PlanningQuery, start: Array, goals: Array) -> bool:
+        """Whether there is a path from start (A,) to one of goals (G, A)."""
+        return len(goals) > 0 and self.motions.cell.way(query, start, goals, self.rng, PATIENTLY) is not None
+
+    def _pick(self, name: str, rest: Mapping[str, Array], way: FreeWay, carrying: dict[int, PlanningQuery]) -> Pick:
+        """A way as a pick. carrying: the queries of the object in the hand, by the grasp, which grows."""
+        cell, T_hand_body = self.motions.cell, inverse(way.grasp.T_world_hand) @ self.state.poses[name]
+        held = Held(name, cell.robot.opening.held(T_hand_body))
+        if id(way.grasp) not in carrying:
+            carrying[id(way.grasp)] = cell.problem(rest, way.closed, held=held)
+        query = carrying[id(way.grasp)]
+        return Pick(way.grasp, way.approach, way.lift, way.opened, way.closed, held, query, cell.allowing(query, name, "floor"))
+
+    def _rest(self, name: str) -> Mapping[str, Array]:
+        """The poses of the objects besides one."""
+        return self.motions.without(self.state, name)
+
+
+def _by_turn(ways: Sequence[FreeWay], q: Array) -> list[FreeWay]:
+    """Ways by how far the arm turns from q (A,) to where they begin."""
+    return sorted(ways, key=lambda way: float(np.abs(way.approach[0] - q).max()))

@@ -21,7 +21,7 @@ from planning.motion.picking import Pick
 from planning.motion.workcell import PlanningQuery
 from planning.plan import Blocked
 
-BRIEFLY, PATIENTLY = 150, 1000
+BRIEFLY, PATIENTLY = 200, 1000
 """Iterations of RRT-Connect for an object, and for the target."""
 PICKS, AMONG_GRASPS = 4, 12
 """With so many picks of an object, found among so many grasps and more if need be, its regions are looked at."""
@@ -39,8 +39,12 @@ class BriefLook:
         self._put: dict[tuple[str, int], Pick] = {}
 
     def pickable(self, name: str) -> bool:
-        """Whether an object can be picked now: some way holds up to the static checks, and the arm gets there from where it is."""
-        return any(map(self._reachable, islice(self.view.free_ways(name, self.names - {name}), MAX_TRIES)))
+        """Whether an object can be picked now: some way holds up to the static checks, and the arm gets there from where it is.
+
+        The first ways that are found are tried first, for most often they will do.
+        """
+        first = islice(self.view.free_ways(name, self.names - {name}), MAX_TRIES)
+        return any(map(self._reachable, first)) or any(map(self._reachable, self._ways(name)))
 
     def placeable(self, name: str, regions: Sequence[int] | Int) -> NDArray[np.bool_]:
         """To which of some regions (N,) an object can be carried now."""

@@ -61,7 +61,7 @@ class BriefLook:
             pick = self._pick(name, rest, way, carrying)
             down, ends = motions.placing(self.state, pick).ends(centres[open_])
             if len(down):
-                out[open_[down]] = cell.reached(pick.carrying, pick.lift[-1], ends, self.rng, BRIEFLY)
+                out[open_[down]] = cell.reached(pick.carrying, self._lifted(pick), ends, self.rng, BRIEFLY)
             self._put |= {(name, int(regions[i])): pick for i in open_[out[open_]]}
             open_ = open_[~out[open_]]
         return out
@@ -91,9 +91,9 @@ class BriefLook:
             if not self._leads(motions.cell.problem(poses, way.opened), q, way.approach[:1]):
                 continue
             pick = self._pick(target, rest, way, carrying)
-            if self._leads(pick.carrying, pick.lift[-1], motions.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])):
+            if self._leads(pick.carrying, self._lifted(pick), motions.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])):
                 return True
-            if self._leads(pick.carrying, pick.lift[-1], motions.cell.outside(pick.carrying, pick.held)):
+            if self._leads(pick.carrying, self._lifted(pick), motions.cell.outside(pick.carrying, pick.held)):
                 return True
         return False
 
@@ -112,8 +112,12 @@ class BriefLook:
             self._reached[way] = bool(self.motions.cell.reached(moving, q, way.approach[:1], self.rng, BRIEFLY)[0])
         return self._reached[way]
 
+    def _lifted(self, pick: Pick) -> Array:
+        """Where the arm may be once a pick has lifted its object (S, A): the same hand, joints whole turns apart."""
+        return np.array([turned.lift[-1] for turned in self.motions.turned(self.state, pick)])
+
     def _leads(self, query: PlanningQuery, start: Array, goals: Array) -> bool:
-        """Whether there is a path from start (A,) to one of goals (G, A)."""
+        """Whether there is a path from start (A,), or from one of several (S, A), to one of goals (G, A)."""
         return len(goals) > 0 and self.motions.cell.way(query, start, goals, self.rng, PATIENTLY) is not None
 
     def _pick(self, name: str, rest: Mapping[str, Array], way: FreeWay, carrying: dict[int, PlanningQuery]) -> Pick:

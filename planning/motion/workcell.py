@@ -467,7 +467,8 @@ class Workcell:
     def way(
         self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int, *, shorter: bool = False
     ) -> Array | None:
-        """As `connect`, but the first path that is found (K, A), with no more than the least clearance; None without one.
+        """As `connect`, but the first path that is found (K, A), from one of starts (A,) or (S, A), with no more than the least clearance;
+        None without one.
 
         shorter: whether it is shortened.
         """

@@ -25,6 +25,7 @@ class Chain(NamedTuple):
     q_index (K,): which of the J planning coordinates drives it, as scale (K,) · q + offset (K,): mimic joints share an index.
     prismatic (K,): 1 when it slides along z, 0 when it turns about z. lower, upper (J,): limits, ±π where a joint is continuous.
     wraps (J,): 1 when the coordinate is continuous, so that q and q + 2π are the same place.
+    heading: 1.0; 0.0 where inverse kinematics may leave the hand turned about the vertical, as an arm of few joints has to.
     """
 
     T_prev: Array
@@ -35,6 +36,7 @@ class Chain(NamedTuple):
     lower: Array
     upper: Array
     wraps: Int
+    heading: float = 1.0
 
 
 @jit_entry

@@ -142,7 +142,8 @@ def make_work(chain: Chain) -> tuple[Array, Array]:
 
 @jit_entry
 def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array, work: Array, iterations: int) -> bool:
-    """Levenberg-Marquardt from q (J,), in place, kept inside the limits. Returns whether it arrived (to the module's tolerances).
+    """Levenberg-Marquardt from q (J,), in place, kept inside the limits. Returns whether it arrived (to the module's tolerances), but for
+    a turn about the vertical where the chain's heading is 0.
 
     frames, work: scratch, see `make_work`.
     """
@@ -154,6 +155,7 @@ def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array
     for _ in range(iterations):
         forward(chain, trial, frames)
         x, y, z = _residual(frames[K], T_frame_hand, T, e, D)
+        e[5] *= chain.heading
         cost = 0.0
         for r in range(6):
             cost += e[r] * e[r] * (1.0 if r < 3 else 0.05)
@@ -184,7 +186,7 @@ def descend(chain: Chain, T_frame_hand: Array, T: Array, q: Array, frames: Array
                     jac[2, j] += ax * py - ay * px
                     jac[3, j] += ax
                     jac[4, j] += ay
-                    jac[5, j] += az
+                    jac[5, j] += az * chain.heading
             for j in range(J):
                 b[j] = 0.0
                 for r in range(6):

@@ -13,34 +13,36 @@ import numpy as np
 from kinematics import inverse
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
-from kinematics.shapes import Cylinder
+from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.grasps import SPARE_M, UP
-from planning.motion.arm import Arm, arm_at
+from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.motion.waiting import waiting
 from planning.scene_generation import NoScene, Spec
 
 USUAL_REACH_M = 0.85  # of the arms that the specs' cabinets are made for
-LEAST_SCALE, FEW_JOINTS = 0.25, 6
+LEAST_SCALE = 0.25
 STEPS, TRIES, EXACTLY = 12, 8, 8
 LATERAL = (-0.8, -0.4, 0.0, 0.4, 0.8)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""
 BEFORE_M = 0.05
 """What the cabinet's front keeps from what is fixed to the arm's base."""
-LEAST_SHARE = 0.2
+LEAST_SHARE, BOX_SHARE, BOX_YAWS = 0.2, 0.5, (0.0, 0.5)
+"""From how many of the places an arm takes a cylinder, at least; and a box, turned so, where there are to be boxes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """A spec and a robot's place that go together. share: of the places in the cabinet that were tried, how many the arm can take an object
-    from; scale: of the cabinet and what is in it."""
+    from; scale: of the cabinet and what is in it. boxes: whether there are boxes, which the arm and its gripper have to be able to take."""
 
     spec: Spec
     ref: RobotRef
     share: float
     scale: float
+    boxes: bool = True
 
     def __str__(self) -> str:
         size = " × ".join(f"{v:.2f}" for v in self.spec.cabinet_size_m)
@@ -48,7 +50,7 @@ class Fitted:
         front, floor = self.spec.cabinet_front_m - x, self.spec.cabinet_floor_m - z
         return (
             f"a cabinet of {size} m, its front {front:.2f} m before the arm's base and its floor {floor:.2f} m above: the arm takes "
-            f"objects from {100 * self.share:.0f} % of it"
+            f"objects from {100 * self.share:.0f} % of it{'' if self.boxes else '; cylinders alone, as it hardly takes boxes'}"
         )
 
 
@@ -66,7 +68,7 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
     reach = float(np.quantile(np.hypot(*(_positions(arm) - [*robot.pivot(T_base), 0.0])[:, :2].T), 0.98))
     scale = _scale(spec, robot, reach)
     spec = _scaled(spec, scale)
-    if len(robot.arm_joints) < FEW_JOINTS:  # such an arm looks where it turns to
+    if arm.few_joints:  # such an arm looks where it turns to
         spec = replace(spec, grasp_bearing_share=1.0, grasp_yaw_spread=0.0)
     turned = replace(ref, T_world_base=T_base)
     best, placed = -1.0, None
@@ -82,7 +84,8 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
     if home is not None and ref.name is None:
         names = [robot.joint_names[j] for j in robot.arm_joints]
         turned = replace(turned, home={name: float(q) for name, q in zip(names, home)})
-    return Fitted(tried, turned, best, scale)
+    boxes = _share(tried, robot, replace(turned, home=None), boxes=True)[0] >= BOX_SHARE
+    return Fitted(tried if boxes else _round(tried), turned, best, scale, boxes)
 
 
 def _positions(arm: Arm) -> Array:
@@ -142,8 +145,9 @@ def _promising(arm: Arm, spec: Spec, reach: float) -> list[tuple[float, float]]:
         p = np.array([x + ahead[i], y + LATERAL[j] * width / 2, base + up[k]])
         yaw = spec.grasp_bearing_share * float(np.arctan2(p[1] - y, p[0] - x))
         out = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        T = transform(np.stack([UP, np.cross(out, UP), out], -1), p)
-        reached[i, k, j] = len(inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=TRIES)) > 0
+        R = np.stack([UP, np.cross(out, UP), out], -1)
+        ways = [transform(R_hand, p) for R_hand in ((R, R @ HALF_TURN) if arm.few_joints else (R,))]
+        reached[i, k, j] = any(len(inverse.solve(arm.backing, arm.T_frame_hand, arm.seeds, T, home, tries=TRIES)) for T in ways)
     least = x + _extent(arm) + BEFORE_M
     places = []
     for front, floor in product(x + ahead, base + up[up < 0.9 * reach]):
@@ -167,19 +171,28 @@ def _extent(arm: Arm) -> float:
     return float(max(ends) - x)
 
 
-def _share(spec: Spec, robot: Robot, ref: RobotRef) -> tuple[float, Array | None]:
-    """From how many of 3 × 3 places in the empty cabinet an object can be taken, and where the arm waits before it (A,)."""
+def _round(spec: Spec) -> Spec:
+    """A spec without boxes, where it has anything else."""
+    kinds = tuple(kind for kind in spec.objects_household if len(kind.size_m) == 2)
+    return replace(spec, objects_box_share=0.0, objects_household=kinds or spec.objects_household)
+
+
+def _share(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool = False) -> tuple[float, Array | None]:
+    """From how many of 3 × 3 places in the empty cabinet an object can be taken, and where the arm waits before it (A,). boxes: not a
+    cylinder, but a box, turned in several ways; from three places."""
     cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
     home = next(iter(waiting(arm_at(robot, ref.T_world_base), cabinet)), None)
     if home is None:
         return 0.0, None
     depth, width, _ = cabinet.size_m
     radius, height = float(np.mean(spec.target_half_width_m)) or 0.025, float(np.mean(spec.objects_height_m)) or 0.12
+    shape: Shape = Box(np.array([2 * radius, 2 * radius, height])) if boxes else Cylinder(radius, height)
+    places = list(product((0.3, 0.5, 0.75), (0.0,) if boxes else (-0.3, 0.0, 0.3), BOX_YAWS if boxes else (0.0,)))
     good = 0
-    for along, across in product((0.3, 0.5, 0.75), (-0.3, 0.0, 0.3)):
-        T = cabinet.T_world_cabinet @ transform(p=[along * depth, across * width, height / 2])
-        scene = Scene("fit", replace(ref, mount=False), cabinet, (Body("can", Cylinder(radius, height), T),), "can", None, spec.regions_n)
+    for along, across, yaw in places:
+        T = cabinet.T_world_cabinet @ transform(rotation_about(UP, yaw), [along * depth, across * width, height / 2])
+        scene = Scene("fit", replace(ref, mount=False), cabinet, (Body("can", shape, T),), "can", None, spec.regions_n)
         motions = Motions(robot, replace(scene, approaches=spec.moves_approaches), settings=UNCONSTRAINED)
         state = State(robot.with_arm(home, robot.opening.value_at(robot.opening.max_m)), scene.poses())
         good += bool(motions.picks(state, "can")[0])
-    return good / 9, home
+    return good / len(places), home

@@ -7,7 +7,7 @@ upright pose when the hand holds it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
@@ -27,28 +27,33 @@ BESIDE = (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)  # where meshes are crossed beside th
 MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
-LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}  # the pads' centre above the floor, so that the fingers clear it
+LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
+"""The pads' centre above the floor, so that the hand clears it: of the named robots. Others are measured."""
+IN_CABINET_M, CLEAR_M = 0.08, 0.003  # so much of a hand is in the cabinet with its fingers, and keeps so far from the floor
 BELOW_TOP_M = 0.015
 BEHIND_M = ROOM_M  # room between an object and what lies behind the pads: knuckles, palm
 KNUCKLE_M = 0.020  # half of how wide a knuckle is, across the way the fingers close
 SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
 PAD_FACE_M = 0.001  # corners of a finger this near to its innermost one belong to the pad
 PAD_REACH_M = 0.025  # and no further than this from the pads' middle, along the approach
+STEEP = 1.5  # rad: a hand of this pitch looks straight down
 LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
 UP = np.array([0.0, 0.0, 1.0])
+Headings = Callable[[Array, float], Sequence[Array]]
+"""Where an arm of few joints can take a hand: with the middle between its pads at T (4, 4) when it is open by a width (m), but turned about
+the vertical, or by half a turn about its z. The rotations (3, 3) that it then has."""
 
 
 @dataclass(frozen=True)
 class Sampling:
     """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
     than the middle, or than the gripper's depth lets it, a box may be taken. heights: of the pads, in shares of the object's. pitches: by
-    approach, in rad. along_bearing: what has no faces may be closed on square to the arm's bearing too, wherever that is."""
+    approach, in rad."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
     heights: tuple[float, ...] = (0.6, 0.85)
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
-    along_bearing: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,36 @@ def pad_of(robot: Robot) -> Pad:
     _, face = min(faces, key=lambda f: f[0])
     x, z = np.abs(face[:, 0]).max(), np.clip(face[:, 2], -PAD_REACH_M, PAD_REACH_M)
     return Pad(float(x), float(min(z.min(), 0.0)), float(max(z.max(), 0.0)))
+
+
+Lowest = Callable[[str, float], float]
+"""How high the pads' centre is above the floor, at least, by the approach and its pitch (rad), in metres."""
+
+
+def usual_lowest(kind: str, pitch: float) -> float:
+    """Of the named robots."""
+    return LOWEST_M[kind]
+
+
+@lru_cache(maxsize=16)
+def lowest_of(robot: Robot) -> Lowest:
+    """How low a robot's pads may be."""
+    if robot.grip is None:
+        return usual_lowest
+    width = robot.opening.max_m / 2
+    q = robot.home.copy()
+    q[robot.gripper_joint] = robot.opening.value_at(width)
+    poses, hand = robot.link_poses(q), robot.hand_links
+    T_hand, middle = inverse(poses["hand"]), [0.0, 0.0, robot.opening.pad_z_at(width)]
+    points = np.concatenate([apply(T_hand @ poses[h.link], h.vertices) - middle for h in robot.hulls if h.link in hand])
+    points = points[points[:, 2] > -IN_CABINET_M]
+
+    def lowest(kind: str, pitch: float) -> float:
+        if pitch > STEEP:
+            return float(points[:, 2].max()) + CLEAR_M
+        return float((points[:, 2] * np.sin(pitch) - points[:, 0] * np.cos(pitch)).max()) + CLEAR_M
+
+    return lowest
 
 
 USUAL = Sampling()
@@ -176,11 +211,14 @@ def sample_grasps(
     toward: float,
     sampling: Sampling = USUAL,
     pad: Pad | None = None,
+    headings: Headings | None = None,
+    lowest: Lowest = usual_lowest,
 ) -> Iterator[Grasp]:
     """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
 
     opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
-    pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines.
+    pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines. headings: how an arm of
+    few joints looks at what has no faces, besides the yaws that are sampled. lowest: how low the pads may be.
     On a mesh those follow that meet it less squarely, or beside its middle, or that are set back less than its box would be: the pads may
     meet an edge there, or the palm the mesh.
     The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
@@ -190,32 +228,53 @@ def sample_grasps(
     low, high = bounds(body.shape, body.T_world_body)
     middle = (low + high) / 2
     candidates: list[tuple[float, Array, Array, Array, tuple[float, float, float], float]] = []
+
+    def across(yaw: float) -> float:
+        """How wide the body is along a closing direction."""
+        return 2 * float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ [np.cos(yaw), np.sin(yaw), 0.0]))
+
+    def levels_of(kind: str, pitch: float, width: float) -> list[float]:
+        """Heights of the pads."""
+        room = max(opening.depth_at(width) - BEHIND_M, 0.0)
+        # a round body is no wider than a line where the knuckles are: its top alone has to fit before them
+        least = high[2] - room / np.sin(pitch) if kind == "diagonal" and isinstance(body.shape, Cylinder) else -np.inf
+        floor = floor_z + lowest(kind, pitch)
+        heights = (_level(kind, low[2], high[2], floor, share, least) for share in sampling.heights)
+        levels = sorted({z for z in heights if z is not None})
+        if isinstance(body.shape, ConvexMesh):
+            kind, floor = ("diagonal", floor_z + lowest("diagonal", pitch)) if kind == "downward" else (kind, floor)
+            more = (_level(kind, low[2], high[2], floor, share) for share in MESH_HEIGHTS)
+            levels += [z for z in dict.fromkeys(more) if z is not None and z not in levels]
+        return levels
+
+    def add(R: Array, ahead: Array, u: Array, pitch: float, rank: int, z: float) -> None:
+        """Note the grasps of a hand R (3, 3) that looks along `ahead` (3,), level but for its pitch, and closes along u (3,)."""
+        turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
+        reach = float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))
+        for back in sampling.backs_m if isinstance(body.shape, Box) and pitch == 0.0 else (0.0,):
+            point, extent = np.array([middle[0], middle[1], z]), (reach, float(high[2] - z), pitch)
+            candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, extent, back))
+
     yaws = closing_directions(body.shape, body.T_world_body, sampling)
-    if sampling.along_bearing and not isinstance(body.shape, Box):
-        yaws = [float((toward + np.pi / 2) % np.pi), *yaws]
+    kinds = [(kind, pitch) for kind in approaches for pitch in sampling.pitches[kind]]
+    if headings is not None and not isinstance(body.shape, Box):
+        there = np.array([np.cos(toward), np.sin(toward), 0.0])
+        for kind, pitch in kinds:
+            for rank, z in enumerate(levels_of(kind, pitch, across(toward + np.pi / 2))):
+                T = transform(_level_hand(there, pitch), [middle[0], middle[1], z])
+                through = line_contacts(body.shape, body.T_world_body, T[:3, 3], T[:3, 1])
+                for R in [] if through is None else headings(T, through.leave - through.enter):
+                    level = np.array([-R[1, 1], R[0, 1], 0.0])
+                    add(R, level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)), R[:, 1], pitch, rank, z)
     for yaw in yaws:
-        u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        across = 2 * float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ u))
-        room = max(opening.depth_at(across) - BEHIND_M, 0.0)
-        for kind in approaches:
-            for pitch in sampling.pitches[kind]:
-                # a round body is no wider than a line where the knuckles are: its top alone has to fit before them
-                least = high[2] - room / np.sin(pitch) if kind == "diagonal" and isinstance(body.shape, Cylinder) else -np.inf
-                heights = (_level(kind, low[2], high[2], floor_z, share, least) for share in sampling.heights)
-                levels = sorted({z for z in heights if z is not None})
-                if isinstance(body.shape, ConvexMesh):
-                    more = (_level("diagonal" if kind == "downward" else kind, low[2], high[2], floor_z, share) for share in MESH_HEIGHTS)
-                    levels += [z for z in dict.fromkeys(more) if z is not None and z not in levels]
-                for side in (1.0, -1.0):
-                    ahead = side * np.array([-u[1], u[0], 0.0])
-                    R = _level_hand(ahead, pitch)
-                    turn = abs((np.arctan2(ahead[1], ahead[0]) - toward + np.pi) % (2 * np.pi) - np.pi)
-                    reach = float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ ahead))
-                    backs = sampling.backs_m if isinstance(body.shape, Box) and pitch == 0.0 else (0.0,)
-                    for (rank, z), back in product(enumerate(levels), backs):
-                        point = np.array([middle[0], middle[1], z])
-                        extent = (reach, float(high[2] - z), pitch)
-                        candidates.append((turn + 0.5 * pitch + 0.3 * rank, point, u, R, extent, back))
+        width, u = across(yaw), np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        for kind, pitch in kinds:
+            levels = levels_of(kind, pitch, width)
+            for side in (1.0, -1.0):
+                ahead = side * np.array([-u[1], u[0], 0.0])
+                R = _level_hand(ahead, pitch)
+                for rank, z in enumerate(levels):
+                    add(R, ahead, u, pitch, rank, z)
     hits: dict[tuple[float, float, float], Contact | None] = {}
     left = []
     for candidate in sorted(candidates, key=lambda c: c[0]):
@@ -257,18 +316,19 @@ def _level_hand(ahead: Array, pitch: float) -> Array:
     opposite to `ahead` if it looks straight down."""
     co, si = np.cos(pitch), np.sin(pitch)
     a, b = float(ahead[0]), float(ahead[1])
-    y = (b, -a) if pitch < 1.5 else (-b, a)  # approach × up, or ahead × approach
+    y = (b, -a) if pitch < STEEP else (-b, a)  # approach × up, or ahead × approach
     z = (co * a, co * b, -si)
     x = (y[1] * z[2], -y[0] * z[2], y[0] * z[1] - y[1] * z[0])
     return np.array([[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], 0.0, z[2]]])
 
 
-def _level(kind: str, low: float, high: float, floor_z: float, share: float, least: float = -np.inf) -> float | None:
-    """The height of the pads' centre, or None when the body is too low for this approach. least: from here on the body's top fits before
-    what lies behind the pads of a pitched hand; where the pads can't be as high as that, they are as high as they can."""
+def _level(kind: str, low: float, high: float, floor: float, share: float, least: float = -np.inf) -> float | None:
+    """The height of the pads' centre, or None when the body is too low for this approach. floor: the lowest that the pads may be, world.
+    least: from here on the body's top fits before what lies behind the pads of a pitched hand; where the pads can't be as high as that,
+    they are as high as they can."""
     highest = high - min(BELOW_TOP_M, 0.3 * (high - low))
     wanted = high - 0.02 if kind == "downward" else low + share * (high - low)
-    z = max(wanted, floor_z + LOWEST_M[kind], min(least, highest))
+    z = max(wanted, floor, min(least, highest))
     return round(z, 6) if z <= highest else None
 
 

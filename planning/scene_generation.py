@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from kinematics.collision.fcl_solids import apart
-from kinematics.robots.gripper import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasps import LOWEST_M, SPARE_M, UP, set_back
+from planning.grasps import SPARE_M, UP, lowest_of, set_back
+from planning.motion.arm import arm_at
 from planning.motion.pick_place import Motions
+from planning.motion.picking import headings_of
 from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Blocked
 from planning.verdict import judge_grasp
@@ -189,7 +190,7 @@ def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int,
     order = rng.permutation(count)  # the target has no fixed place in the list
     names = {bodies[i].name: _name(bodies[i].name.rsplit("_", 1)[0], rank, robot.tree.names) for rank, i in enumerate(order)}
     objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
-    grasp = _grasp(spec, robot.opening, target, robot.pivot(ref.T_world_base), rng)
+    grasp = _grasp(spec, robot, ref, target, rng)
     return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
 
 
@@ -228,9 +229,10 @@ def _target_depths(spec: Spec, depth_m: float) -> tuple[float, float]:
     return spec.target_depth_share[0] * depth_m, spec.target_depth_share[1] * depth_m
 
 
-def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.random.Generator) -> Grasp:
-    """x_g: horizontal, from the front, the camera above the hand; on a box, square to the faces that come nearest to the wanted yaw."""
-    to_target = target.T_world_body[:2, 3] - base[:2]
+def _grasp(spec: Spec, robot: Robot, ref: RobotRef, target: Body, rng: np.random.Generator) -> Grasp:
+    """x_g: horizontal, from the front, the camera above the hand; on a box, square to the faces that come nearest to the wanted yaw. At
+    what is round an arm of few joints looks as it has to."""
+    opening, to_target = robot.opening, target.T_world_body[:2, 3] - robot.pivot(ref.T_world_base)
     yaw = spec.grasp_bearing_share * np.arctan2(to_target[1], to_target[0]) + rng.uniform(-spec.grasp_yaw_spread, spec.grasp_yaw_spread)
     half = target.shape.half
     width = 2 * float(half[0])
@@ -242,11 +244,14 @@ def _grasp(spec: Spec, opening: Opening, target: Body, base: Array, rng: np.rand
         yaw, width = own + quarter * np.pi / 2, 2 * float(half[1 if quarter % 2 == 0 else 0])
     approach = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     reach = float(half[0]) if isinstance(target.shape, Cylinder) else float(half[0 if quarter % 2 == 0 else 1])
-    z = max(spec.grasp_height_share * 2 * half[2], LOWEST_M["horizontal"])
+    z = max(spec.grasp_height_share * 2 * half[2], lowest_of(robot)("horizontal", 0.0))
     centre = target.T_world_body[:3, 3] + (z - half[2]) * UP
     if isinstance(target.shape, Box):
         centre = centre - set_back(reach, width, opening) * approach
     R = np.stack([UP, np.cross(approach, UP), approach], -1)
+    headings = headings_of(arm_at(robot, ref.T_world_base))
+    if headings is not None and isinstance(target.shape, Cylinder):
+        R = next(iter(headings(transform(R, centre), width)), R)
     return Grasp(transform(R, opening.hand_position(centre, R, width)), width)
 
 

@@ -23,9 +23,9 @@ SLIVER_M = 1e-6
 """Triangles that are no higher than that say nothing about a hull's faces."""
 ACROSS_M = (-0.012, -0.006, 0.0, 0.006, 0.012)
 """Where a jaw and what it closes on are looked at, along the hand's x."""
-BESIDE_M, PUSH_M = 0.00062, 0.0002
-"""So far from an object is the pad that stands still while the hand comes, and so far does the jaw that moves push the object against it:
-more than what planned motions keep from everything, and less than what counts as no contact."""
+BESIDE_M, PUSH_M = 0.00062, 0.0004
+"""So far from an object is the pad that stands still while the hand comes, more than what planned motions keep from everything; and so far
+does the jaw that moves push the object against it. The 0.22 mm that are left are less than half of what counts as no contact."""
 _BETWEEN = np.abs(_Z) <= 0.015  # the hand frame's origin lies between the pads
 
 
@@ -72,6 +72,10 @@ class Opening:
         if self.jaw == 0:
             return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2])
         return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2] - self.pad_y_at(width_m) * R[:, 1])
+
+    def middle(self, width_m: float) -> Array:
+        """Where (3,) the middle between the pads is in the hand that comes to close on an object of a width, after `beside`."""
+        return np.array([0.0, self.pad_y_at(width_m) + self.jaw * BESIDE_M, self.pad_z_at(width_m)])
 
     def beside(self, T_world_hand: Array) -> Array:
         """Where the hand is (4, 4) to close as at T_world_hand: with a jaw that moves alone BESIDE_M further, so that the pad that stands

@@ -114,6 +114,12 @@ class Robot:
         """The arm's joints (A,) of a full q (J,), or (K, A) of (K, J)."""
         return np.asarray(q[..., list(self.arm_joints)])
 
+    @cached_property
+    def hand_links(self) -> frozenset[str]:
+        """The links that the arm's last joint moves: palm and fingers, and what is fixed to them."""
+        last = self._movers()[-1]
+        return frozenset(name for i, name in enumerate(self.tree.names) if last in self.tree.path(i))
+
     def pivot(self, T_world_base: Array) -> Array:
         """Where (2,) the arm's first joint turns about the vertical, in the world's x and y; the base's origin where it does not turn so,
         or turns there."""

@@ -15,6 +15,7 @@ from lxml import etree
 from kinematics.robots.dialects import apply_soft_limits, expand_xacro, is_xacro, plain_capsules, plain_origins
 from kinematics.robots.joint_checks import check_joints, check_numbers
 from kinematics.robots.mesh_files import find_mesh
+from kinematics.robots.mobile_base import hold_base
 from kinematics.transforms import Array, rpy_from_rotation
 
 _KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin", "mass", "inertia", "parent", "child", "axis", "limit"}
@@ -41,7 +42,8 @@ def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
         raise ValueError(f"{file} is no URDF: its root element is not <robot>")
     try:
         check_numbers(root)
-        notes = [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
+        notes = [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
+        notes += [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
         check_joints(root)
         plain_origins(root)
         plain_capsules(root)

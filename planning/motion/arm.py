@@ -21,6 +21,10 @@ from kinematics.transforms import Array
 FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
 APART_M = 0.003  # where the arm moves meanwhile: they are looked at so often that no point of theirs moves further in between
 MOST_OPENINGS = 12
+FEW_JOINTS = 6
+"""An arm with fewer joints can't choose where its hand looks: where it is, how steep it is and how it leans leave a heading or two."""
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+"""About the hand's z: the fingers close along the same line, and x points the other way."""
 BENDS = 1.05  # a finger's point strays from where two openings have it by so much more than half of what lies between them
 
 
@@ -39,10 +43,15 @@ class AnyOpening(NamedTuple):
 
 
 class Arm(RobotCollisionModel):
-    """A robot at one place, with what inverse kinematics starts from."""
+    """A robot at one place, with what inverse kinematics starts from.
+
+    few_joints: whether it is one of fewer than six; backing: the chain, of such an arm with a free heading.
+    """
 
     def __init__(self, robot: Robot, T_world_base: Array) -> None:
         super().__init__(robot, T_world_base)
+        self.few_joints = len(robot.arm_joints) < FEW_JOINTS
+        self.backing = self.chain._replace(heading=0.0) if self.few_joints else self.chain
         self._posed = robot_collision_model(robot, T_world_base)._posed  # what the final check packs is what the planner has packed
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
@@ -102,6 +111,16 @@ class Arm(RobotCollisionModel):
         frames = np.empty((len(self.chain.q_index) + 1, 4, 4))
         forward(self.chain, q, frames)
         return np.asarray(frames[-1] @ self.T_frame_hand)
+
+    def headed(self, T_hand_x: Array, T_world_x: Array, near: Array, tries: int) -> Array:
+        """Configurations (S, A) of an arm of few joints that put x, which goes with the hand, at T_world_x (4, 4), but turned about the
+        vertical as the arm has to; the nearest to near (A,) first."""
+        return inverse.solve(self.backing, self.T_frame_hand @ T_hand_x, self.seeds, T_world_x, near, tries=tries)
+
+    def turned(self, T_hand_x: Array, T_world_x: Array, q: Array) -> float:
+        """How far x is turned about the vertical from T_world_x (4, 4) at an arm's configuration q (A,), rad."""
+        R = (self.hand_pose(q) @ T_hand_x)[:3, :3] @ T_world_x[:3, :3].T
+        return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
 
 
 def arm_at(robot: Robot, T_world_base: Array) -> Arm:

@@ -12,9 +12,10 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Grasp, Held, Scene
 from kinematics.shapes import ConvexMesh
-from kinematics.transforms import Array, inverse
-from planning.grasps import DENSE, USUAL, Sampling, open_width, pad_of, sample_grasps
+from kinematics.transforms import Array, inverse, rotation_about, transform
+from planning.grasps import DENSE, USUAL, Headings, Sampling, lowest_of, open_width, pad_of, sample_grasps
 from planning.motion import reaching
+from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.lazy_list import LazyList
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.turns import whole_turns
@@ -22,8 +23,7 @@ from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
 from planning.verdict import judge_grasp
 
-FEW_JOINTS = 6
-"""An arm with fewer joints can't choose where its hand looks: it looks where the arm turns to."""
+HEADING_TRIES, SAME_HEADING = 8, 1e-4
 MOST_PER_YAW = 10
 """So many grasps on a mesh are enough, for each closing direction that is sampled: the most natural ones."""
 STAGES = {
@@ -235,11 +235,29 @@ def sampled_grasps(
     """
     to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
     toward = float(np.arctan2(to_body[1], to_body[0]))
-    sampling = replace(sampling, along_bearing=len(robot.arm_joints) < FEW_JOINTS)
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
-    body = replace(scene.body(name), T_world_body=T)
-    found = sample_grasps(body, robot.opening, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, pad_of(robot))
+    body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
+    floor_z, pad, lowest = float(scene.cabinet.T_world_cabinet[2, 3]), pad_of(robot), lowest_of(robot)
+    found = sample_grasps(body, robot.opening, kinds, floor_z, toward, sampling, pad, headings, lowest)
     if not isinstance(body.shape, ConvexMesh):
         return found
     alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())
     return islice((grasp for grasp in found if judge_grasp(robot, alone, grasp) is None), sampling.yaws * MOST_PER_YAW)
+
+
+def headings_of(arm: Arm) -> Headings | None:
+    """How an arm of few joints can look at a place; None of one that can choose that."""
+    if not arm.few_joints:
+        return None
+
+    def headings(T_world_middle: Array, width_m: float) -> list[Array]:
+        T_hand_middle = transform(p=arm.robot.opening.middle(width_m))
+        home, out = arm.robot.arm_q(arm.robot.home), list[Array]()
+        for R in (T_world_middle[:3, :3], T_world_middle[:3, :3] @ HALF_TURN):
+            T = transform(R, T_world_middle[:3, 3])
+            turns = sorted((arm.turned(T_hand_middle, T, q) for q in arm.headed(T_hand_middle, T, home, HEADING_TRIES)), key=abs)
+            apart = [turn for i, turn in enumerate(turns) if all(abs(turn - other) > SAME_HEADING for other in turns[:i])]
+            out += [rotation_about((0.0, 0.0, 1.0), turn) @ R for turn in apart]
+        return out
+
+    return headings

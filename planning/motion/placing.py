@@ -17,6 +17,8 @@ from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
 BRIEF_DOWN, BRIEF_BACK = 2, 4  # pieces of the straight ways down and back where only labels hang on the answer
+SETTLING, SETTLED = 4, 1e-7
+"""An object's middle moves as it turns, so an arm of few joints is asked again, until it turns by less than that."""
 STAGES = {
     reaching.REACH: "ik", reaching.REGION: "region", reaching.LIFTED: "lower", reaching.AT_GRASP: "lower", reaching.UPWARDS: "lower",
     reaching.FINGERS: "release", reaching.BACKWARDS: "retreat",
@@ -117,7 +119,31 @@ class Placing:
 
     def _natural_turns(self, centres: Array) -> Array:
         """How far an object turns with the hand to centres (..., 3): for a level grasp the hand comes in along the bearing of the place,
-        else not at all."""
+        else not at all; and with an arm of few joints, as that has to."""
+        turns = self._bearings(centres)
+        if not self.cell.arm.few_joints:
+            return turns
+        flat = np.atleast_1d(turns)
+        for i, centre in enumerate(np.reshape(centres, (-1, 3))):
+            flat[i] = self._headed(centre, float(flat[i]))
+        return flat.reshape(turns.shape)
+
+    def _headed(self, centre: Array, turn: float) -> float:
+        """How far the object turns over a centre (3,), where an arm of few joints has to turn it; `turn` where it does not get there."""
+        arm, near, T = self.cell.arm, self.pick.lift[-1], np.empty((4, 4))
+        for _ in range(SETTLING):
+            reaching.place_on_floor(self._compiled.standing.body.vertices, self.R, turn, centre, T)
+            found = arm.headed(self._let_go, T, near, TRIES)
+            if not len(found):
+                break
+            more, near = arm.turned(self._let_go, T, found[0]), found[0]
+            turn += more
+            if abs(more) < SETTLED:
+                break
+        return turn
+
+    def _bearings(self, centres: Array) -> Array:
+        """How far an object turns with a hand that comes in along the bearing of centres (..., 3)."""
         ahead = self.pick.grasp.T_world_hand[:3, 2]
         if np.hypot(ahead[0], ahead[1]) <= 0.3:
             return np.zeros(centres.shape[:-1])

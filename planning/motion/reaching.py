@@ -39,9 +39,10 @@ FREE, HANGS_OVER = -2, -1
 @record
 class Hand(NamedTuple):
     """The arm's hand, T_frame_hand (4, 4) in the chain's last frame and the other way round; one thread's memory: frames and work for
-    `inverse.descend`, T (3, 4, 4), by (3,)."""
+    `inverse.descend`, T (3, 4, 4), by (3,). backing: the same chain for a hand that goes back, of few joints one with a free heading."""
 
     chain: Chain
+    backing: Chain
     T_frame_hand: Array
     T_hand_frame: Array
     frames: Array
@@ -50,9 +51,9 @@ class Hand(NamedTuple):
     by: Array
 
 
-def make_hand(chain: Chain, T_frame_hand: Array) -> Hand:
+def make_hand(chain: Chain, backing: Chain, T_frame_hand: Array) -> Hand:
     """A hand with memory for one thread."""
-    return Hand(chain, T_frame_hand, inverse(T_frame_hand), *make_work(chain), np.empty((3, 4, 4)), np.empty(3))
+    return Hand(chain, backing, T_frame_hand, inverse(T_frame_hand), *make_work(chain), np.empty((3, 4, 4)), np.empty(3))
 
 
 @record
@@ -87,7 +88,7 @@ class PutDown(NamedTuple):
 @jit_inline
 def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Array, memory: Memory) -> tuple[bool, int]:
     """Take the hand from T_world_hand, where way[0] puts it, straight back along its own z, by_m < 0, or up, by_m > 0: the waypoints in
-    way (n, A).
+    way (n, A). A hand that goes back may turn about the vertical on the way where its arm can't do otherwise.
 
     Whether it is free, and if not, the pair that touches; -1 when the arm can't follow or passes a singularity, or when the contact lies
     between two waypoints.
@@ -100,7 +101,7 @@ def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Arra
         for r in range(3):
             T[r, 3] = T_world_hand[r, 3] + k / steps * hand.by[r]
         copy_row(way[k - 1], way[k])
-        if not descend(hand.chain, hand.T_frame_hand, T, way[k], hand.frames, hand.work, BRISK):
+        if not descend(hand.backing if by_m < 0.0 else hand.chain, hand.T_frame_hand, T, way[k], hand.frames, hand.work, BRISK):
             return False, -1
         for j in range(way.shape[1]):
             if abs(way[k, j] - way[k - 1, j]) > LARGEST_TURN:

@@ -13,7 +13,7 @@ from kinematics.collision import edge_check
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.scene import Cabinet
 from kinematics.transforms import Array, rotation_about, transform
-from planning.motion.arm import Arm
+from planning.motion.arm import HALF_TURN, Arm
 from planning.motion.lazy_list import LazyList
 
 LEVEL = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
@@ -53,8 +53,9 @@ def _find_waiting(arm: Arm, cabinet: Cabinet, looks: Array) -> Iterator[Array]:
     _, width, height = cabinet.size_m
     home = arm.robot.arm_q(arm.robot.home)
     for back, z, y, yaw in product((0.08, 0.16), (0.5, 0.9, 0.2), (0.0, 0.25, -0.25, 0.5, -0.5), (0.0, 0.6, -0.6, 1.2, -1.2)):
-        R = rotation_about((0.0, 0.0, 1.0), yaw) @ looks
-        T = cabinet.T_world_cabinet @ transform(R, [-back, y * width, z * height])
-        for q in inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
-            if edge_check.config_free(problem, q, scratch):
-                yield q
+        p = [-back, y * width, z * height]
+        for R in (looks, looks @ HALF_TURN) if arm.few_joints else (looks,):
+            T = cabinet.T_world_cabinet @ transform(rotation_about((0.0, 0.0, 1.0), yaw) @ R, p)
+            for q in inverse.solve(arm.backing, arm.T_frame_hand, arm.seeds, T, home, tries=8)[:2]:
+                if edge_check.config_free(problem, q, scratch):
+                    yield q

@@ -138,7 +138,7 @@ class Workcell:
         self._entered: PlanningQuery | None = None
         self._until_s: float | None = None  # perf_counter's time when the budget that searches share is used up
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
-        self.hand = make_hand(self.arm.chain, self.arm.T_frame_hand)
+        self.hand = make_hand(self.arm.chain, self.arm.backing, self.arm.T_frame_hand)
         T = scene.cabinet.T_world_cabinet
         self.front: Array = np.append(T[:3, 0], T[:3, 0] @ T[:3, 3])
 
@@ -526,7 +526,10 @@ class Workcell:
         for along in (-T_hand[:3, 2], out):
             if along @ out > LEAST_OUTWARD:
                 there = transform(T_hand[:3, :3], T_hand[:3, 3] + max(0.0, inmost + OUTSIDE_M) / float(along @ out) * along)
-                for goal in self.ik(there, near=q, tries=PULL_TRIES)[:1]:
+                solutions = (
+                    self.arm.headed(np.eye(4), there, q, PULL_TRIES) if self.arm.few_joints else self.ik(there, near=q, tries=PULL_TRIES)
+                )
+                for goal in solutions[:1]:
                     upright = is_upright(carrying.task.exact.chain, carrying.task.upright, goal, self.memory.exact)
                     if upright and self.touch(carrying, goal) is None:
                         goals.append(goal)

@@ -100,7 +100,7 @@ def _straight(cell: Workcell, q: Array, T_world_hand: Array, by: Array, steps: i
     for k in range(1, steps + 1):
         T[:3, 3] = T_world_hand[:3, 3] + k / steps * by
         row = way[-1].copy()
-        if not descend(hand.chain, hand.T_frame_hand, T, row, hand.frames, hand.work, 30) or np.abs(row - way[-1]).max() > LARGEST_TURN:
+        if not descend(hand.backing, hand.T_frame_hand, T, row, hand.frames, hand.work, 30) or np.abs(row - way[-1]).max() > LARGEST_TURN:
             return None
         way.append(row)
     return np.array(way)

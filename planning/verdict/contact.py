@@ -152,7 +152,7 @@ class _Checker:
         if frozenset((a, b)) in course.allowed:
             body, other = (b, a) if a_is_link else (a, b)
             if a_is_link or b_is_link:
-                if other in self.hand.fingers and (body == held or (body in at_hand and self._arm_stands(course))):
+                if other in self.hand.holding and (body == held or (body in at_hand and self._arm_stands(course))):
                     return self.settings.depth_m
             elif a == held and b in self.rests.get(a, ()):
                 return self.settings.depth_m

@@ -59,7 +59,7 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
         if wrong := hold_faults(hand.pads, faces, polyhedra(target.shape), T_hand_target, target.name, "grasp", asked):
             return f"x_g does not hold {target.name}: {wrong[0].detail}"
         for link, _, deep in _touching(robot, hand, frames, [Body(target.name, target.shape, T_hand_target)]):
-            if deep > (asked.depth_m if link in hand.fingers else TOUCH_M):
+            if deep > (asked.depth_m if link in hand.holding else TOUCH_M):
                 return f"x_g does not hold {target.name}: {link} would touch the target itself, {1000 * deep:.1f} mm deep"
     T_hand_world = inverse(x_g.T_world_hand)
     walls = [Body(w.name, w.shape, T_hand_world @ w.T_world_body) for w in standing_still(scene)]
@@ -72,7 +72,7 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
 def _askew(hand: Hand) -> bool:
     """Whether the pads' faces don't look along the way they close."""
     frames = in_hand(hand, float(hand.values[len(hand.values) // 2]))
-    return any(abs((frames[p.carrier] @ p.T_carrier_face)[1, 2]) < PARALLEL for p in hand.pads)
+    return any(abs((frames[p.carrier] @ p.T_carrier_face)[1, 2]) < PARALLEL for p in hand.pads[:2])
 
 
 def closing_value(hand: Hand, width_m: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from planning.verdict.arm import Arm, poses, read
 from planning.verdict.polyhedra import Int, Window
 
 FACING = np.cos(np.radians(30))  # a face that looks this much along the closing direction can be a pad's
-LEAST_FACE_M2 = 2e-5
+JAW_FACING = np.cos(np.radians(50))  # of a jaw against a fixed one, which turns as it closes, any that looks so
+LEAST_FACE_M2, LEAST_JAW_FACE_M2 = 2e-5, 2e-6
 BESIDE_M = 0.015  # the pads are within so much of the hand frame's origin, along its z
 FLAT_M = 3e-4  # corners this near to a plane belong to the face
 _VALUES = 17
@@ -39,7 +40,8 @@ class Pad:
 class Hand:
     """arm: the whole robot; carrier, T_carrier_hand: where the hand frame is. gripper: index of the joint that opens it.
 
-    links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side.
+    links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side, +y
+    first; of a jaw that moves alone more of them follow, for what it holds may touch any.
     values, widths (G,): the gripper's joint and how far the pads are apart there, by rising width.
     """
 
@@ -49,9 +51,14 @@ class Hand:
     gripper: int
     links: frozenset[str]
     fingers: frozenset[str]
-    pads: tuple[Pad, Pad]
+    pads: tuple[Pad, ...]
     values: Array
     widths: Array
+
+    @cached_property
+    def holding(self) -> frozenset[str]:
+        """The links that touch what is held: the fingers, and what a jaw closes on."""
+        return self.fingers | {pad.link for pad in self.pads}
 
     @property
     def max_width_m(self) -> float:
@@ -59,8 +66,8 @@ class Hand:
 
     def width(self, values: Array) -> Array:
         """How far (G,) the pads are apart at values (G,) of the gripper's joint."""
-        frames = _at(self.arm, self.carrier, self.T_carrier_hand, self.gripper, values, frozenset(p.carrier for p in self.pads))
-        y = [(frames[p.carrier] @ p.T_carrier_face)[:, 1, 3] for p in self.pads]
+        frames = _at(self.arm, self.carrier, self.T_carrier_hand, self.gripper, values, frozenset(p.carrier for p in self.pads[:2]))
+        y = [(frames[p.carrier] @ p.T_carrier_face)[:, 1, 3] for p in self.pads[:2]]
         return np.asarray(y[0] - y[1])
 
 
@@ -84,9 +91,10 @@ def hand_of(robot: Robot) -> Hand:
     middle = _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2]))
     jaw = robot.opening.jaw
     movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
-    pads = tuple(_pad(robot, arm, movers[side], middle, side) for side in (1, -1))
+    found = [_pads(robot, arm, movers[side], middle, side) for side in (1, -1)]
+    pads = tuple(side[0] for side in found) + tuple(pad for side in found for pad in (side[1:] if jaw else ()))
     values = np.linspace(low, high, _VALUES)
-    half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (pads[0], pads[1]), values, values)
+    half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, pads, values, values)
     widths = half.width(values)
     order = np.argsort(widths, kind="stable")
     return replace(half, values=values[order], widths=widths[order])
@@ -103,43 +111,49 @@ def _at(
     return {c: T_hand @ T for c, T in at.items()}
 
 
-def _pad(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], side: int) -> Pad:
-    """The innermost face of the fingers on one side; at: the carriers' poses (1, 4, 4) in the hand."""
-    best: tuple[float, Pad] | None = None
+def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], side: int) -> list[Pad]:
+    """The faces of the fingers on one side, the innermost first; at: the carriers' poses (1, 4, 4) in the hand. The first looks along
+    the way they close, the others of a jaw roughly."""
+    jaw, inward = robot.opening.jaw != 0, np.array([0.0, -float(side), 0.0])
+    facing, least = (JAW_FACING, LEAST_JAW_FACE_M2) if jaw else (FACING, LEAST_FACE_M2)
+    out = list[tuple[bool, float, Pad]]()
     for hull in robot.hulls:
         if hull.link not in fingers:
             continue
         carrier, T_carrier_link = arm.links[hull.link]
         T = at[carrier][0] @ T_carrier_link
         points = hull.vertices @ T[:3, :3].T + T[:3, 3]
-        for normal, outline in _faces(points, hull.faces, np.array([0.0, -float(side), 0.0])):
+        for normal, outline, area in _faces(points, hull.faces, inward, facing, least):
             middle = outline.mean(0)
             reaches = outline[:, 2].min() <= BESIDE_M and outline[:, 2].max() >= -BESIDE_M
-            if not reaches or middle[1] * side < 0 or (best is not None and abs(middle[1]) >= best[0]):
+            if not reaches or (middle[1] * side < 0 and not jaw):
                 continue
             T_hand_face = transform(_frame(normal), middle)
             flat = (outline - middle) @ T_hand_face[:3, :2]
-            best = abs(float(middle[1])), Pad(hull.link, side, carrier, inverse(at[carrier][0]) @ T_hand_face, Window(polygons.hull(flat)))
-    if best is None:
+            pad = Pad(hull.link, side, carrier, inverse(at[carrier][0]) @ T_hand_face, Window(polygons.hull(flat)))
+            main = normal @ inward >= FACING and area >= LEAST_FACE_M2 and middle[1] * side >= 0
+            out.append((not main, abs(float(middle[1])), pad))
+    out.sort(key=lambda found: found[:2])
+    if not out or out[0][0]:
         raise ValueError(f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y")
-    return best[1]
+    return [pad for *_, pad in out]
 
 
-def _faces(points: Array, triangles: Int, inward: Array) -> list[tuple[Array, Array]]:
-    """The plane faces of a convex solid that look along `inward` (3,): outward normal (3,) and corners (N, 3) of each."""
+def _faces(points: Array, triangles: Int, inward: Array, facing: float, least_m2: float) -> list[tuple[Array, Array, float]]:
+    """The plane faces of a convex solid that look along `inward` (3,): outward normal (3,), corners (N, 3) and area of each."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1) / 2
     normal = normal / np.maximum(2 * area, 1e-30)[:, None]
     normal *= np.sign(np.einsum("ij,ij->i", normal, a - points.mean(0)))[:, None]
     out = []
-    left = (normal @ inward >= FACING) & (area > 0)
+    left = (normal @ inward >= facing) & (area > 0)
     while left.any():
         seed = int(np.argmax(np.where(left, area, -1.0)))
         out_of = points @ normal[seed] - a[seed] @ normal[seed]
         same = left & (np.abs(out_of[triangles]) <= FLAT_M).all(1)
-        if area[same].sum() >= LEAST_FACE_M2:
-            out.append((normal[seed], points[np.unique(triangles[same])]))
+        if area[same].sum() >= least_m2:
+            out.append((normal[seed], points[np.unique(triangles[same])], float(area[same].sum())))
         same[seed] = True
         left &= ~same
     return out

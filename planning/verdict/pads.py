@@ -52,6 +52,21 @@ def touch(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_bod
     return Touch(gap, R @ -normal, patch @ R[:, :2].T + p, polygons.least_width(polygons.hull(patch)))
 
 
+def touch_of(
+    pads: Sequence[Pad], T_frame_faces: Sequence[Array], body: Sequence[Polyhedron], T_frame_body: Array
+) -> tuple[Pad, Touch] | None:
+    """How the faces of one side are at a body: as the nearest of them is, with the patches of all that are about as near."""
+    seen = [(pad, t) for pad, T in zip(pads, T_frame_faces) if (t := touch(pad, T, body, T_frame_body)) is not None]
+    if not seen:
+        return None
+    pad, nearest = min(seen, key=lambda s: s[1].gap_m)
+    if len(seen) == 1:
+        return pad, nearest
+    patch = np.concatenate([t.patch for _, t in seen if t.gap_m <= nearest.gap_m + PATCH_M])
+    flat = polygons.hull(np.stack([patch @ axis for axis in _across(nearest.normal)], -1))
+    return pad, Touch(nearest.gap_m, nearest.normal, patch, polygons.least_width(flat))
+
+
 def hold_faults(
     pads: Sequence[Pad],
     T_hand_faces: Sequence[Array],
@@ -61,23 +76,23 @@ def hold_faults(
     stage: str,
     settings: Settings,
 ) -> list[Fault]:
-    """What keeps two pads from holding a body; nothing when they do. T_hand_faces, T_hand_body (4, 4): in the hand's frame."""
-    touches = [touch(pad, T, body, T_hand_body) for pad, T in zip(pads, T_hand_faces)]
+    """What keeps the pads of two sides from holding a body; nothing when they do. T_hand_faces, T_hand_body (4, 4): in the hand's frame."""
+    sides = [[(pad, T) for pad, T in zip(pads, T_hand_faces) if pad.side == side] for side in dict.fromkeys(pad.side for pad in pads)]
+    touches = [touch_of([pad for pad, _ in side], [T for _, T in side], body, T_hand_body) for side in sides]
     links = tuple(dict.fromkeys(pad.link for pad in pads))
-    far = [beside(pad, T, body, T_hand_body) if t is None else t.gap_m for pad, T, t in zip(pads, T_hand_faces, touches)]
-    found = [t for t in touches if t is not None]
-    if len(found) < len(touches):
-        amount = max(f for f, t in zip(far, touches) if t is None)
+    missed = [min(beside(pad, T, body, T_hand_body) for pad, T in side) for side, t in zip(sides, touches) if t is None]
+    if missed:
+        amount = max(missed)
         return [Fault(stage, (*links, name), f"the pads close {1000 * amount:.1f} mm beside {name}", amount)]
-    faults = []
-    for pad, t in zip(pads, found):
+    faults, found = list[Fault](), [t for t in touches if t is not None]
+    for pad, t in found:
         if t.gap_m > settings.gap_m:
             faults.append(Fault(stage, (pad.link, name), f"{pad.link} stops {1000 * t.gap_m:.1f} mm before {name}", t.gap_m))
         elif t.gap_m < -settings.depth_m:
             faults.append(Fault(stage, (pad.link, name), f"{pad.link} is {-1000 * t.gap_m:.1f} mm inside {name}", -t.gap_m))
         elif t.width_m < settings.overlap_m:
             faults.append(Fault(stage, (pad.link, name), f"{pad.link} meets {name} in a strip {1000 * t.width_m:.1f} mm wide", t.width_m))
-    if not faults and (angle := slip_angle(*found)) > (cone := float(np.arctan(settings.mu))):
+    if not faults and (angle := slip_angle(*(t for _, t in found))) > (cone := float(np.arctan(settings.mu))):
         detail = f"{name} slips: the pads press {np.degrees(angle):.0f}° off, and friction {settings.mu:g} holds {np.degrees(cone):.0f}°"
         faults.append(Fault(stage, (*links, name), detail, angle))
     return faults

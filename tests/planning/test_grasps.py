@@ -29,6 +29,7 @@ from planning.grasps import (
     pad_of,
     sample_grasps,
     set_back,
+    usual_lowest,
 )
 from planning.motion.picking import sampled_grasps
 from planning.verdict import judge_grasp
@@ -279,32 +280,35 @@ def test_how_far_before_the_middle_the_pads_close() -> None:
 @pytest.mark.parametrize("kind", ["horizontal", "diagonal"])
 def test_the_height_of_a_grasp_from_the_side(kind: str) -> None:
     """A share of the body's height, but no lower than the hand fits over the floor; none where that is too near the top."""
-    assert grasps._level(kind, 0.5, 0.7, 0.5, 0.6) == pytest.approx(0.62)
-    assert grasps._level(kind, 0.5, 0.7, 0.5, 0.85) == pytest.approx(0.67)
-    lowest = LOWEST_M[kind]
-    assert grasps._level(kind, 0.5, 0.58, 0.5, 0.1) == pytest.approx(0.5 + lowest)
-    top = 0.5 + lowest + BELOW_TOP_M
-    assert grasps._level(kind, 0.45, top + 1e-5, 0.5, 0.1) == pytest.approx(0.5 + lowest)
-    assert grasps._level(kind, 0.45, top - 1e-5, 0.5, 0.1) is None
-    assert grasps._level(kind, 0.6, 0.7, 0.5, 0.6) == pytest.approx(0.66)  # what stands on something is higher above the floor
+    lowest = 0.5 + usual_lowest(kind, 0.0)
+    assert lowest == 0.5 + LOWEST_M[kind]
+    assert grasps._level(kind, 0.5, 0.7, lowest, 0.6) == pytest.approx(0.62)
+    assert grasps._level(kind, 0.5, 0.7, lowest, 0.85) == pytest.approx(0.67)
+    assert grasps._level(kind, 0.5, 0.58, lowest, 0.1) == pytest.approx(lowest)
+    top = lowest + BELOW_TOP_M
+    assert grasps._level(kind, 0.45, top + 1e-5, lowest, 0.1) == pytest.approx(lowest)
+    assert grasps._level(kind, 0.45, top - 1e-5, lowest, 0.1) is None
+    assert grasps._level(kind, 0.6, 0.7, lowest, 0.6) == pytest.approx(0.66)  # what stands on something is higher above the floor
     assert grasps._level(kind, 0.0, 1.0, 0.0, 1 / 3) == 0.333333  # rounded, so that hands from both sides meet in one line
 
 
 def test_what_is_low_may_be_held_nearer_to_its_top() -> None:
     """By 0.3 of its height, where that is less than 15 mm."""
-    height = LOWEST_M["diagonal"] / 0.7
+    lowest = LOWEST_M["diagonal"]
+    height = lowest / 0.7
     assert 0.3 * height < BELOW_TOP_M
-    assert grasps._level("diagonal", 0.0, height + 1e-5, 0.0, 0.1) == pytest.approx(LOWEST_M["diagonal"])
-    assert grasps._level("diagonal", 0.0, height - 1e-5, 0.0, 0.1) is None
-    assert grasps._level("diagonal", 0.2, 0.2 + height + 1e-5, 0.2, 0.1) == pytest.approx(0.2 + LOWEST_M["diagonal"])
+    assert grasps._level("diagonal", 0.0, height + 1e-5, lowest, 0.1) == pytest.approx(lowest)
+    assert grasps._level("diagonal", 0.0, height - 1e-5, lowest, 0.1) is None
+    assert grasps._level("diagonal", 0.2, 0.2 + height + 1e-5, 0.2 + lowest, 0.1) == pytest.approx(0.2 + lowest)
 
 
 def test_the_height_of_a_grasp_from_above() -> None:
     """2 cm below the top, whatever the share."""
+    lowest = 0.5 + LOWEST_M["downward"]
     for share in (0.6, 0.85):
-        assert grasps._level("downward", 0.5, 0.7, 0.5, share) == pytest.approx(0.68)
-    assert grasps._level("downward", 0.5, 0.53, 0.5, 0.6) == pytest.approx(0.515)
-    assert grasps._level("downward", 0.5, 0.52, 0.5, 0.6) is None
+        assert grasps._level("downward", 0.5, 0.7, lowest, share) == pytest.approx(0.68)
+    assert grasps._level("downward", 0.5, 0.53, lowest, 0.6) == pytest.approx(0.515)
+    assert grasps._level("downward", 0.5, 0.52, lowest, 0.6) is None
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- the hand

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from kinematics.transforms import Array, rotation_about, transform
 from planning.verdict.faults import Settings
 from planning.verdict.grasp import closing_value
 from planning.verdict.hand import hand_of, in_hand
-from planning.verdict.pads import Touch, hold_faults, slip_angle, touch
-from planning.verdict.polyhedra import polyhedra
+from planning.verdict.pads import Touch, hold_faults, slip_angle, touch, touch_of
+from planning.verdict.polyhedra import Window, polyhedra
 
 BOX, CAN = Box(np.array([0.06, 0.05, 0.12])), Cylinder(0.025, 0.12)
 UPRIGHT = rotation_about((0.0, 1.0, 0.0), np.pi / 2)  # in a level hand: the body's axis along the hand's x
@@ -136,3 +137,22 @@ def test_points_on_surfaces_say_the_same(ur5e: Robot) -> None:
         assert said == truth.UNDECIDED or (said == truth.HOLDS) == (not ours), (i, said, ours)
     assert min(seen[truth.HOLDS], seen[truth.FAILS]) > 5
     assert seen[truth.UNDECIDED] < 8
+
+
+def test_a_side_of_several_faces_touches_with_the_nearest(ur5e: Robot) -> None:
+    """And its patch is what all of them touch that are about as near."""
+    pad, square = hand_of(ur5e).pads[0], Window(np.array([[-0.005, -0.005], [0.005, -0.005], [0.005, 0.005], [-0.005, 0.005]]))
+    low, high, far = (transform(p=[x, 0.0, z]) for x, z in ((-0.005, 0.0), (0.005, -0.0004), (0.0, -0.004)))
+    faces = [replace(pad, window=square) for _ in range(3)]
+    body, T = polyhedra(BOX), transform(p=[0.0, 0.0, BOX.half[2] + 0.0002])
+    found = touch_of(faces, [low, high, far], body, T)
+    assert found is not None
+    which, touched = found
+    assert which is faces[0]
+    assert touched.gap_m == pytest.approx(0.0002)
+    assert np.ptp(touched.patch[:, 0]) == pytest.approx(0.02)
+    assert touched.width_m == pytest.approx(0.01)
+    alone = touch_of(faces[1:2], [high], body, T)
+    assert alone is not None
+    assert (alone[1].gap_m, alone[1].width_m) == pytest.approx((0.0006, 0.01))
+    assert touch_of(faces, [low, high, far], body, transform(p=[0.5, 0.0, 0.1])) is None

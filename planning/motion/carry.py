@@ -41,13 +41,14 @@ class Done:
     carry: Carry | None = None
 
 
-def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], carry: Carry) -> Done | Blocked:
+def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], carry: Carry, *, beside: bool = True) -> Done | Blocked:
     """The motions of a carry, and the state after them; what touches where the fingers can't be set to the pick's opening.
 
-    rest: the poses of the objects besides the one that is carried.
+    rest: the poses of the objects besides the one that is carried. beside: whether the fingers may open while the arm moves; not asked
+    where all will be chosen anew.
     """
     pick, place, lifted = carry.pick, carry.place, carry.pick.lift
-    out = setting_out(cell, state, pick, carry.way_in)
+    out = setting_out(cell, state, pick, carry.way_in, beside=beside)
     if isinstance(out, Blocked):
         return out
     at = pick.approach[-1]
@@ -69,12 +70,12 @@ def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], car
     return Done(tuple(motions), State(motions[-1].q[-1], {**rest, name: place.T_world_object}), pick.grasp, carry)
 
 
-def setting_out(cell: Workcell, state: State, pick: Pick, path: Array) -> list[Motion] | Blocked:
+def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside: bool = True) -> list[Motion] | Blocked:
     """The motions along a path (K, A) to a pick, the fingers moving to its opening on the way where that is free, or else first."""
     q, gripper = cell.robot.arm_q(state.q), float(state.q[cell.robot.gripper_joint])
     if abs(gripper - pick.gripper_open) <= 1e-9:
         return [motion(cell, "transit", path, pick.gripper_open)]
-    if cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
+    if beside and cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
         return [motion(cell, "transit", path, gripper, to_gripper=pick.gripper_open)]
     if touch := opening_blocked(cell, state, pick):
         return touch

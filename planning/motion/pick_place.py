@@ -56,7 +56,6 @@ class _Memory:
         self.placing: dict[Pick, Placing] = {}
         self.turned: dict[Pick, list[Pick]] = {}
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
-        self.without: dict[str, dict[str, Array]] = {}
 
 
 class Motions:
@@ -184,7 +183,7 @@ class Motions:
             if isinstance(across, Blocked):
                 why = across
                 continue
-            return carried(self.cell, state, name, self.without(state, name), across)
+            return carried(self.cell, state, name, self.without(state, name), across, beside=False)
         return why
 
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked:
@@ -219,7 +218,7 @@ class Motions:
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
             if not isinstance(across, Blocked):
                 place = next(turned for turned in places if np.array_equal(turned.lower[0], across.across[-1]))
-                return carried(self.cell, state, name, self.without(state, name), replace(across, place=place))
+                return carried(self.cell, state, name, self.without(state, name), replace(across, place=place), beside=False)
             why = across
             tries += 1
             if tries == MAX_TRIES:
@@ -382,7 +381,4 @@ class Motions:
 
     def without(self, state: State, name: str) -> dict[str, Array]:
         """The poses of the objects besides one."""
-        known = self._recall(state).without
-        if name not in known:
-            known[name] = {n: T for n, T in state.poses.items() if n != name}
-        return known[name]
+        return self.cell.without(state.poses, name)

@@ -19,7 +19,6 @@ from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.clearance import clearances
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.robot import Robot
-from kinematics.scene import Held
 from kinematics.transforms import Array
 from planning.motion.edges import Task
 from planning.motion.smoothing.blending import Corners, choose_speeds, make_corners, write_corner, write_rows
@@ -27,7 +26,7 @@ from planning.motion.smoothing.curve_check import WITHIN_M, first_blocked
 from planning.motion.smoothing.hand_speed import along_pieces, along_rows
 from planning.motion.smoothing.spline_rows import chords, keep_limits, slow_down
 from planning.motion.smoothing.straight_line import write_line
-from planning.motion.workcell import PlanningQuery, Workcell
+from planning.motion.workcell import Workcell
 from planning.plan import Gripper, GripperState, Motion
 
 MOST_USED = 1 - 1e-4
@@ -85,7 +84,6 @@ class _Drive:
         self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))
         self.frames = np.empty((len(cell.arm.chain.q_index) + 1, 4, 4))
         self.bodies: BroadPhase | None = None
-        self.asked: tuple[Mapping[str, Array], float, Held | None, PlanningQuery] | None = None
 
     def trajectory(self, poses: Mapping[str, Array], motion: Motion) -> Motion:
         """One motion's trajectory. poses: of the objects that stand meanwhile."""
@@ -142,20 +140,13 @@ class _Drive:
         cell = self.cell
         first, last = (float(motion.q[i, cell.robot.gripper_joint]) for i in (0, -1))
         moving = None if first == last else cell.any_opening(poses, first, last)
-        query = self._query(poses, first, motion.held) if moving is None else moving
+        query = cell.problem(poses, first, held=motion.held) if moving is None else moving
         for a, b in motion.allowed_contacts:
             if motion.held is None or b != motion.held.body:
                 query = cell.allowing(query, a, b)
         clearance_m = 0.0 if motion.stage in STRAIGHT else cell.clearest(query, q)
         cell.enter(query)
         return cell.for_chords(query, clearance_m, WITHIN_M)
-
-    def _query(self, poses: Mapping[str, Array], gripper: float, held: Held | None) -> PlanningQuery:
-        """The planning query, the last one again where nothing has changed: a lift, a transfer and a lower have it in common."""
-        last = self.asked
-        if last is None or last[0] is not poses or last[1] != gripper or last[2] is not held:
-            last = self.asked = (poses, gripper, held, self.cell.problem(poses, gripper, held=held))
-        return last[3]
 
     def _along_line(self, task: Task, q: Array, hand_speed: float) -> int:
         """The rows of a straight way of the hand; 0 when it is none, or can't be proved free."""
@@ -214,7 +205,7 @@ def timed(cell: Workcell, poses: Mapping[str, Array], motions: Sequence[Motion],
             at = cell.arm.hand_pose(cell.robot.arm_q(before.q[-1])) @ before.held.T_hand_body
             poses = {**poses, before.held.body: at}
         if motion.held and motion.held.body in poses:
-            poses = {name: T for name, T in poses.items() if name != motion.held.body}
+            poses = cell.without(poses, motion.held.body)
         out.append(replace(drive.trajectory(poses, motion), gripper=_gripper(cell.robot, motion)))
         before = motion
     return tuple(out)

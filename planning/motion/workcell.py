@@ -91,13 +91,15 @@ class ContactQuery(NamedTuple):
 
 
 class _Bodies(NamedTuple):
-    """What stands at some poses, packed, with the names; and the queries of an empty hand among them, by the gripper's value, or the two
-    between which it moves. The poses are kept, too, for they are told from others by their identity."""
+    """What stands at some poses, packed, with the names; the queries among them, by the gripper's value and what is held, or by the two
+    values between which an empty hand opens; and the poses without one object. The poses are kept, too, for they are told from others by
+    their identity."""
 
     poses: Mapping[str, Array]
     solids: Solids
     names: tuple[str, ...]
-    known: dict[float | tuple[float, float], PlanningQuery]
+    known: dict[tuple[float, Held | float | None], PlanningQuery]
+    without: dict[str, dict[str, Array]]
 
 
 class Workcell:
@@ -199,11 +201,10 @@ class Workcell:
 
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
+        _, solids, bodies, known, _ = self._standing(poses)
+        if not ignore and (gripper, held) in known:
+            return known[gripper, held]
         (posed, model), links = self.arm.packed(gripper), self.arm.links
-        _, solids, bodies, known = self._standing(poses)
-        plain = held is None and not ignore
-        if plain and gripper in known:
-            return known[gripper]
         pairs = self.arm.self_pairs
         if held is not None:
             first = len(links)
@@ -222,9 +223,16 @@ class Workcell:
         if held is not None:
             task, self._entered = without_still(task, self.memory)._replace(upright=self._upright(held)), None
         query = PlanningQuery(task, links + bodies)
-        if plain:
-            known[gripper] = query
+        if not ignore:
+            known[gripper, held] = query
         return query
+
+    def without(self, poses: Mapping[str, Array], name: str) -> dict[str, Array]:
+        """The poses of the objects besides one: for the same poses the same ones, so that what was packed for them is found again."""
+        known = self._standing(poses).without
+        if name not in known:
+            known[name] = {n: T for n, T in poses.items() if n != name}
+        return known[name]
 
     def _upright(self, held: Held) -> Upright:
         """How far a held object may tilt from how it stood."""
@@ -249,7 +257,7 @@ class Workcell:
         moving = self.arm.any_opening(first, last)
         if moving is None:
             return None
-        _, solids, bodies, known = self._standing(poses)
+        _, solids, bodies, known, _ = self._standing(poses)
         if (first, last) not in known:
             posed, model, links, pairs, off_m = moving
             check = np.ones((len(links), len(bodies)), np.uint8)
@@ -269,7 +277,7 @@ class Workcell:
     def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> ContactQuery:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""
         posed, links, pairs, moving = self.arm.moving_fingers(opened, closed)
-        _, solids, bodies, _ = self._standing(poses)
+        _, solids, bodies, _, _ = self._standing(poses)
         check = np.repeat(moving.astype(np.uint8)[:, None], len(bodies), 1)
         check[np.ix_([i for i, n in enumerate(links) if n in self.robot.pads], [i for i, n in enumerate(bodies) if n == name])] = 0
         return ContactQuery(edge_check.pose(self.arm.chain, posed, solids, Query(check, pairs), edge_check.MARGIN_M), links + bodies)
@@ -279,7 +287,7 @@ class Workcell:
         pieces = bare_geometry(self.scene.body(name).shape)
         n = len(pieces.start) - 1
         posed = pose_geometry(self.arm.chain, pieces, np.zeros(n, np.int64), np.tile(np.eye(4), (n, 1, 1)))
-        _, solids, bodies, _ = self._standing(poses)
+        _, solids, bodies, _, _ = self._standing(poses)
         check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
         query = Query(check, np.zeros((0, 2), np.int64))
         problem = edge_check.pose(self.arm.chain, posed, solids, query, edge_check.MARGIN_M)
@@ -553,6 +561,6 @@ class Workcell:
             which = [i for i, name in enumerate(self._rows) if name in poses or name in fixed]
             names = tuple(self._rows[i] for i in which)
             T = np.array([poses[name] if name in poses else fixed[name] for name in names])
-            found = _Bodies(poses, place_solids(self._stock, np.array(which), T), names, {})
+            found = _Bodies(poses, place_solids(self._stock, np.array(which), T), names, {}, {})
         self._bodies[id(poses)] = found
         return found

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,19 +22,14 @@ from kinematics.transforms import Array
 from planning.motion.carry import Carry, setting_out
 from planning.motion.picking import Pick
 from planning.motion.placing import Place
-from planning.motion.smoothing.estimates import Limits, polyline_s, straight_s
+from planning.motion.way_cost import WayCost
 from planning.motion.workcell import PlanningQuery, Workcell
 from planning.plan import Blocked
 
-DETOUR, DETOUR_S, FLIP, FLIP_S = 1.15, 0.25, 1.5, 1.2
-"""What a way that is not straight is taken to need until it is planned: so many times the straight one's time, and seconds more; beyond
-FLIP_S, where arms turn into another branch as a rule, so many times as much again."""
 PUT_DOWN_S = 0.9
 """Lowering and retreating, until these are known."""
 WORTH = 1.2
 """A way that was planned anew is made quicker only if it takes no more than so many times what the quickest takes already."""
-DOUBT = 0.7
-"""A way that nobody has looked at is taken to need so much more than the straight one, as a share of what a detour takes more."""
 UNKNOWN, BENT, KNOWN = 0, 1, 2
 
 
@@ -59,13 +55,14 @@ class _Layer:
     """The nodes of one move: a pick, and where its transfer ends. Node 0 is the way that was found.
 
     pick_of (N,): the pick of each node. ends, leaves (N, A): where its transfer ends and where the arm is afterwards, about until it is
-    known. across_s, put_s (N,): seconds of transfer, and of what follows; known (N,): of the transfer. transit_s, transit_known (M, P): the
-    same of the ways from the M nodes of the layer before to the P picks. sure_s (N,), sure_transit_s (M, P): the same, but infinite where
-    not known.
+    known. entry, beginning (P, 3), ending, exit (N, 3): where the hand is at the picks' first and last waypoints, and at ends and leaves.
+    looked_at (P,): whether it is known how clear a pick's straight ways keep. across_s, put_s (N,): what the transfer and what follows
+    cost; known (N,): of the transfer. transit_s, transit_known (M, P): the same of the ways from the M nodes of the layer before to the P
+    picks. sure_s (N,), sure_transit_s (M, P): the same, but infinite where not known.
     """
 
-    def __init__(self, choices: Choices, lower: Array, upper: Array, limits: Limits) -> None:
-        self.choices, self.limits, found = choices, limits, choices.found
+    def __init__(self, choices: Choices, lower: Array, upper: Array, cost: WayCost) -> None:
+        self.choices, self.cost, found = choices, cost, choices.found
         kinds = [(found.pick, found.pick), *((turned, pick) for pick in choices.picks for turned in pick.turned(lower, upper))]
         self.picks, self.as_found = [turned for turned, _ in kinds], [pick for _, pick in kinds]
         known_ends = {id(pick): choices.ends(pick) for pick in self.as_found}
@@ -77,8 +74,10 @@ class _Layer:
         self.leaves = self.ends.copy()
         self.enter, self.lifted = (np.array([getattr(p, way)[i] for p in self.picks]) for way, i in (("approach", 0), ("lift", -1)))
         at = np.array([pick.lift[0] for pick in self.picks])
-        self.taking_s = straight_s(self.enter - at, limits) + straight_s(self.lifted - at, limits)
-        self.across_s = _hoped_s(straight_s(self.ends - self.lifted[self.pick_of], limits))
+        self.entry, self.exit, self.beginning, self.ending = (cost.points(q) for q in (self.enter, self.leaves, self.lifted, self.ends))
+        self.taking_s = cost.straight(self.enter - at) + cost.straight(self.lifted - at)
+        self.looked_at = np.zeros(len(self.picks), np.bool_)
+        self.across_s = cost.hoped(self.ends - self.lifted[self.pick_of], self.ending - self.beginning[self.pick_of])
         self.put_s = np.full(len(self.ends), 0.0 if choices.put is None else PUT_DOWN_S)
         self.known, self.sure_s = np.zeros(len(self.ends), np.int64), np.full(len(self.ends), np.inf)
         self.places: dict[int, Place] = {}
@@ -89,12 +88,18 @@ class _Layer:
     def node_s(self, across_s: Array) -> Array:
         return np.asarray(self.taking_s[self.pick_of] + across_s + self.put_s)
 
-    def settle(self, n: int, place: Place) -> None:
-        """Node n's way down is known."""
+    def settle(self, n: int, place: Place, more_s: float) -> None:
+        """Node n's way down is known, and counts so many seconds more than it takes."""
         self.places[n], self.ends[n], self.leaves[n] = place, place.lower[0], place.retreat[-1]
-        at = place.lower[-1]
-        self.put_s[n] = straight_s(self.ends[n] - at, self.limits) + straight_s(self.leaves[n] - at, self.limits)
-        self.across_s[n] = _hoped_s(straight_s(self.ends[n] - self.lifted[self.pick_of[n]], self.limits))
+        at, cost = place.lower[-1], self.cost
+        self.ending[n], self.exit[n] = cost.points(np.stack([self.ends[n], self.leaves[n]]))
+        self.put_s[n] = cost.straight(self.ends[n] - at) + cost.straight(self.leaves[n] - at) + more_s
+        self.across_s[n] = cost.hoped(*self.across_by(n))
+
+    def across_by(self, n: int) -> tuple[Array, Array]:
+        """What the joints turn in node n's transfer (A,), and how the hand moves (3,)."""
+        p = self.pick_of[n]
+        return self.ends[n] - self.lifted[p], self.ending[n] - self.beginning[p]
 
     def carry(self, before: int, n: int) -> Carry:
         p = int(self.pick_of[n])
@@ -105,18 +110,25 @@ class _Graph:
     """All layers, the start before the first, and what looks at their edges."""
 
     def __init__(self, cell: Workcell, start: Array, choices: Sequence[Choices], rng: np.random.Generator) -> None:
-        chain, limits = cell.arm.chain, cell.robot.arm_limits
-        self.cell, self.start, self.limits, self.rng = cell, start, limits, rng
-        self.layers = [_Layer(c, chain.lower, chain.upper, limits) for c in choices]
-        self.settings = cell.settings.quickest
+        self.cell, self.start, self.rng, self.settings, self.ends_m = (
+            cell,
+            start,
+            rng,
+            cell.settings.quickest,
+            cell.settings.clearance.ends_m,
+        )
+        chain, self.cost = cell.arm.chain, WayCost(cell.arm, cell.robot.arm_limits, cell.settings.quickest.metre_s)
+        self.layers = [_Layer(c, chain.lower, chain.upper, self.cost) for c in choices]
+        self.start_at = self.cost.points(start[None])
         self.planned = self.settings.planned * len(self.layers)
         for k, layer in enumerate(self.layers):
-            found, leaves = layer.choices.found, self._leaves(k)
-            layer.transit_s = _hoped_s(straight_s(layer.enter - leaves[:, None], limits))
+            found = layer.choices.found
+            layer.transit_s = self.cost.hoped(*self._transit_by(k, slice(None), slice(None)))
             layer.transit_known, layer.sure_transit_s = np.zeros(layer.transit_s.shape, np.int64), np.full(layer.transit_s.shape, np.inf)
             self._know_transit(layer, (0, 0), found.way_in)
+            self._look_pick(k, 0)
             if found.place is not None:
-                layer.settle(0, found.place)
+                self._settle(k, 0, found.place)
             self._know_across(layer, 0, found.across)
         for k in range(1, len(self.layers)):
             self._leave_from(k, 0)
@@ -141,6 +153,9 @@ class _Graph:
         fresh = False
         for k, before, n in todo:
             layer = self.layers[k]
+            if not layer.looked_at[layer.pick_of[n]]:
+                self._look_pick(k, int(layer.pick_of[n]))
+                fresh = True
             if layer.known[n] == UNKNOWN:
                 self._look_across(k, n)
                 fresh = True
@@ -172,16 +187,16 @@ class _Graph:
 
     def _better(self, query: PlanningQuery, path: Array) -> Array:
         best, misses = self.cell.quickened(query, path, self.rng), 0
-        best_s, least_s = polyline_s(best, self.limits), float(straight_s(path[-1] - path[0], self.limits))
+        best_s, least_s = self.cost.path(best), float(self.cost.straight(path[-1] - path[0]))
         for _ in range(self.settings.again):
             if misses == self.settings.patience or best_s - least_s < self.settings.gain_s:
                 break
             misses += 1
             other = self.cell.connect_clear(query, path[0], path[-1], self.rng, self.settings.iterations)
-            if other is None or polyline_s(other, self.limits) > WORTH * best_s:
+            if other is None or self.cost.path(other) > WORTH * best_s:
                 continue
             other = self.cell.quickened(query, other, self.rng)
-            other_s = polyline_s(other, self.limits)
+            other_s = self.cost.path(other)
             misses = 0 if other_s < best_s - self.settings.gain_s else misses
             best, best_s = (other, other_s) if other_s < best_s else (best, best_s)
         return best
@@ -193,7 +208,38 @@ class _Graph:
         """Transits to layer k from node n of the layer before, which has become known."""
         layer = self.layers[k]
         fresh = layer.transit_known[n] == UNKNOWN
-        layer.transit_s[n, fresh] = _hoped_s(straight_s(layer.enter - self.layers[k - 1].leaves[n], self.limits))[fresh]
+        layer.transit_s[n, fresh] = self.cost.hoped(*self._transit_by(k, n, fresh))
+
+    def _transit_by(self, k: int, before: Any, picks: Any) -> tuple[Array, Array]:
+        """What the joints turn (..., A) in transits to layer k from nodes before it to picks, and how the hand moves (..., 3)."""
+        layer, exits = self.layers[k], self.layers[k - 1].exit if k else self.start_at
+        return layer.enter[picks] - self._leaves(k)[before, None], layer.entry[picks] - exits[before, None]
+
+    def _look_pick(self, k: int, p: int) -> None:
+        """How clear the straight ways of a pick keep, whichever turns its joints are at."""
+        layer, pick = self.layers[k], self.layers[k].as_found[p]
+        more_s = self._tight_s((self._moving(layer, p), pick.approach), (pick.lifting, pick.lift))
+        same = np.array([other is pick for other in layer.as_found])
+        layer.taking_s[same] += more_s
+        layer.looked_at[same] = True
+
+    def _settle(self, k: int, n: int, place: Place) -> None:
+        layer = self.layers[k]
+        pick, ways = layer.picks[layer.pick_of[n]], [(layer.picks[layer.pick_of[n]].lifting, place.lower)]
+        if k + 1 < len(self.layers):
+            ways.append((self.cell.problem(self.layers[k + 1].choices.before.poses, pick.gripper_open), place.retreat))
+        layer.settle(n, place, self._tight_s(*ways))
+
+    def _tight_s(self, *ways: tuple[PlanningQuery, Array]) -> float:
+        """What straight ways (K, A) count more because one of them comes nearer to something than it should."""
+        return 0.0 if all(self.cell.keeps(query, way, self.ends_m) for query, way in ways) else self.settings.tight_s
+
+    def _straight(self, query: PlanningQuery, a: Array, b: Array) -> tuple[Array | None, float]:
+        """The straight way from a to b (A,) if it is free and clear enough, and what it counts more than it takes."""
+        for ends_m, more_s in ((self.ends_m, 0.0), (self.cell.settings.clearance.least_m, self.settings.tight_s)):
+            if self.cell.straight(query, a, b, ends_m):
+                return np.stack([a, b]), more_s
+        return None, 0.0
 
     def _moving(self, layer: _Layer, p: int) -> PlanningQuery:
         return self.cell.problem(layer.choices.before.poses, layer.picks[p].gripper_open)
@@ -207,22 +253,23 @@ class _Graph:
                 same = (layer.solution == layer.solution[n]) & (layer.grasp == layer.grasp[n]) & (layer.known == UNKNOWN)
                 layer.across_s[same], layer.known[same] = np.inf, KNOWN
                 return
-            layer.settle(n, place)
+            self._settle(k, n, place)
             if k + 1 < len(self.layers):
                 self._leave_from(k + 1, n)
-        if self.cell.straight(layer.picks[p].carrying, layer.lifted[p], layer.ends[n]):
-            self._know_across(layer, n, np.stack([layer.lifted[p], layer.ends[n]]))
+        path, more_s = self._straight(layer.picks[p].carrying, layer.lifted[p], layer.ends[n])
+        if path is not None:
+            self._know_across(layer, n, path, more_s)
         else:
-            straight = straight_s(layer.ends[n] - layer.lifted[p], self.limits)
-            layer.across_s[n], layer.known[n] = _detour_s(straight), BENT
+            layer.across_s[n], layer.known[n] = self.cost.detour(*layer.across_by(n)), BENT
 
     def _look_transit(self, k: int, before: int, p: int) -> None:
         layer, q = self.layers[k], self._leaves(k)[before]
-        if self.cell.straight(self._moving(layer, p), q, layer.enter[p]):
-            self._know_transit(layer, (before, p), self._opens(k, before, p, np.stack([q, layer.enter[p]])))
+        path, more_s = self._straight(self._moving(layer, p), q, layer.enter[p])
+        if path is not None:
+            self._know_transit(layer, (before, p), self._opens(k, before, p, path), more_s)
         else:
-            layer.transit_s[before, p] = _detour_s(straight_s(layer.enter[p] - q, self.limits))
-            layer.transit_known[before, p] = BENT
+            by, way = self._transit_by(k, before, p)
+            layer.transit_s[before, p], layer.transit_known[before, p] = self.cost.detour(by, way)[0], BENT
 
     def _opens(self, k: int, before: int, p: int, path: Array) -> Array | None:
         """A transit's path where the fingers can be set to the pick's opening."""
@@ -241,15 +288,15 @@ class _Graph:
         self.planned -= 1
         return self.cell.connect_clear(query, a, b, self.rng, self.settings.iterations)
 
-    def _know_transit(self, layer: _Layer, key: tuple[int, int], path: Array | None) -> None:
+    def _know_transit(self, layer: _Layer, key: tuple[int, int], path: Array | None, more_s: float = 0.0) -> None:
         layer.transit_known[key] = KNOWN
-        layer.transit_s[key] = layer.sure_transit_s[key] = np.inf if path is None else polyline_s(path, self.limits)
+        layer.transit_s[key] = layer.sure_transit_s[key] = np.inf if path is None else self.cost.path(path) + more_s
         if path is not None:
             layer.transits[key] = path
 
-    def _know_across(self, layer: _Layer, n: int, path: Array | None) -> None:
+    def _know_across(self, layer: _Layer, n: int, path: Array | None, more_s: float = 0.0) -> None:
         layer.known[n] = KNOWN
-        layer.across_s[n] = layer.sure_s[n] = np.inf if path is None else polyline_s(path, self.limits)
+        layer.across_s[n] = layer.sure_s[n] = np.inf if path is None else self.cost.path(path) + more_s
         if path is not None:
             layer.across[n] = path
 
@@ -266,16 +313,6 @@ def quickest(cell: Workcell, start: Array, moves: Sequence[Choices], rng: np.ran
         sure_s, path = graph.shortest(sure=True)
     graph.polish(path)
     return [layer.carry(before, n) for layer, before, n in zip(graph.layers, [0, *path], path)]
-
-
-def _detour_s(straight_s: Array) -> Array:
-    """Seconds that a way is taken to need that is not straight, for seconds (...,) of the straight one."""
-    return np.asarray(DETOUR * straight_s + DETOUR_S + FLIP * np.maximum(0.0, straight_s - FLIP_S))
-
-
-def _hoped_s(straight_s: Array) -> Array:
-    """Seconds that a way is taken to need which nobody has looked at."""
-    return np.asarray(straight_s + DOUBT * (_detour_s(straight_s) - straight_s))
 
 
 def _nearest_turns(solutions: Array, near: Array, lower: Array, upper: Array) -> Array:

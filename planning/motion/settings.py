@@ -40,6 +40,16 @@ class ClearanceSettings:
         between = sorted((c for c in self.between_m if self.least_m < c < self.wanted_m), reverse=True)
         return tuple(dict.fromkeys((self.wanted_m, *between, self.least_m)))
 
+    @property
+    def ends_m(self) -> float:
+        """What is preferred near the ends of a way, which may have to be nearer to things than its middle: the next to the wanted."""
+        return self.levels_m[:2][-1]
+
+    @cached_property
+    def grades_m(self) -> tuple[tuple[float, float], ...]:
+        """The clearances that a way may have, of its middle and of what is near its ends, falling."""
+        return tuple(dict.fromkeys((m, ends) for m in self.levels_m for ends in (min(m, self.ends_m), self.least_m)))
+
 
 MOST_WANTED_M = 0.1
 MOST_TILT_DEG, LEAST_TILT_DEG = 180.0, 1.0
@@ -56,14 +66,17 @@ class QuickestSettings:
     """How hard quick ways are sought. looks: how many shortest paths are looked at. planned: how many ways that are not straight are
     planned for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made quicker;
     patience: so many of these in a row that bring nothing are the last. gain_s: what is to be hoped for from a move, or from planning a way
-    anew, for it to be looked at further. iterations: of each search for a way."""
+    anew, for it to be looked at further. iterations: of each search for a way. metre_s: what a metre of the hand's way counts, in seconds;
+    tight_s: what it counts that a straight way has less than 3 mm of clearance."""
 
     looks: int = 500
-    planned: int = 12
+    planned: int = 20
     again: int = 6
-    patience: int = 2
+    patience: int = 1
     gain_s: float = 0.05
-    iterations: int = 200
+    iterations: int = 400
+    metre_s: float = 0.5
+    tight_s: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -335,26 +335,27 @@ class Workcell:
         pair = edge_check.edge_contact(query.task.exact, qa, qb, memory.exact)
         return self.name_of(query, pair) if pair >= 0 else CollisionPair(detail="touches by less than the margin")
 
-    def straight(self, query: PlanningQuery, qa: Array, qb: Array) -> bool:
-        """Whether the straight way from qa to qb (A,) keeps the clearance that is wanted, but near its ends, for certain."""
-        clear = self.keeping(query, self.settings.clearance.wanted_m).task
+    def straight(self, query: PlanningQuery, qa: Array, qb: Array, ends_m: float) -> bool:
+        """Whether the straight way from qa to qb (A,) keeps the clearance that is wanted, and near its ends so many metres, for certain."""
+        near, clear = self.keeping(query, ends_m).task, self.keeping(query, self.settings.clearance.wanted_m).task
         memory, middle = self.enter(query), np.empty((2, len(qa)))
-        return bool(connects_from_ends(query.task, clear, qa, qb, 3, NEAR_M, middle, memory))
+        return bool(connects_from_ends(near, clear, qa, qb, 3, NEAR_M, middle, memory))
 
     def quickened(self, query: PlanningQuery, path: Array, rng: np.random.Generator) -> Array:
-        """A certified path (K, A) that takes less time, with the same ends and as much clearance as it has now, near its ends apart."""
+        """A certified path (K, A) that takes less time, with the same ends and as much clearance as it has now, graded, apart from its ends
+        and near them."""
         seed = int(rng.integers(2**31))
         if len(path) < 3:
             return path
         memory, middle, last = self.enter(query), np.empty((2, path.shape[1])), len(path) - 2
-        for level in self.settings.clearance.levels_m:
-            clear = self.keeping(query, level).task
+        for level, ends in self.settings.clearance.grades_m:
+            clear, near = self.keeping(query, level).task, self.keeping(query, ends).task
             if all(
-                connects_from_ends(query.task, clear, a, b, (k == 0) + 2 * (k == last), NEAR_M, middle, memory)
+                connects_from_ends(near, clear, a, b, (k == 0) + 2 * (k == last), NEAR_M, middle, memory)
                 for k, (a, b) in enumerate(pairwise(path))
             ):
                 break
-        return quicken(query.task, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken)
+        return quicken(near, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken)
 
     def enter(self, query: PlanningQuery) -> Memory:
         """The memory, made ready for this situation."""
@@ -445,12 +446,13 @@ class Workcell:
     def clearest(self, query: PlanningQuery, path: Array) -> float:
         """The largest of the clearances that are tried which all edges of a certified path (K, A) keep, in metres."""
         *wider, least = self.settings.clearance.levels_m
-        for level in wider:
-            clear = self.keeping(query, level)
-            memory = self.enter(clear)
-            if all(connects(clear.task, a, b, memory) for a, b in pairwise(path)):
-                return level
-        return least
+        return next((level for level in wider if self.keeps(query, path, level)), least)
+
+    def keeps(self, query: PlanningQuery, path: Array, clearance_m: float) -> bool:
+        """Whether all edges of a path (K, A) keep a clearance in metres, for certain."""
+        clear = self.keeping(query, clearance_m)
+        memory = self.enter(clear)
+        return all(connects(clear.task, a, b, memory) for a, b in pairwise(path))
 
     def for_chords(self, query: PlanningQuery, clearance_m: float, within_m: float) -> Task:
         """The task by which chords are judged in the place of a curve of which no point of the arm is further than within_m metres from

@@ -1,4 +1,4 @@
-"""How fast the hand moves, in metres a second, along straight pieces in joint space and along a spline's rows. Compiled."""
+"""How far and how fast the hand moves, along straight pieces in joint space and along a spline's rows. Compiled."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from planning.motion.smoothing.spline_rows import state_at
 
 STEP = 0.05
 """Between two looks along a straight piece no joint moves further than this, rad or m."""
+CHORD = 0.2
+"""So far at most some joint moves between two looks at how far the hand has come."""
 STEP_S = 0.002
 """Between two looks along a spline."""
 
@@ -63,3 +65,44 @@ def along_rows(chain: Chain, T_frame_hand: Array, count: int, t: Array, rows: Ar
             state_at(t, rows, i, k / n * (t[i + 1] - t[i]), state)
             fastest = max(fastest, _speed(chain, T_frame_hand, state[0], state[1], frames))
     return fastest
+
+
+@jit_entry
+def hand_points(chain: Chain, T_frame_hand: Array, q: Array, frames: Array, out: Array) -> None:
+    """out (N, 3): where the hand's origin is at configurations q (N, J). Scratch: frames."""
+    for i in range(q.shape[0]):
+        forward(chain, q[i], frames)
+        _origin(frames[chain.q_index.shape[0]], T_frame_hand, out[i])
+
+
+@jit_entry
+def hand_way(chain: Chain, T_frame_hand: Array, q: Array, frames: Array, work: Array) -> float:
+    """The length in metres of the hand's way along waypoints q (K, J), straight in joint space, by chords between looks. Scratch: frames,
+    and work (3, J), J at least 3."""
+    length, at, here, before = 0.0, work[0], work[1], work[2]
+    for i in range(q.shape[0] - 1):
+        longest = 0.0
+        for j in range(q.shape[1]):
+            longest = max(longest, abs(q[i + 1, j] - q[i, j]))
+        n = int(np.ceil(longest / CHORD)) + 1
+        for k in range(n + 1):
+            for j in range(q.shape[1]):
+                at[j] = q[i, j] + k / n * (q[i + 1, j] - q[i, j])
+            forward(chain, at, frames)
+            _origin(frames[chain.q_index.shape[0]], T_frame_hand, here)
+            if k > 0:
+                squares = 0.0
+                for r in range(3):
+                    squares += (here[r] - before[r]) ** 2
+                length += np.sqrt(squares)
+            for r in range(3):
+                before[r] = here[r]
+    return length
+
+
+@jit_inline
+def _origin(frame: Array, T_frame_hand: Array, out: Array) -> None:
+    for r in range(3):
+        out[r] = frame[r, 3]
+        for c in range(3):
+            out[r] += frame[r, c] * T_frame_hand[c, 3]

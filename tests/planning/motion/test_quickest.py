@@ -12,9 +12,11 @@ from kinematics.scene import RobotRef, State
 from kinematics.transforms import Array, transform
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
+from planning.motion.settings import ClearanceSettings
 from planning.motion.smoothing.blending import choose_speeds, make_corners
 from planning.motion.smoothing.estimates import polyline_s, straight_s
 from planning.motion.verify import verify
+from planning.motion.way_cost import WayCost
 from planning.plan import Motion
 from planning.scene_generation import generate, load_spec
 
@@ -93,3 +95,50 @@ def test_estimates(robot: Robot) -> None:
             q = np.cumsum(rng.normal(size=(4, A)) * size, axis=0)
             assert straight_s(q[-1] - q[0], limits) <= chosen_s(q, robot) + 1e-9
             assert chosen_s(q, robot) <= polyline_s(q, limits) + 1e-9
+
+
+def test_ways_that_are_planned_for_quickness_keep_the_wanted_clearance(found: tuple[Motions, Found], ur5e: Robot) -> None:
+    """From end to end where both ends do, and a straight way that keeps more near its ends keeps less there, too."""
+    motions, ((state, _), *_) = found
+    cell, rng, planned, clear_ways = motions.cell, np.random.default_rng(3), 0, [0, 0]
+    query, wanted = cell.problem(state.poses, float(state.q[ur5e.gripper_joint])), motions.settings.clearance.wanted_m
+    at = ur5e.arm_q(state.q)
+    for goal in [p.approach[0] for name in state.poses for p in motions.picks(state, name)[0]][:12]:
+        ends = [cell.straight(query, at, goal, m) for m in (wanted, motions.settings.clearance.ends_m, 0.0)]
+        assert ends == sorted(ends)
+        clear_ways[0] += ends[0]
+        clear_ways[1] += ends[2]
+        path = cell.connect_clear(query, at, goal, rng, 300)
+        if path is None:
+            continue
+        assert np.array_equal(path[[0, -1]], [at, goal])
+        if all(cell.keeps(query, np.stack([q, q]), wanted) for q in (at, goal)):
+            assert cell.keeps(query, path, wanted)
+            planned += 1
+    assert planned > 2
+    assert clear_ways[0] <= clear_ways[1] < 12
+
+
+def test_a_metre_of_the_hand_counts(found: tuple[Motions, Found], ur5e: Robot) -> None:
+    """The hand's way by compiled chords is that of many small steps, and what is hoped for costs no more than a detour."""
+    arm, rng = found[0].cell.arm, np.random.default_rng(2)
+    plain, dear = (WayCost(arm, ur5e.arm_limits, metre_s) for metre_s in (0.0, 2.0))
+    for _ in range(5):
+        q = np.cumsum(rng.normal(size=(4, 6)) * 0.4, axis=0)
+        fine = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(q)])
+        steps = np.linalg.norm(np.diff([arm.hand_pose(x)[:3, 3] for x in fine], axis=0), axis=1).sum()
+        assert dear.path(q) - plain.path(q) == pytest.approx(2.0 * steps, rel=0.02)
+        assert plain.path(q) == polyline_s(q, ur5e.arm_limits)
+        assert np.allclose(dear.points(q), [arm.hand_pose(x)[:3, 3] for x in q])
+        by, way = np.diff(q, axis=0), np.diff(dear.points(q), axis=0)
+        assert (dear.straight(by) <= dear.hoped(by, way)).all()
+        assert (dear.hoped(by, way) <= dear.detour(by, way)).all()
+
+
+def test_grades_of_clearance_fall() -> None:
+    grades = ClearanceSettings().grades_m
+    assert grades[0] == (0.005, 0.003)
+    assert grades[-1] == (0.0, 0.0)
+    assert sorted(grades, reverse=True) == list(grades)
+    assert ClearanceSettings(wanted_m=0.0).grades_m == ((0.0, 0.0),)
+    assert ClearanceSettings(wanted_m=0.004, least_m=0.004).grades_m == ((0.004, 0.004),)

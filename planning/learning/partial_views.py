@@ -20,7 +20,7 @@ from planning.learning.labels import Row, movable
 from planning.motion.pick_place import Motions
 
 VIEWS = (2, 12)  # the least and the most, the first one from where the arm waits; half a dozen well chosen ones show as much as twelve
-COARSELY = DEFAULT.scaled(1 / 2)  # the same objects are found, their boxes differ by half a millimetre (median), in less than half of the time
+COARSELY = DEFAULT.scaled(1 / 2)  # finds the same objects, boxes half a millimetre off (median), in less than half of the time
 _POSES = 12  # camera poses that are tried for one that the arm can take
 
 

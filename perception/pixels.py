@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
 
 Bool = NDArray[np.bool_]

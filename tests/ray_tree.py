@@ -6,9 +6,9 @@ The leaves of the tree are primitives: solids without faces, and faces.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from kinematics.collision.geometry import BOX, CYLINDER
+from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
 from perception.rendering.raycast import FAR, TINY, Ids, Int, Surfaces, _owner
 

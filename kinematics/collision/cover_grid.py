@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinematics.collision.set_cover import weighted_set_cover
 from kinematics.collision.sphere_cover import SLACK, Cover
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.shapes import CYLINDER_SIDES
 from kinematics.transforms import Array
 
@@ -38,7 +38,8 @@ def box_cover(size_m: tuple[float, float, float], excess_m: float) -> Cover:
         centres = np.stack(np.meshgrid(*spots, indexing="ij"), -1).reshape(-1, 3)
         radii = (half - centres).min(1) + excess_m
         weights = 2.0 ** (centres > 0).sum(1)
-        holds = _cells_held(far[0], far[1], far[2], radii - SLACK * excess_m)
+        holds = np.zeros((len(radii), far[0].shape[1] * far[1].shape[1] * far[2].shape[1] // 64 + 1), np.uint64)
+        _cells_held(far[0], far[1], far[2], radii - SLACK * excess_m, holds)
         chosen, left = weighted_set_cover(holds, far[0].shape[1] * far[1].shape[1] * far[2].shape[1], weights, np.zeros(0, np.int64))
         if left == 0:
             c, r = _mirrored(centres[chosen], radii[chosen])
@@ -99,13 +100,15 @@ def _axis(h: float, step: float) -> tuple[Array, Array]:
     return np.maximum(d[:, :-1], d[:, 1:]), spots
 
 
-@njit(cache=True, nogil=True)
-def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array) -> Bits:
-    """Whether ball (i, j, k) of the lattice holds cell (u, v, w), as (balls, words of 64 cells)."""
-    nx, ny, nz = fx.shape[1], fy.shape[1], fz.shape[1]
-    holds, one = np.zeros((radii.shape[0], nx * ny * nz // 64 + 1), np.uint64), np.uint64(1)
+@jit_entry
+def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array, holds: Bits) -> None:
+    """Set in holds (balls, words of 64 cells) whether ball (i, j, k) of the lattice holds cell (u, v, w)."""
+    nx, ny, nz, one = fx.shape[1], fy.shape[1], fz.shape[1], np.uint64(1)
     for k in range(fz.shape[0]):
-        middle = int(np.argmin(fz[k]))  # away from it the cells' far sides are only ever further
+        middle = 0  # away from it the cells' far sides are only ever further
+        for w in range(1, nz):
+            if fz[k, w] < fz[k, middle]:
+                middle = w
         for i in range(fx.shape[0]):
             for j in range(fy.shape[0]):
                 ball = (i * fy.shape[0] + j) * fz.shape[0] + k
@@ -123,7 +126,6 @@ def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array) -> Bits:
                         at = (u * ny + v) * nz
                         for cell in range(at + first, at + last + 1):
                             holds[ball, cell >> 6] |= one << np.uint64(cell & 63)
-    return holds
 
 
 def _packed(holds: NDArray[np.bool_]) -> Bits:

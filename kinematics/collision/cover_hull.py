@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
 
 Int = NDArray[np.int64]
@@ -71,16 +71,20 @@ def candidate_balls(solid: Solid, points: Array, outward: Array, excess_m: float
     On the line x - t·d the depth is min_j D_j + t d·n_j, so the ball about that point still reaches x while t <= depth + excess - slack:
     up to t = min_j (D_j + excess - slack) / (1 - d·n_j). Centres are taken at several parts of the way.
     """
-    return _line_balls(points, np.ascontiguousarray(outward), solid.planes, excess_m, slack, np.array(_GAMMAS))
+    n, gammas = len(points), np.array(_GAMMAS)
+    centres, radii = np.empty((n * len(gammas), 3)), np.empty(n * len(gammas))
+    _line_balls(np.ascontiguousarray(points), np.ascontiguousarray(outward), solid.planes, excess_m, slack, gammas, centres, radii)
+    return centres, radii
 
 
-@njit(cache=True, nogil=True)
-def _line_balls(points: Array, outward: Array, planes: Array, excess: float, slack: float, gammas: Array) -> tuple[Array, Array]:
-    n, m = points.shape[0], gammas.shape[0]
-    centres, radii = np.empty((n * m, 3)), np.empty(n * m)
-    for i in range(n):
-        x, y, z = points[i]
-        dx, dy, dz = outward[i]
+@jit_entry
+def _line_balls(
+    points: Array, outward: Array, planes: Array, excess: float, slack: float, gammas: Array, centres: Array, radii: Array
+) -> None:
+    m = gammas.shape[0]
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        dx, dy, dz = outward[i, 0], outward[i, 1], outward[i, 2]
         reach = 1e9
         for j in range(planes.shape[0]):
             along = 1.0 - (dx * planes[j, 0] + dy * planes[j, 1] + dz * planes[j, 2])
@@ -98,4 +102,3 @@ def _line_balls(points: Array, outward: Array, planes: Array, excess: float, sla
             k = i * m + g
             centres[k, 0], centres[k, 1], centres[k, 2] = a, b, c
             radii[k] = depth + excess
-    return centres, radii

@@ -82,12 +82,19 @@ def moved(balls: Levels, T: Array) -> Levels:
     return balls._replace(coarse=a._replace(centres=apply(T, a.centres)), fine=b._replace(centres=apply(T, b.centres)))
 
 
+_BOX_FACES = np.array(
+    [[6, 2, 0], [6, 4, 0], [5, 4, 0], [5, 1, 0], [5, 6, 4], [5, 6, 7], [3, 2, 0], [3, 1, 0], [3, 6, 2], [3, 6, 7], [3, 5, 1], [3, 5, 7]]
+)
+"""The triangles of a cuboid, as indices of `box_corners`."""
+
+
 @lru_cache(maxsize=256)
 def box_levels(size_m: tuple[float, float, float], coarse_m: float = COARSE_M, fine_m: float = FINE_M) -> Levels:
     """Levels of a cuboid about the origin with edges size_m along x, y, z. A millisecond or two; kept in memory."""
     a, b = _by_size(box_cover(size_m, coarse_m)), box_cover(size_m, fine_m)
     half = np.array(size_m, float) / 2
-    octant = convex_solid(box_corners(half / 2) + half / 2).fan
+    corners = box_corners(half / 2) + half / 2
+    octant = np.concatenate([np.repeat(corners.mean(0)[None, None], len(_BOX_FACES), 0), corners[_BOX_FACES]], 1)
     linked = links(octant, a.centres, a.radii - ROUNDING_M, b.centres, b.radii - ROUNDING_M) > 0
     for axis in range(3):  # the balls of one octant are mirrored to the others, and so are their links
         linked |= linked[np.ix_(mirror_images(a.centres, axis), mirror_images(b.centres, axis))]

@@ -12,8 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
-from kinematics.jit.decorators import copy_rows, jit_inline
+from kinematics.jit.decorators import copy_row, copy_rows, jit_entry, jit_inline
 from kinematics.transforms import Array
 
 Int = NDArray[np.int64]
@@ -65,7 +64,6 @@ def _split(stack: Array, top: int, a: int, b: int) -> None:
         stack[top + 1, b, r] = middle
 
 
-@njit(cache=True, nogil=True)
 def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, most: int, open_: NDArray[np.bool_]) -> Array:
     """Corners of the bisection that lie in no ball (N, 3), at most `most`, and three a tetrahedron of the fan.
 
@@ -73,9 +71,16 @@ def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, m
     that are open_ (T,) are looked at; what is proved is closed. Nothing found: all proved.
     """
     found = np.empty((most, 3))
-    n = 0
-    stack = np.empty((_DEEPEST, 4, 3))
-    near, rr = np.empty_like(centres), np.empty_like(radii)
+    memory = np.empty((_DEEPEST, 4, 3)), np.empty_like(centres), np.empty_like(radii)
+    return found[: _find(np.ascontiguousarray(fan), centres, radii, smallest, open_, *memory, found)].copy()
+
+
+@jit_entry
+def _find(
+    fan: Array, centres: Array, radii: Array, smallest: float, open_: NDArray[np.bool_], stack: Array, near: Array, rr: Array, found: Array
+) -> int:
+    """Fill in what is found; returns how many. stack (_DEEPEST, 4, 3), near (B, 3), rr (B,): memory."""
+    n, most = 0, found.shape[0]
     for root in range(fan.shape[0]):
         if not open_[root]:
             continue
@@ -84,7 +89,7 @@ def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, m
         copy_rows(fan[root], stack[0])
         for i in range(4):
             if mine == 0 and not _in_some(fan[root, i], near, rr, near_n):
-                found[n] = fan[root, i]
+                copy_row(fan[root, i], found[n])
                 n += 1
                 mine += 1
         while top >= 0 and mine < 3 and n < most:
@@ -94,9 +99,9 @@ def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, m
                 top -= 1
                 continue
             a, b, long = _longest(stack[top])
-            middle = (stack[top, a] + stack[top, b]) / 2
-            if long < smallest * smallest or not _in_some(middle, near, rr, near_n):
-                found[n] = middle
+            for r in range(3):
+                found[n, r] = (stack[top, a, r] + stack[top, b, r]) / 2
+            if long < smallest * smallest or not _in_some(found[n], near, rr, near_n):
                 n += 1
                 mine += 1
                 top -= 1
@@ -106,20 +111,29 @@ def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, m
         if n == most:
             break
         open_[root] = mine > 0
-    return found[:n].copy()
+    return n
 
 
-@njit(cache=True, nogil=True)
-def _nearby(T: Array, centres: Array, radii: Array, near: Array, rr: Array) -> int:
-    """Copy the balls that meet a ball around the tetrahedron T (4, 3) to near, their squared radii to rr; and how many they are."""
-    x, y, z = T[:, 0].mean(), T[:, 1].mean(), T[:, 2].mean()
+@jit_inline
+def _around(T: Array) -> tuple[float, float, float, float]:
+    """The middle of a tetrahedron (4, 3), and how far its corners are from there at most."""
+    x = (T[0, 0] + T[1, 0] + T[2, 0] + T[3, 0]) / 4
+    y = (T[0, 1] + T[1, 1] + T[2, 1] + T[3, 1]) / 4
+    z = (T[0, 2] + T[1, 2] + T[2, 2] + T[3, 2]) / 4
     reach = 0.0
     for i in range(4):
         reach = max(reach, np.sqrt((T[i, 0] - x) ** 2 + (T[i, 1] - y) ** 2 + (T[i, 2] - z) ** 2))
+    return x, y, z, reach
+
+
+@jit_inline
+def _nearby(T: Array, centres: Array, radii: Array, near: Array, rr: Array) -> int:
+    """Copy the balls that meet a ball around the tetrahedron T (4, 3) to near, their squared radii to rr; and how many they are."""
+    x, y, z, reach = _around(T)
     n = 0
     for i in range(radii.shape[0]):
         if _holds(centres[i], (radii[i] + reach) ** 2, x, y, z):
-            near[n] = centres[i]
+            copy_row(centres[i], near[n])
             rr[n] = radii[i] * radii[i]
             n += 1
     return n
@@ -133,19 +147,26 @@ def _in_some(p: Array, centres: Array, rr: Array, n: int) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
 def links(fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array) -> NDArray[np.uint8]:
     """Which coarse ball lists which fine ball (C, F): the same bisection, until a leaf lies in one of each; pairs at hand are preferred."""
-    A, B = coarse_r.shape[0], fine_r.shape[0]
+    A, B = len(coarse_r), len(fine_r)
     linked = np.zeros((A, B), np.uint8)
     stack, near_a, near_b = np.empty((_DEEPEST, 4, 3)), np.empty((_DEEPEST, A), np.int64), np.empty((_DEEPEST, B), np.int64)
     many, in_a, all_ = np.zeros((2, _DEEPEST), np.int64), np.empty(A, np.int64), np.arange(max(A, B))
+    _link_all(np.ascontiguousarray(fan), coarse, coarse_r, fine, fine_r, stack, near_a, near_b, many, in_a, all_, linked)
+    return linked
+
+
+@jit_entry
+def _link_all(
+    fan: Array, coarse: Array, coarse_r: Array, fine: Array, fine_r: Array, stack: Array, near_a: Int, near_b: Int, many: Int, in_a: Int,
+    all_: Int, linked: NDArray[np.uint8],
+) -> None:  # fmt: skip
     for root in range(fan.shape[0]):
         copy_rows(fan[root], stack[0])
-        many[0, 0] = _reaching(stack[0], coarse, coarse_r, all_, A, near_a[0])
-        many[1, 0] = _reaching(stack[0], fine, fine_r, all_, B, near_b[0])
+        many[0, 0] = _reaching(stack[0], coarse, coarse_r, all_, coarse_r.shape[0], near_a[0])
+        many[1, 0] = _reaching(stack[0], fine, fine_r, all_, fine_r.shape[0], near_b[0])
         _link(stack, coarse, coarse_r, fine, fine_r, near_a, near_b, many, in_a, linked)
-    return linked
 
 
 @jit_inline
@@ -190,12 +211,7 @@ def _link(
 @jit_inline
 def _reaching(T: Array, centres: Array, radii: Array, some: Int, many: int, out: Int) -> int:
     """Of some balls, `many` indices, those that reach the ball around a tetrahedron's middle: their indices, and how many."""
-    x = (T[0, 0] + T[1, 0] + T[2, 0] + T[3, 0]) / 4
-    y = (T[0, 1] + T[1, 1] + T[2, 1] + T[3, 1]) / 4
-    z = (T[0, 2] + T[1, 2] + T[2, 2] + T[3, 2]) / 4
-    reach = 0.0
-    for i in range(4):
-        reach = max(reach, np.sqrt((T[i, 0] - x) ** 2 + (T[i, 1] - y) ** 2 + (T[i, 2] - z) ** 2))
+    x, y, z, reach = _around(T)
     n = 0
     for k in range(many):
         i = some[k]

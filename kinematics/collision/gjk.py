@@ -19,8 +19,7 @@ import numpy as np
 
 from kinematics.collision.geometry import BOX, CYLINDER
 from kinematics.collision.vertex_groups import GROUP
-from kinematics.jit.cache_files import njit
-from kinematics.jit.decorators import jit_entry, jit_inline
+from kinematics.jit.decorators import jit_entry, jit_inline, njit
 from kinematics.transforms import Array
 
 MOST_STEPS = 48

@@ -5,66 +5,90 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
-from kinematics.jit.decorators import jit_inline
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint64]
 
 
-@njit(cache=True, nogil=True)
 def set_cover(centres: Array, radii: Array, samples: Array, fixed: Int) -> Int:
     """Indices of balls that hold every sample that some ball holds, the fixed ones among them."""
-    n_balls, n = radii.shape[0], samples.shape[0]
-    x, y, z = samples[:, 0].copy(), samples[:, 1].copy(), samples[:, 2].copy()
-    holds, some = np.zeros((n_balls, n // 64 + 1), np.uint64), np.empty(n, np.bool_)
-    for i in range(n_balls):
-        a, b, c, rr = centres[i, 0], centres[i, 1], centres[i, 2], radii[i] * radii[i]
-        for s in range(n):
-            some[s] = (x[s] - a) * (x[s] - a) + (y[s] - b) * (y[s] - b) + (z[s] - c) * (z[s] - c) <= rr
-        for s in range(n):
-            if some[s]:
-                holds[i, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
+    n_balls, n = len(radii), len(samples)
+    holds = np.zeros((n_balls, n // 64 + 1), np.uint64)
+    _samples_held(centres, radii, np.ascontiguousarray(samples.T), np.empty(n, np.bool_), holds)
     return weighted_set_cover(holds, n, np.ones(n_balls), fixed)[0]
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
+def _samples_held(centres: Array, radii: Array, samples: Array, some: NDArray[np.bool_], holds: Bits) -> None:
+    """Set in holds (balls, words of 64 samples) which ball holds which sample, of samples (3, N); some (N,): memory."""
+    x, y, z = samples[0], samples[1], samples[2]
+    for i in range(radii.shape[0]):
+        a, b, c, rr = centres[i, 0], centres[i, 1], centres[i, 2], radii[i] * radii[i]
+        for s in range(samples.shape[1]):
+            some[s] = (x[s] - a) * (x[s] - a) + (y[s] - b) * (y[s] - b) + (z[s] - c) * (z[s] - c) <= rr
+        for s in range(samples.shape[1]):
+            if some[s]:
+                holds[i, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
+
+
 def weighted_set_cover(holds: Bits, n: int, weights: Array, fixed: Int) -> tuple[Int, int]:
     """Greedy weighted set cover of the n columns of holds (balls, words of 64 columns), the fixed rows first, less the rows that nobody
-    needs; and how many columns no row holds. A row's gain only ever falls, so only rows that might still win are counted again."""
+    needs; and how many columns no row holds."""
     n_balls, n_words = holds.shape
-    bare = np.full(n_words, np.uint64(0xFFFFFFFFFFFFFFFF), np.uint64)
-    gain = np.empty(n_balls, np.int64)
-    for i in range(n_balls):
+    chosen, bare = np.empty(n_balls + 1, np.int64), np.full(n_words, 0xFFFFFFFFFFFFFFFF, np.uint64)
+    m, left = _choose(holds, n, weights, fixed, np.empty(n_balls, np.int64), bare, chosen)
+    kept = _keep_needed(holds, chosen, m, np.zeros((m + 1, n_words), np.uint64), np.zeros(n_words, np.uint64))
+    return chosen[:kept].copy(), left
+
+
+@jit_entry
+def _choose(holds: Bits, n: int, weights: Array, fixed: Int, gain: Int, bare: Bits, chosen: Int) -> tuple[int, int]:
+    """Fill in the rows chosen; returns how many, and how many columns are left. A row's gain only ever falls, so only rows that might still
+    win are counted again. gain (balls,), bare (words,) all ones: memory."""
+    for i in range(holds.shape[0]):
         gain[i] = _common(holds[i], bare)
-    chosen, m, left = np.empty(n_balls + 1, np.int64), 0, n
+    m, left = 0, n
     while left > 0 or m < fixed.shape[0]:
-        best, value = -1, 0.0
-        if m < fixed.shape[0]:
-            best = fixed[m]
-        else:
-            first = int(np.argmax(gain / weights))
-            gain[first] = _common(holds[first], bare)
-            if gain[first] > 0:
-                best, value = first, gain[first] / weights[first]
-            for i in range(n_balls):
-                if gain[i] > value * weights[i]:
-                    gain[i] = _common(holds[i], bare)
-                    if gain[i] > value * weights[i]:
-                        best, value = i, gain[i] / weights[i]
-            if best < 0:
-                break
+        best = fixed[m] if m < fixed.shape[0] else _best_row(holds, weights, gain, bare)
+        if best < 0:
+            break
         chosen[m] = best
         m += 1
         left -= _common(holds[best], bare)
-        for s in range(n_words):
+        for s in range(bare.shape[0]):
             bare[s] &= ~holds[best, s]
-    later = np.zeros((m + 1, n_words), np.uint64)  # what the rows from t on hold
-    for t in range(m - 1, -1, -1):
+    return m, left
+
+
+@jit_inline
+def _best_row(holds: Bits, weights: Array, gain: Int, bare: Bits) -> int:
+    """The row that gains most for its weight, -1 when none gains anything."""
+    first = 0
+    for i in range(1, gain.shape[0]):
+        if gain[i] / weights[i] > gain[first] / weights[first]:
+            first = i
+    gain[first] = _common(holds[first], bare)
+    best, value = -1, 0.0
+    if gain[first] > 0:
+        best, value = first, gain[first] / weights[first]
+    for i in range(gain.shape[0]):
+        if gain[i] > value * weights[i]:
+            gain[i] = _common(holds[i], bare)
+            if gain[i] > value * weights[i]:
+                best, value = i, gain[i] / weights[i]
+    return best
+
+
+@jit_entry
+def _keep_needed(holds: Bits, chosen: Int, m: int, later: Bits, held: Bits) -> int:
+    """Move the rows that are needed, of the first m chosen, to the front; returns how many. later (m + 1, words), held (words,): zeros."""
+    n_words = held.shape[0]
+    for t in range(m - 1, -1, -1):  # what the rows from t on hold
         for s in range(n_words):
             later[t, s] = later[t + 1, s] | holds[chosen[t], s]
-    held, kept = np.zeros(n_words, np.uint64), 0
+    kept = 0
     for t in range(m):
         needed = False
         for s in range(n_words):
@@ -74,7 +98,7 @@ def weighted_set_cover(holds: Bits, n: int, weights: Array, fixed: Int) -> tuple
                 held[s] |= holds[chosen[t], s]
             chosen[kept] = chosen[t]
             kept += 1
-    return chosen[:kept].copy(), left
+    return kept
 
 
 @jit_inline

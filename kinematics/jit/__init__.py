@@ -3,33 +3,41 @@
 Which parts, and why
 --------------------
 
-**`pipeline.py` and `decorators.py`: to compile the core once.** numba emits machine code for every compiled function together with all that
+**`decorators.py`: to start without numba.** Importing numba takes 0.3 s, getting it ready as much again, and loading sixty functions from
+its cache a second. So a decorated function is a description, and numba is imported when something has to be compiled.
+
+**`pipeline.py` and `compiler.py`: to compile the core once.** numba emits machine code for every compiled function together with all that
 it calls, so that a function deep down is emitted once more in each of its callers, all the way up. The core is some hundred functions deep.
-`jit_inline` stops a function at LLVM's intermediate form, and `jit_entry` emits machine code for what Python calls, whole, once. This takes
+`jit_inline` stops a function at LLVM's intermediate form; so does `jit_entry`, and what Python calls is emitted, whole, once. This takes
 from numba what it does not promise to keep:
 
-- `JITCodeLibrary`, of which three private methods are replaced: optimise not at every level, emit nothing, keep bitcode in the cache;
+- `JITCodeLibrary`, of which three private methods are replaced: optimise not at every level, emit nothing, keep bitcode in the cache; and
+  two more are used to link and optimise what is emitted;
 - `Compiler.define_pipelines`, `LoweringPass`, `register_pass`, and in the pass `_dynfunc.make_function` and
   `targetctx.insert_user_function`, which tell callers about a function that has no address;
-- the dispatchers' `get_call_template` and `get_overload`, so that compiled code takes the inlined part of an entry, and a function is not
-  compiled anew for every number that is written out where it is called; `_compile_for_args`, so that Python looks for garbage rarely;
+- the dispatchers' `get_call_template`, so that a function is not compiled anew for every number that is written out where it is called, and
+  `compile`;
 - the option `_nrt=False`, which leaves out reference counts: the core makes no array, and a query consists of dozens of them.
 
-**`cache_files.py`: to keep compiled code with a checksum.** `IndexDataCacheFile` and four of its private methods, found by way of a
+**`trampoline.py` and `machine_code.py`: to call it.** Machine code is kept in files of our own and loaded with llvmlite's documented parts.
+The way in is ours too, since numba's own needs numba: a builtin function, in LLVM's form, that takes its arguments apart by numpy's ABI. It
+calls what numba compiled by `call_conv.call_function`. It takes as long as numba's, 0.4 µs for four arguments.
+
+**`cache_files.py`: to keep what numba keeps with a checksum.** `IndexDataCacheFile` and four of its private methods, found by way of a
 dispatcher's `_cache`.
 
-**`record.py`: to hand on fifty arrays as one pointer.** As an ordinary named tuple numba passes them as four hundred arguments at every
-call. A record is a type of our own, by the documented low-level extension API (`register_model`, `lower_getattr_generic`, `unbox`,
-`typeof_impl`), by `infer_getattr` beside it, and by the target context's `make_array` and `populate_array`. Where an array's numbers are is
-read from numpy's ABI, not from numba.
+**`record.py` and `record_type.py`: to hand on fifty arrays as one pointer.** As an ordinary named tuple numba passes them as four hundred
+arguments at every call. A record is a type of our own, by the documented low-level extension API (`register_model`,
+`lower_getattr_generic`, `unbox`, `typeof_impl`), by `infer_getattr` beside it, and by the target context's `make_array` and
+`populate_array`. Where an array's numbers are is read from numpy's ABI, not from numba.
 
-**`simd.py`: sixteen float32 at once.** numba has no vector type; this one is a type of our own with intrinsics that emit LLVM's
-instructions, again by the extension API (`intrinsic`, `register_model`, `lower_builtin`) and by `infer_global`.
+**`simd.py` and `simd_lowering.py`: sixteen float32 at once.** numba has no vector type; this one is a type of our own with intrinsics that
+emit LLVM's instructions, again by the extension API (`intrinsic`, `register_model`, `lower_builtin`) and by `infer_global`.
 
 Without them
 ------------
 
-The first two groups can go wrong silently with a numba that nobody tried. So they are used only with versions whose parts were shown to
+The first four groups can go wrong silently with a numba that nobody tried. So they are used only with versions whose parts were shown to
 work by the tests (`support.SHOWN`), and only if all of them are there. Otherwise, and when `RETRIEVE_PLAIN_NUMBA=1` asks for it, both
 decorators are plain `njit`, one line on stderr says why, and everything runs as before, to the same numbers. Measured on one problem of
 RRT-Connect and shortcuts (CPU seconds from nothing, and one query afterwards; numba 0.68.1):

@@ -1,9 +1,9 @@
 """Where compiled code is kept: settled before numba is imported, as importing `kinematics.jit` or a module in it does.
 
-Numba caches compiled code per file and does not notice a change in a function that it calls in another file, nor what its own settings
-were. So compiled code is kept apart by a hash of the sources, of the CPU's name and features, of numba's version and settings, and of the
-way of compiling (`kinematics.jit.support`), under the user's cache folder. It is code that runs: a folder that somebody else could write to
-is not used. What is compiled then lasts for one run.
+Machine code of entries lies in the folder itself, numba's own files in folders below. Numba caches compiled code per file and does not
+notice a change in a function that it calls in another file, nor what its own settings were. So compiled code is kept apart by a hash of the
+sources, of the CPU's name and features, of numba's version and settings, and of the way of compiling (`kinematics.jit.support`), under the
+user's cache folder. It is code that runs: a folder that somebody else could write to is not used. What is compiled then lasts for one run.
 """
 
 from __future__ import annotations
@@ -62,4 +62,4 @@ FOLDER, WRONG = settle()
 
 def compiled_before() -> bool:
     """Whether an earlier run has left compiled code of this very version behind."""
-    return any(FOLDER.rglob("*.nbc"))
+    return any(file.suffix in (".code", ".nbc") for file in FOLDER.rglob("*"))

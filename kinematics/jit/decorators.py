@@ -1,23 +1,105 @@
-"""How functions that own no array are compiled: by way of numba's inner parts, or plainly where those are not to be had (`PLAIN`)."""
+"""How functions are compiled: `jit_entry` for those that Python calls, `jit_inline` for those that only compiled code calls, `njit` for
+those that make arrays.
+
+A decorated function is a description. Numba is not imported before something has to be compiled: machine code that an earlier run has left
+in the cache is called without it (`kinematics.jit.machine_code`), which saves a command most of a second.
+"""
 
 from __future__ import annotations
 
-import gc
+import inspect
+import threading
 from collections.abc import Callable
-from types import FunctionType
+from functools import cached_property, update_wrapper
 from typing import Any, TypeVar, cast
 
-from numba.core import types
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
+from kinematics.jit import machine_code
 from kinematics.jit.support import PLAIN
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-_COMPILE: Any = njit
-_plain: Any = types.unliteral
 PLAIN_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
 ENTRY_OPTIONS = {**PLAIN_OPTIONS, "_nrt": False, "no_cfunc_wrapper": True}
+_lock = threading.RLock()
+
+
+class Deferred:
+    """A function that numba compiles when it is first called, from Python or from compiled code, with options of `numba.njit`."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        self.options = options
+        update_wrapper(self, function)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher, which compiled code calls."""
+        from kinematics.jit.compiler import dispatcher
+
+        with _lock:
+            return dispatcher(self)
+
+    def __call__(self, *args: Any, **kws: Any) -> Any:
+        return self.dispatcher(*args, **kws)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "dispatcher":
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+    def __reduce__(self) -> Any:
+        return self.__qualname__
+
+
+class Inline(Deferred):
+    """A function that only compiled code calls."""
+
+
+class Entry(Deferred):
+    """A function that Python calls: by its machine code, one for each kind of arguments."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(function, options)
+        self.calls: list[Callable[..., Any]] = []
+        self._tried: set[str] = set()
+
+    def __call__(self, *args: Any, **kws: Any) -> Any:
+        for call in self.calls:  # positional only; otherwise it is a mismatch
+            answer = call(*args) if not kws else NotImplemented
+            if answer is not NotImplemented:
+                return answer
+        return self._call_otherwise(args, kws)
+
+    def _call_otherwise(self, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        """Fill in defaults, or load or compile the code for such arguments; or leave the call to numba where that is not possible."""
+        if kws or len(args) < len(self._signature.parameters):
+            bound = self._signature.bind(*args, **kws)
+            bound.apply_defaults()
+            return self(*bound.args)
+        kinds = machine_code.kinds(args)
+        with _lock:
+            fresh = kinds is not None and kinds not in self._tried
+            if fresh and kinds is not None:
+                self._tried.add(kinds)
+                code = machine_code.load(self, kinds)
+                if code is None:
+                    from kinematics.jit.compiler import compile_entry
+
+                    code = compile_entry(self, args, kinds)
+                if code is not None:
+                    self.calls.append(code)
+        return self(*args) if fresh else self.checked(*args)
+
+    @cached_property
+    def _signature(self) -> inspect.Signature:
+        return inspect.signature(cast(Any, self).__wrapped__)
+
+    @cached_property
+    def checked(self) -> Any:
+        """Numba's own way of calling it, for arguments that machine code does not take, or that it fails on with an exception."""
+        from kinematics.jit.compiler import plain_dispatcher
+
+        return plain_dispatcher(self)
 
 
 def jit_entry(function: Function) -> Function:
@@ -27,13 +109,7 @@ def jit_entry(function: Function) -> Function:
     It gets machine code, with all that it calls, when Python first calls it; compiled code makes it
     a part of itself, like `jit_inline` ones.
     """
-    if PLAIN:
-        return cast(Function, _COMPILE(**PLAIN_OPTIONS)(function))
-    part: Any = jit_inline(_twin(function))
-    entry = _COMPILE(**ENTRY_OPTIONS)(function)
-    entry.get_call_template, entry.get_overload = part.get_call_template, part.get_overload
-    entry._compile_for_args = _rarely_collecting(entry._compile_for_args)
-    return cast(Function, entry)
+    return cast(Function, Deferred(function, PLAIN_OPTIONS) if PLAIN else Entry(function, ENTRY_OPTIONS))
 
 
 def jit_inline(function: Function, *, forceinline: bool = False) -> Function:
@@ -42,35 +118,17 @@ def jit_inline(function: Function, *, forceinline: bool = False) -> Function:
     They are not compiled anew for a number that is written out where it is called, nor for one of which the compiler has only seen yet
     that it starts at 0.
     """
-    if PLAIN:
-        return cast(Function, _COMPILE(**PLAIN_OPTIONS, forceinline=forceinline)(function))
-    from kinematics.jit.pipeline import BitcodeCompiler
-
-    part = _COMPILE(**ENTRY_OPTIONS, forceinline=forceinline, no_cpython_wrapper=True, pipeline_class=BitcodeCompiler)(function)
-    usual = part.get_call_template
-    part.get_call_template = lambda args, kws: usual([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})
-    return cast(Function, part)
+    options = {**(PLAIN_OPTIONS if PLAIN else ENTRY_OPTIONS), "forceinline": forceinline}
+    return cast(Function, (Deferred if PLAIN else Inline)(function, options))
 
 
-def _rarely_collecting(compile_: Callable[..., Any]) -> Callable[..., Any]:
-    """Compiling makes millions of objects that live as long as it does; to look for garbage among them all the time is a tenth of it."""
+def njit(**options: Any) -> Callable[[Function], Function]:
+    """`numba.njit` with a checked cache, for functions that make arrays; without the check where numba's inner parts are not used."""
 
-    def compile_for_args(*args: Any, **kws: Any) -> Any:
-        usual = gc.get_threshold()
-        gc.set_threshold(100_000, *usual[1:])
-        try:
-            return compile_(*args, **kws)
-        finally:
-            gc.set_threshold(*usual)
+    def decorate(function: Function) -> Function:
+        return cast(Function, Deferred(function, options))
 
-    return compile_for_args
-
-
-def _twin(function: Function) -> Function:
-    """The same function under another name, which numba's cache goes by."""
-    twin = FunctionType(function.__code__, function.__globals__, function.__name__)
-    twin.__module__, twin.__qualname__ = function.__module__, f"{function.__qualname__}.part"
-    return cast(Function, twin)
+    return decorate
 
 
 @jit_inline

@@ -28,9 +28,10 @@ from kinematics.mount import MOUNT, mount
 from kinematics.robots import urdf
 from kinematics.robots.derive import derive, fingerprint, read_description
 from kinematics.robots.find_gripper import Model
-from kinematics.robots.gripper import Opening, measure
+from kinematics.robots.gripper import Opening
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.limits import JointLimits, joint_limits
+from kinematics.robots.measured import measure_once
 from kinematics.robots.own import Grip, find_grip, grip_from_arrays, grip_to_arrays, put_in
 from kinematics.robots.selfcheck import check_kinematics
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
@@ -489,7 +490,7 @@ def _robot(
     rest = np.clip(np.zeros(len(joints)), lower, upper)
     if home is not None:
         rest[arm] = home
-    opening, pads = measure(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
+    opening, pads = measure_once(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
     limits = joint_limits(etree.fromstring(text), joints, arm, g, sheet)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2

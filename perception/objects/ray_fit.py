@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
 
 BOX, CYLINDER = 0.0, 1.0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import Intrinsics, look_at

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, apply
 from perception.camera import Intrinsics

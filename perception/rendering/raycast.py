@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
 from kinematics.doors import checked
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics

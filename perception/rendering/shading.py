@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kinematics.collision.geometry import HULL
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
 from perception.rendering.raycast import MESH, Int, Surfaces
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Chain, Int, forward
 from kinematics.collision.robot_model import link_covers
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.robots.robot import Robot
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, inverse

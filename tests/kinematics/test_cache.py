@@ -91,7 +91,7 @@ PROGRAM = """
 import os, sys, warnings
 import numpy as np
 from kinematics.jit import cache_folder
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 
 @njit(cache=True)
 def twice(x):

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba import njit
 
-from kinematics.jit.decorators import jit_entry, jit_inline
+from kinematics.jit.decorators import jit_entry, jit_inline, njit
 from kinematics.jit.record import record
 from kinematics.transforms import Array
 
@@ -71,7 +70,7 @@ def test_a_copy_has_a_table_of_its_own() -> None:
 
 def test_a_replaced_field_is_seen_and_the_old_record_stays() -> None:
     a, out = leaf(1), np.zeros(1)
-    values: Any = njit(lambda x, to: to.fill(_sum(x)))
+    values: Any = njit()(lambda x, to: to.fill(_sum(x)))
     values(a, out)
     first = out[0]
     values(a._replace(count=0), out)
@@ -82,12 +81,12 @@ def test_a_replaced_field_is_seen_and_the_old_record_stays() -> None:
 
 def test_read_only_arrays_are_the_same_type() -> None:
     frozen = np.frombuffer(np.arange(3.0).tobytes())
-    values: Any = njit(lambda x: _sum(x))
+    values: Any = njit()(lambda x: _sum(x))
     assert values(leaf(0)) == values(Leaf(frozen, 0, 0.5)) == 3.0
     assert len(values.signatures) == 1
 
 
 def test_arrays_must_be_contiguous() -> None:
-    values: Any = njit(lambda x: _sum(x))
+    values: Any = njit()(lambda x: _sum(x))
     with pytest.raises(TypeError, match=r"Leaf\.values must be contiguous"):
         values(Leaf(np.arange(6.0)[::2], 1, 1.0))

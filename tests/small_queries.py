@@ -9,7 +9,7 @@ from kinematics.collision.edge_check import MARGIN_M, Problem, pose
 from kinematics.collision.geometry import Parts, Query, Solids
 from kinematics.collision.gjk import gjk, relative
 from kinematics.collision.posed_geometry import make_posed_geometry
-from kinematics.jit.cache_files import njit
+from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
 
 

@@ -18,7 +18,7 @@ from numba.core.typing.typeof import typeof_impl
 from kinematics.jit import machine_code, simd, simd_lowering
 from kinematics.jit import record_type as record_type  # registers itself
 from kinematics.jit.cache_files import check
-from kinematics.jit.decorators import Deferred, Entry, Inline
+from kinematics.jit.description import Description
 from kinematics.jit.support import PLAIN, missing_part, tell
 from kinematics.jit.trampoline import trampoline
 
@@ -34,8 +34,8 @@ if MISSING:
     tell(MISSING)
 
 
-@_on_typeof(Deferred)  # type: ignore[untyped-decorator]
-def _typeof_deferred(value: Deferred, context: Any) -> Any:
+@_on_typeof(Description)  # type: ignore[untyped-decorator]
+def _typeof_described(value: Description, context: Any) -> Any:
     return types.Dispatcher(value.dispatcher)
 
 
@@ -44,11 +44,11 @@ def _typeof_operation(value: simd.Operation, context: Any) -> Any:
     return cpu_target.typing_context.resolve_value_type(getattr(simd_lowering, value.name))
 
 
-def dispatcher(deferred: Deferred) -> Any:
+def dispatcher(described: Description) -> Any:
     """What compiled code calls. Of an entry it is the part that becomes a part of the caller, as an inline function does."""
-    function, options = deferred.__wrapped__, deferred.options
-    if PLAIN or MISSING or not isinstance(deferred, (Entry, Inline)):
-        if MISSING and isinstance(deferred, (Entry, Inline)):  # what the cache has of it is in another form
+    function, options = described.__wrapped__, described.options
+    if PLAIN or MISSING or not described.is_part:
+        if MISSING and described.is_part:  # what the cache has of it is in another form
             options = {k: v for k, v in options.items() if k not in ("_nrt", "no_cfunc_wrapper", "cache")}
         made: Any = _njit(**options)(function)
         if not (PLAIN or MISSING):
@@ -63,14 +63,14 @@ def dispatcher(deferred: Deferred) -> Any:
     return part
 
 
-def plain_dispatcher(entry: Entry) -> Any:
+def plain_dispatcher(entry: Description) -> Any:
     """Numba's own way into an entry from Python, for arguments that machine code does not take; and where it ended in an exception."""
     if MISSING:
         return entry.dispatcher
     return _njit(**{**entry.options, "cache": False})(entry.__wrapped__)
 
 
-def compile_entry(entry: Entry, args: Sequence[Any], kinds: str) -> Callable[..., Any] | None:
+def compile_entry(entry: Description, args: Sequence[Any], kinds: str) -> Callable[..., Any] | None:
     """Compile an entry for arguments like these, keep its machine code, and make it callable; None where that is not possible."""
     if MISSING:
         return None

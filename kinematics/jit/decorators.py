@@ -10,12 +10,13 @@ from __future__ import annotations
 import inspect
 import threading
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from functools import cached_property
 from typing import Any, TypeVar, cast
 
 from numpy.typing import NDArray
 
 from kinematics.jit import machine_code
+from kinematics.jit.description import Description
 from kinematics.jit.support import PLAIN
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -24,12 +25,8 @@ ENTRY_OPTIONS = {**PLAIN_OPTIONS, "_nrt": False, "no_cfunc_wrapper": True}
 _lock = threading.RLock()
 
 
-class Deferred:
-    """A function that numba compiles when it is first called, from Python or from compiled code, with options of `numba.njit`."""
-
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
-        self.options = options
-        update_wrapper(self, function)
+class Deferred(Description):
+    """A function that numba compiles when it is first called, from Python or from compiled code."""
 
     @cached_property
     def dispatcher(self) -> Any:
@@ -47,16 +44,17 @@ class Deferred:
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
-    def __reduce__(self) -> Any:
-        return self.__qualname__
-
 
 class Inline(Deferred):
     """A function that only compiled code calls."""
 
+    is_part = True
+
 
 class Entry(Deferred):
     """A function that Python calls: by its machine code, one for each kind of arguments."""
+
+    is_part = True
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         super().__init__(function, options)
@@ -64,10 +62,11 @@ class Entry(Deferred):
         self._tried: set[str] = set()
 
     def __call__(self, *args: Any, **kws: Any) -> Any:
-        for call in self.calls:  # positional only; otherwise it is a mismatch
-            answer = call(*args) if not kws else NotImplemented
-            if answer is not NotImplemented:
-                return answer
+        if not kws:
+            for call in self.calls:
+                answer = call(*args)
+                if answer is not NotImplemented:
+                    return answer
         return self._call_otherwise(args, kws)
 
     def _call_otherwise(self, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
@@ -88,11 +87,17 @@ class Entry(Deferred):
                     code = compile_entry(self, args, kinds)
                 if code is not None:
                     self.calls.append(code)
-        return self(*args) if fresh else self.checked(*args)
+        if fresh:
+            return self(*args)
+        for call in self.calls:  # another thread may have brought it meanwhile
+            answer = call(*args)
+            if answer is not NotImplemented:
+                return answer
+        return self.checked(*args)
 
     @cached_property
     def _signature(self) -> inspect.Signature:
-        return inspect.signature(cast(Any, self).__wrapped__)
+        return inspect.signature(self.__wrapped__)
 
     @cached_property
     def checked(self) -> Any:

@@ -46,11 +46,13 @@ class Policy:
     select: ranks the names of the non-target objects, the one to move first in front.
     place: ranks the indices of the regions for one object, the best in front. Both may find them one by one, as they are asked for.
     outlook: what a policy that looks ahead knows of the scene once it was asked; the others know nothing.
+    certain: whether a policy that tries motions itself has found those for a move: it may be proposed though it has failed before.
     """
 
     select: Callable[[Observation, np.random.Generator], Iterable[str]]
     place: Callable[[Observation, str, np.random.Generator], Iterable[int]]
     outlook: Callable[[], Outlook] = Outlook
+    certain: Callable[[str, int], bool] = lambda name, region: False
 
 
 class Stopwatch:
@@ -69,7 +71,8 @@ class Stopwatch:
 def proposals(
     policy: Policy, seen: Observation, rule: Rule, failed: set[tuple[str, int]], rng: np.random.Generator, thinking: Stopwatch
 ) -> Iterator[tuple[str, int]]:
-    """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state."""
+    """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state, unless it
+    is certain now."""
     with thinking:
         names = policy.select(seen, rng)
     for name in _timed(names, thinking):
@@ -77,7 +80,7 @@ def proposals(
             regions = policy.place(seen, name, rng)
         proposed = False
         for region in _timed(regions, thinking):
-            if (name, region) in failed:
+            if (name, region) in failed and not policy.certain(name, region):
                 continue
             yield name, region
             proposed = True
@@ -136,7 +139,7 @@ def retrieve(
         steps += 1
         stuck, out_of_reach = True, set[str]()
         for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking):
-            if object_name in out_of_reach:
+            if object_name in out_of_reach and not policy.certain(object_name, region):
                 continue  # another region would not help
             with moving:
                 moved = motions.relocate(state, object_name, region, rng)

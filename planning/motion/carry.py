@@ -71,23 +71,29 @@ def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], car
 
 
 def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside: bool = True) -> list[Motion] | Blocked:
-    """The motions along a path (K, A) to a pick, the fingers moving to its opening on the way where that is free, or else first."""
+    """The motions along a path (K, A) to a pick, the fingers moving to its opening on the way where that is free, else first, or last."""
     q, gripper = cell.robot.arm_q(state.q), float(state.q[cell.robot.gripper_joint])
     if abs(gripper - pick.gripper_open) <= 1e-9:
         return [motion(cell, "transit", path, pick.gripper_open)]
     if beside and cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
         return [motion(cell, "transit", path, gripper, to_gripper=pick.gripper_open)]
-    if touch := opening_blocked(cell, state, pick):
-        return touch
+    touch = opening_blocked(cell, state, q, pick)
+    if touch is not None:
+        if not cell.free_along(cell.problem(state.poses, gripper), path) or opening_blocked(cell, state, path[-1], pick):
+            return touch
+        return [
+            motion(cell, "transit", path, gripper),
+            motion(cell, "transit", path[[-1, -1]], gripper, to_gripper=pick.gripper_open),
+        ]
     return [
         motion(cell, "transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open),
         motion(cell, "transit", path, pick.gripper_open),
     ]
 
 
-def opening_blocked(cell: Workcell, state: State, pick: Pick) -> Blocked | None:
-    """What touches while the fingers move to a pick's opening where the arm is; None when nothing does."""
-    q, gripper = cell.robot.arm_q(state.q), float(state.q[cell.robot.gripper_joint])
+def opening_blocked(cell: Workcell, state: State, q: Array, pick: Pick) -> Blocked | None:
+    """What touches while the fingers move to a pick's opening, the arm being at q (A,); None when nothing does."""
+    gripper = float(state.q[cell.robot.gripper_joint])
     for value in np.linspace(gripper, pick.gripper_open, 4)[1:]:
         if touch := cell.touch(cell.problem(state.poses, float(value)), q):
             return Blocked("transit", touch.link, touch.body, detail=touch.detail)

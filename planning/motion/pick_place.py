@@ -330,12 +330,15 @@ class Motions:
         return known[pick]
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
-        """From where the arm is to the beginning of a pick's approach, with the fingers at its opening."""
+        """From where the arm is to the beginning of a pick's approach, with the fingers at its opening, or where they can't be set to that
+        yet, as they are."""
         known = self._recall(state).transits
         if pick not in known:
-            moving = self.cell.problem(state.poses, pick.gripper_open)
-            blocked = opening_blocked(self.cell, state, pick)
-            known[pick] = blocked or self.cell.connect(moving, self.robot.arm_q(state.q), pick.approach[:1], rng)
+            q, goal, gripper = self.robot.arm_q(state.q), pick.approach[:1], pick.gripper_open
+            if blocked := opening_blocked(self.cell, state, q, pick):
+                gripper = float(state.q[self.robot.gripper_joint])
+                blocked = opening_blocked(self.cell, state, goal[0], pick)
+            known[pick] = blocked or self.cell.connect(self.cell.problem(state.poses, gripper), q, goal, rng)
         return known[pick]
 
     def _way_out_ends(self, pick: Pick) -> Array:

@@ -108,7 +108,8 @@ def straight(hand: Hand, task: Task, T_world_hand: Array, by_m: float, way: Arra
                 return False, -1
         if not connects(task, way[k - 1], way[k], memory):
             return False, int(edge_check.first_contact(task.exact, way[k], memory.exact))
-    return True, -1
+    pair = int(edge_check.first_contact(task.exact, way[steps], memory.exact))  # a search that begins there asks for the margin, too
+    return pair < 0, pair
 
 
 @jit_inline

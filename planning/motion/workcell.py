@@ -266,13 +266,15 @@ class Workcell:
             known[first, last] = self.keeping(PlanningQuery(task, links + bodies, off_m), self.settings.clearance.least_m)
         return known[first, last]
 
+    def free_along(self, query: PlanningQuery, path: Array) -> bool:
+        """Whether a path (K, A), K > 1, is free all along, for certain."""
+        memory = self.enter(query)
+        return all(connects(query.task, a, b, memory) for a, b in pairwise(path))
+
     def free_however_open(self, poses: Mapping[str, Array], path: Array, first: float, last: float) -> bool:
         """Whether a path (K, A), K > 1, of an empty hand is free with the fingers anywhere between two gripper values all along."""
         query = self.any_opening(poses, first, last)
-        if query is None:
-            return False
-        memory = self.enter(query)
-        return all(connects(query.task, a, b, memory) for a, b in pairwise(path))
+        return query is not None and self.free_along(query, path)
 
     def moving_fingers(self, poses: Mapping[str, Array], name: str, opened: float, closed: float) -> ContactQuery:
         """The fingers on their way between two gripper values, before and at the second; the pads may touch the object between them."""

@@ -70,6 +70,10 @@ class Lookahead:
         """The regions for the object that was selected last."""
         return self._regions
 
+    def certain(self, name: str, region: int) -> bool:
+        """Whether a move comes next of those that a search has found, motions and all: a glance may have proposed it in vain."""
+        return bool(self._coming) and self._coming[0].choice == (name, region)
+
     def _follow(self, state: State) -> bool:
         """Note where things stand; whether that is news. What was foreseen is dropped when it did not come about."""
         if state is self._state:

@@ -6,7 +6,7 @@ Cells: the cabinet of `fakes.scene_of` is 0.4 × 0.4 m with 4 × 4 regions, so t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -214,6 +214,22 @@ def test_proposals_leave_out_what_has_failed() -> None:
     assert left[Rule.STRICT] == [("b", 1)]
     assert left[Rule.REGION] == [("b", 1), ("b", 3)]
     assert left[Rule.DEEP] == [("b", 1), ("b", 3), ("c", 5), ("c", 6)]
+
+
+def test_what_is_certain_is_proposed_though_it_has_failed() -> None:
+    """A policy that tried motions found some for a move that the loop had failed at, with an object that it had found out of reach."""
+    motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 3)})], graspable=lambda made, name: False)
+    searched: list[bool] = []
+
+    def select(seen: Observation, rng: np.random.Generator) -> Iterator[str]:
+        yield "a"
+        searched.append(True)
+        motions.possible = lambda made, c: c == ("a", 3)
+        yield "a"
+
+    plan = plan_with(motions, Policy(select, lambda seen, name, rng: [3, 4], certain=lambda name, region: bool(searched) and region == 3))
+    assert plan.success
+    assert tried(plan) == [("a", 3, False), ("a", 3, True)]
 
 
 def test_regions_are_asked_for_one_object_after_another() -> None:

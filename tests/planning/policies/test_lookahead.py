@@ -199,6 +199,16 @@ def test_moves_that_were_found_are_handed_out_one_by_one() -> None:
     assert len(world.tried) == searched  # nothing was sought again
 
 
+def test_the_next_move_that_was_found_is_certain_and_no_other() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    policy = look(world)
+    assert not policy.certain("a", 0)
+    ((name, region),) = asked(policy, world)
+    assert policy.certain(name, region)
+    assert not policy.certain(name, region + 1)
+    assert not policy.certain("ab".replace(name, ""), region)
+
+
 def test_a_state_that_was_not_foreseen_is_thought_about_anew() -> None:
     world = WrittenWorld("abc", at_first({"t": ["a"], "a": ["b"], "b": [""], "c": [""]}))
     policy = look(world)

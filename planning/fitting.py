@@ -36,13 +36,13 @@ LEAST_SHARE, BOX_SHARE, BOX_YAWS = 0.2, 0.5, (0.0, 0.5)
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """A spec and a robot's place that go together. share: of the places in the cabinet that were tried, how many the arm can take an object
-    from; scale: of the cabinet and what is in it. boxes: whether there are boxes, which the arm and its gripper have to be able to take."""
+    from; scale: of the cabinet and what is in it. alone: the only kind of objects in it, where the arm hardly takes others."""
 
     spec: Spec
     ref: RobotRef
     share: float
     scale: float
-    boxes: bool = True
+    alone: str | None = None
 
     def __str__(self) -> str:
         size = " × ".join(f"{v:.2f}" for v in self.spec.cabinet_size_m)
@@ -50,7 +50,7 @@ class Fitted:
         front, floor = self.spec.cabinet_front_m - x, self.spec.cabinet_floor_m - z
         return (
             f"a cabinet of {size} m, its front {front:.2f} m before the arm's base and its floor {floor:.2f} m above: the arm takes "
-            f"objects from {100 * self.share:.0f} % of it{'' if self.boxes else '; cylinders alone, as it hardly takes boxes'}"
+            f"objects from {100 * self.share:.0f} % of it{f'; {self.alone} alone, as it hardly takes others' if self.alone else ''}"
         )
 
 
@@ -72,9 +72,10 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
         spec = replace(spec, grasp_bearing_share=1.0, grasp_yaw_spread=0.0)
     turned = replace(ref, T_world_base=T_base)
     best, placed = -1.0, None
+    cup = robot.opening.cup_m > 0
     for front, floor in _promising(arm, spec, reach)[:EXACTLY]:
         tried = replace(spec, cabinet_front_m=front, cabinet_floor_m=floor)
-        share, home = _share(tried, robot, turned)
+        share, home = _share(tried, robot, turned, boxes=cup)
         if share > best:
             best, placed = share, (tried, home)
     if placed is None or best < LEAST_SHARE:
@@ -84,8 +85,10 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
     if home is not None and ref.name is None:
         names = [robot.joint_names[j] for j in robot.arm_joints]
         turned = replace(turned, home={name: float(q) for name, q in zip(names, home)})
-    boxes = _share(tried, robot, replace(turned, home=None), boxes=True)[0] >= BOX_SHARE
-    return Fitted(tried if boxes else _round(tried), turned, best, scale, boxes)
+    others = _share(tried, robot, replace(turned, home=None), boxes=not cup)[0] >= BOX_SHARE
+    return Fitted(
+        tried if others else _of_one_kind(tried, boxes=cup), turned, best, scale, None if others else "boxes" if cup else "cylinders"
+    )
 
 
 def _positions(arm: Arm) -> Array:
@@ -112,7 +115,7 @@ def _facing(arm: Arm) -> float:
 def _scale(spec: Spec, robot: Robot, reach: float) -> float:
     """How much smaller cabinet and objects are, to fit the arm and its gripper."""
     widest = 2 * max(spec.objects_half_width_m[1], spec.target_half_width_m[1])
-    by_gripper = (robot.opening.max_m - 2 * SPARE_M) / widest if widest > 0 else 1.0
+    by_gripper = (robot.opening.max_m - 2 * SPARE_M) / widest if widest > 0 and not robot.opening.cup_m else 1.0
     return max(LEAST_SCALE, float(np.floor(100 * min(1.0, reach / USUAL_REACH_M, by_gripper + 0.02)) / 100))
 
 
@@ -171,15 +174,15 @@ def _extent(arm: Arm) -> float:
     return float(max(ends) - x)
 
 
-def _round(spec: Spec) -> Spec:
-    """A spec without boxes, where it has anything else."""
-    kinds = tuple(kind for kind in spec.objects_household if len(kind.size_m) == 2)
-    return replace(spec, objects_box_share=0.0, objects_household=kinds or spec.objects_household)
+def _of_one_kind(spec: Spec, *, boxes: bool) -> Spec:
+    """A spec with boxes alone, or cylinders alone, where it has any."""
+    kinds = tuple(kind for kind in spec.objects_household if len(kind.size_m) == (3 if boxes else 2))
+    return replace(spec, objects_box_share=float(boxes), objects_household=kinds or spec.objects_household)
 
 
 def _share(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool = False) -> tuple[float, Array | None]:
     """From how many of 3 × 3 places in the empty cabinet an object can be taken, and where the arm waits before it (A,). boxes: not a
-    cylinder, but a box, turned in several ways; from three places."""
+    cylinder, but a box, turned in several ways, from three places."""
     cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
     home = next(iter(waiting(arm_at(robot, ref.T_world_base), cabinet)), None)
     if home is None:

@@ -18,7 +18,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array
-from planning.grasps import FRICTION_ANGLE, line_contacts, pad_of, sample_grasps
+from planning.cup_grasps import grasps_on
+from planning.grasps import FRICTION_ANGLE, line_contacts
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp
 
@@ -48,7 +49,7 @@ def propose(robot: Robot, scene: Scene, *, most: int = 12) -> Proposals:
     target, base = scene.target_body, scene.robot.T_world_base[:3, 3]
     middle = np.sum(bounds(target.shape, target.T_world_body), axis=0) / 2
     toward = float(np.arctan2(middle[1] - base[1], middle[0] - base[0]))
-    sampled = sample_grasps(target, robot.opening, APPROACHES, float(scene.cabinet.T_world_cabinet[2, 3]), toward, pad=pad_of(robot))
+    sampled = grasps_on(target, robot, APPROACHES, float(scene.cabinet.T_world_cabinet[2, 3]), toward)
     if isinstance(target.shape, ConvexMesh):
         return rank(robot, scene, sampled, most=most, enough=MOST_SAMPLED)
     return rank(robot, scene, islice(sampled, MOST_SAMPLED), most=most)
@@ -84,7 +85,7 @@ def rank(
             dropped["out of the arm's reach"] += 1
             continue
         free = bool(among.picks(replace(crowded), target.name, [grasp])[0])
-        square = squareness(target, grasp) if quality is None else quality[i]
+        square = squareness(target, grasp, cup=bool(robot.opening.cup_m)) if quality is None else quality[i]
         kept.append((grasp, SQUARE * square + REACH * _room(robot, picks[0].approach) + FREE * free))
     kept.sort(key=lambda pair: -pair[1])
     return Proposals(tuple((grasp, round(score, 4)) for grasp, score in kept[:most]), tuple(dropped.most_common()))
@@ -98,13 +99,14 @@ def with_grasps(scene: Scene, proposals: Proposals) -> Scene:
     return replace(scene, grasp=best, grasps=tuple(others))
 
 
-def squareness(target: Body, grasp: Grasp) -> float:
-    """How well the pads close on a shape, from 0 to 1: how square its surface is to them, and how near its middle they close."""
-    T, closing = grasp.T_world_hand, grasp.T_world_hand[:3, 1]
+def squareness(target: Body, grasp: Grasp, *, cup: bool = False) -> float:
+    """How well the pads close on a shape, or a cup lies on it, from 0 to 1: how square its surface is to them, and how near its middle they
+    are."""
+    T, closing = grasp.T_world_hand, grasp.T_world_hand[:3, 2 if cup else 1]
     hit = line_contacts(target.shape, target.T_world_body, T[:3, 3], closing)
     if hit is None:
         return 0.0
-    off = np.arccos(np.clip(min(-hit.enter_normal @ closing, hit.leave_normal @ closing), -1, 1))
+    off = np.arccos(np.clip(-hit.enter_normal @ closing if cup else min(-hit.enter_normal @ closing, hit.leave_normal @ closing), -1, 1))
     low, high = bounds(target.shape, target.T_world_body)
     away = np.linalg.norm(np.cross((low + high) / 2 - T[:3, 3], closing)) / (np.linalg.norm(high - low) / 2)
     return float(max(0.0, 1 - off / (2 * FRICTION_ANGLE)) * max(0.0, 1 - away))

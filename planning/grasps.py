@@ -311,6 +311,14 @@ def _skew(hit: Contact | None, u: Array) -> float:
     return np.pi if hit is None else float(np.arccos(np.clip(min(-hit.enter_normal @ u, hit.leave_normal @ u), -1, 1)))
 
 
+def hand_looking(z: Array, ahead: Array | None = None) -> Array:
+    """Rotation (3, 3) of a hand that looks along z (3,), its y level and its x up; ahead (3,): level, where it looks straight down."""
+    level = z * [1.0, 1.0, 0.0] if ahead is None else ahead
+    y = np.cross(level, UP) if ahead is None else np.cross(ahead, z)
+    y = y / np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z], -1)
+
+
 def _level_hand(ahead: Array, pitch: float) -> Array:
     """Rotation (3, 3) of a hand that looks along `ahead` (3,), level, and down by `pitch`: it closes level, its x is up, or
     opposite to `ahead` if it looks straight down."""

@@ -20,6 +20,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
+from planning.cup_grasps import grasps_on
 from planning.grasps import SPARE_M, UP, lowest_of, set_back
 from planning.motion.arm import arm_at
 from planning.motion.pick_place import Motions
@@ -191,6 +192,8 @@ def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int,
     names = {bodies[i].name: _name(bodies[i].name.rsplit("_", 1)[0], rank, robot.tree.names) for rank, i in enumerate(order)}
     objects = tuple(Body(names[bodies[i].name], bodies[i].shape, bodies[i].T_world_body) for i in order)
     grasp = _grasp(spec, robot, ref, target, rng)
+    if grasp is None:
+        return None
     return Scene(name, ref, cabinet, objects, names[target.name], grasp, spec.regions_n, spec.moves_approaches, seed)
 
 
@@ -229,10 +232,13 @@ def _target_depths(spec: Spec, depth_m: float) -> tuple[float, float]:
     return spec.target_depth_share[0] * depth_m, spec.target_depth_share[1] * depth_m
 
 
-def _grasp(spec: Spec, robot: Robot, ref: RobotRef, target: Body, rng: np.random.Generator) -> Grasp:
+def _grasp(spec: Spec, robot: Robot, ref: RobotRef, target: Body, rng: np.random.Generator) -> Grasp | None:
     """x_g: horizontal, from the front, the camera above the hand; on a box, square to the faces that come nearest to the wanted yaw. At
-    what is round an arm of few joints looks as it has to."""
+    what is round an arm of few joints looks as it has to. Of a suction cup the most natural one; None where no face is wide enough."""
     opening, to_target = robot.opening, target.T_world_body[:2, 3] - robot.pivot(ref.T_world_base)
+    if opening.cup_m:
+        toward, floor_z = float(np.arctan2(to_target[1], to_target[0])), float(target.T_world_body[2, 3] - target.shape.half[2])
+        return next(grasps_on(target, robot, APPROACHES, floor_z, toward, headings=headings_of(arm_at(robot, ref.T_world_base))), None)
     yaw = spec.grasp_bearing_share * np.arctan2(to_target[1], to_target[0]) + rng.uniform(-spec.grasp_yaw_spread, spec.grasp_yaw_spread)
     half = target.shape.half
     width = 2 * float(half[0])

@@ -29,6 +29,14 @@ class NoGripper(ValueError):
     """There is no gripper that can be used; says what was looked for, and found."""
 
 
+class CupFound(NoGripper):
+    """There are no fingers, but a link that is called like a suction cup: the message, and the link's index."""
+
+    def __init__(self, message: str, link: int) -> None:
+        super().__init__(message)
+        self.link = link
+
+
 @dataclass(frozen=True, eq=False)
 class Motors:
     """Which actuated joints move the fingers on the link `palm`, and what goes with it: the first, and how the others follow it, by name
@@ -122,12 +130,13 @@ def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
     if len(way) > 2 and any(JAW.search(word) for word in words):
         return model.group(int(model.tree.parent[last]))
     after = [model.tree.names[i] for i in model.below(last)]
-    cups = [name for name in after if CUP.search(name)]
+    cups = [i for i in model.below(last) if CUP.search(model.tree.names[i])]
     if cups:
-        raise NoGripper(f"no gripper found: {cups[0]!r} looks like a suction cup, and only fingers can be used")
+        raise CupFound(f"{model.tree.names[cups[-1]]!r} looks like a suction cup", cups[-1])
     raise NoGripper(
         f"no gripper found: no joint moves a finger after the last one of the arm, {_joint_behind(model, last)!r} (links there: "
-        f"{', '.join(after)}); give the URDF a gripper, or name the joints of one with --gripper-joint or the scene's robot.gripper_joints"
+        f"{', '.join(after)}); give the URDF a gripper, or name the joints of one with --gripper-joint or the scene's "
+        "robot.gripper_joints; a suction cup is declared by --gripper-joint suction"
     )
 
 

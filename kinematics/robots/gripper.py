@@ -34,6 +34,7 @@ class Opening:
     """The gripper's table, by rising width: joint value, width between the pads, where the pads' middle is along the hand's z, and how far
     behind that an object of this width may reach if it is to end ROOM_M before a knuckle or the palm, which then are nowhere nearer; and
     where the pads' middle is along the hand's y, which is 0 but for a jaw that moves alone; metres.
+    cup_m: the diameter of a suction cup, which holds at that width, is off at any larger one, and takes what comes near along z; else 0.
     jaw: on which side along y the one jaw is that moves against a fixed one, 1 or -1; 0 where both sides move. round_only: a hinged jaw
     stands askew on whatever is between the pads, and holds what is round.
     """
@@ -45,6 +46,7 @@ class Opening:
     pad_y_m: Array = field(default_factory=lambda: np.zeros(0))
     jaw: int = 0
     round_only: bool = False
+    cup_m: float = 0.0
 
     @property
     def max_m(self) -> float:
@@ -75,20 +77,25 @@ class Opening:
 
     def middle(self, width_m: float) -> Array:
         """Where (3,) the middle between the pads is in the hand that comes to close on an object of a width, after `beside`."""
-        return np.array([0.0, self.pad_y_at(width_m) + self.jaw * BESIDE_M, self.pad_z_at(width_m)])
+        return np.array([0.0, self.pad_y_at(width_m), self.pad_z_at(width_m)]) - BESIDE_M * self._draws
+
+    @property
+    def _draws(self) -> Array:
+        """Which way (3,) the hand draws an object that it closes on, in its own frame; 0 where it closes from both sides."""
+        return np.array([0.0, -float(self.jaw), -1.0 if self.cup_m else 0.0])
 
     def beside(self, T_world_hand: Array) -> Array:
         """Where the hand is (4, 4) to close as at T_world_hand: with a jaw that moves alone BESIDE_M further, so that the pad that stands
-        still passes the object; with any other hand just there."""
-        return T_world_hand if self.jaw == 0 else _moved_y(T_world_hand, -self.jaw * BESIDE_M)
+        still passes the object, and as far before it with a cup; with any other hand just there."""
+        return _moved(T_world_hand, BESIDE_M * (T_world_hand[:3, :3] @ self._draws))
 
     def held(self, T_hand_body: Array) -> Array:
-        """Where an object is in the hand (4, 4) once it is closed: a jaw that moves alone pushes it by PUSH_M."""
-        return T_hand_body if self.jaw == 0 else _pushed(T_hand_body, -self.jaw * PUSH_M)
+        """Where an object is in the hand (4, 4) once it is closed: a jaw that moves alone pushes it by PUSH_M, and a cup draws it."""
+        return _moved(T_hand_body, PUSH_M * self._draws)
 
     def let_go(self, T_hand_body: Array) -> Array:
         """The inverse of `held`: where it is when the hand opens."""
-        return T_hand_body if self.jaw == 0 else _pushed(T_hand_body, self.jaw * PUSH_M)
+        return _moved(T_hand_body, -PUSH_M * self._draws)
 
     def closing_value(self, width_m: float) -> float:
         """The joint's value at which the pads hold an object of a width, after `beside` and `held`."""
@@ -269,17 +276,12 @@ def _centred(placed: _Placed, middle: float) -> _Placed:
     return [(link, vertices - [0.0, middle, 0.0], faces) for link, vertices, faces in placed]
 
 
-def _moved_y(T: Array, by_m: float) -> Array:
-    """A pose (4, 4) moved along its own y."""
+def _moved(T: Array, by_m: Array) -> Array:
+    """A pose (4, 4) moved by a vector (3,); itself where that is 0."""
+    if not by_m.any():
+        return T
     out = T.copy()
-    out[:3, 3] += by_m * T[:3, 1]
-    return out
-
-
-def _pushed(T_hand_body: Array, by_m: float) -> Array:
-    """An object moved along the hand's y."""
-    out = T_hand_body.copy()
-    out[1, 3] += by_m
+    out[:3, 3] += by_m
     return out
 
 

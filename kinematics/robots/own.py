@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from kinematics.errors import did_you_mean
 from kinematics.robots import urdf
-from kinematics.robots.find_gripper import HINGE_RAD, Model, Motors, NoGripper, drive, find_palm
+from kinematics.robots.find_gripper import HINGE_RAD, CupFound, Model, Motors, NoGripper, drive, find_palm
 from kinematics.robots.gripper import NotClosing, measure
 from kinematics.robots.hand_frame import hand_frame as measured_frame
+from kinematics.robots.suction import ON_M, SUCTION, add_valve, at_face, cup_frame, cup_links
 from kinematics.robots.tree import FIXED, TURNS, Tree
 from kinematics.transforms import Array, inverse, rotation_about, transform, wxyz_from_rotation
 
@@ -79,6 +80,10 @@ def find_grip(model: Model, where: str, hand_link: str | None, named: Sequence[s
     arm = [] if hand_link is None else [joints[int(tree.q_index[i])] for i in tree.path(tree.index[hand_link]) if tree.kind[i] != FIXED]
     if hand_link is not None and not arm:
         raise ValueError(f"{where}: no joint moves the hand frame {hand_link!r}")
+    if tuple(named) == (SUCTION,) and SUCTION not in joints:
+        if hand_link is None:
+            raise NoGripper(f"{where}: say which link the suction cup is, with --hand-frame")
+        return _cup(tree.index[hand_link], model, T_link_hand, where)
     others = [j for j in joints if j not in arm]
     for name in named:
         if name not in others:
@@ -96,7 +101,23 @@ def find_grip(model: Model, where: str, hand_link: str | None, named: Sequence[s
             return _grip(model, motors, hand_link, T, measured=False)
         return _grip(model, motors, tree.names[palm], measured_frame(model, motors), measured=True)
     except NoGripper as e:
+        cup = (
+            e.link if isinstance(e, CupFound) else next(iter(cup_links(model, [] if hand_link is None else [tree.index[hand_link]])), None)
+        )
+        if cup is None or named:
+            raise NoGripper(f"{where}: {e}") from None
+        return _cup(cup, model, T_link_hand, where)
+
+
+def _cup(link: int, model: Model, T_link_hand: Array | None, where: str) -> Grip:
+    """A suction cup on a link: its face is where T_link_hand says, or at the link's frame, or is measured."""
+    T = np.eye(4) if T_link_hand is None else T_link_hand
+    measured = np.array_equal(T, np.eye(4)) and not at_face(model, link)
+    try:
+        T = cup_frame(model, link) if measured else T
+    except NoGripper as e:
         raise NoGripper(f"{where}: {e}") from None
+    return Grip((SUCTION,), {}, (0.0, ON_M), model.tree.names[link], T, "a suction cup", measured)
 
 
 def _palm(model: Model, hand_link: str | None, named: Sequence[int]) -> int:
@@ -162,6 +183,8 @@ def _pose(model: Model, frame: int, link: str) -> Array:
 def put_in(root: etree._Element, grip: Grip) -> None:
     """Write a grip into a cleaned URDF, in place: motors that follow as mimic joints, limits, and the links `hand` and `camera`."""
     links = [e.get("name", "") for e in root.iter("link")]
+    if grip.joints == (SUCTION,) and SUCTION not in {j.get("name") for j in root.iter("joint")}:
+        add_valve(root, grip.link)
     for joint in root.iter("joint"):
         name = joint.get("name", "")
         if name in grip.follows:

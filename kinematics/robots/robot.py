@@ -34,6 +34,7 @@ from kinematics.robots.limits import JointLimits, joint_limits
 from kinematics.robots.measured import measure_once
 from kinematics.robots.own import Grip, find_grip, grip_from_arrays, grip_to_arrays, put_in
 from kinematics.robots.selfcheck import check_kinematics
+from kinematics.robots.suction import VALVE, measure_cup
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 from kinematics.scene import WALLS, Body, RobotRef, Scene
 from kinematics.transforms import Array, inverse, rotation_about, rotation_rpy, transform
@@ -485,12 +486,15 @@ def _robot(
         v, f = v + nv, f + nf
     moved_by_gripper = {i for i in range(len(tree.names)) if any(tree.q_index[k] == g for k in tree.path(i))}
     fingers = frozenset(tree.names[i] for i in moved_by_gripper) & {h.link for h in hulls}
-    if not fingers:
+    if not fingers and VALVE not in tree.names:
         raise ValueError(f"robot {name}: joint {gripper!r} moves no link with collision geometry, so there are no fingers to grasp with")
     rest = np.clip(np.zeros(len(joints)), lower, upper)
     if home is not None:
         rest[arm] = home
-    opening, pads = measure_once(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
+    if fingers:
+        opening, pads = measure_once(tree, tuple(hulls), fingers, g, (lower[g], upper[g]), rest, name)
+    else:
+        opening, pads = measure_cup(tree, hulls, rest, name)
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
     limits = joint_limits(etree.fromstring(text), joints, arm, g, sheet)

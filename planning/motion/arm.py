@@ -68,7 +68,8 @@ class Arm(RobotCollisionModel):
         if key not in self._moving:
             if len(self._moving) == OPENINGS:
                 self._moving.pop(next(iter(self._moving)))  # the oldest
-            posed, links, pairs = self._at_all([opened + share * (closed - opened) for share in FINGERS_AT])
+            values = [opened + share * (closed - opened) for share in FINGERS_AT]
+            posed, links, pairs = self._at_all(values if len(self.fingers) else values[-1:])
             self._moving[key] = posed, links, pairs, np.isin(links, sorted(self.robot.fingers))
         return self._moving[key]
 
@@ -82,6 +83,9 @@ class Arm(RobotCollisionModel):
         return self._any_opening[key]
 
     def _between(self, first: float, last: float) -> AnyOpening | None:
+        if not len(self.fingers):  # a suction cup
+            posed, links, _ = self._at_all([last])
+            return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, self.self_pairs, 0.0)
         fingers = [self.posed_links(self.fingers, self._finger_pieces, g).vertices for g in np.linspace(first, last, MOST_OPENINGS)]
         steps = [float(np.linalg.norm(b - a, axis=0).max()) for a, b in pairwise(fingers)]
         parts = int(np.ceil(sum(steps) / APART_M))

@@ -13,7 +13,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Grasp, Held, Scene
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, rotation_about, transform
-from planning.grasps import DENSE, USUAL, Headings, Sampling, lowest_of, open_width, pad_of, sample_grasps
+from planning.cup_grasps import grasps_on
+from planning.grasps import DENSE, USUAL, Headings, Sampling, open_width
 from planning.motion import reaching
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.lazy_list import LazyList
@@ -237,8 +238,7 @@ def sampled_grasps(
     toward = float(np.arctan2(to_body[1], to_body[0]))
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
-    floor_z, pad, lowest = float(scene.cabinet.T_world_cabinet[2, 3]), pad_of(robot), lowest_of(robot)
-    found = sample_grasps(body, robot.opening, kinds, floor_z, toward, sampling, pad, headings, lowest)
+    found = grasps_on(body, robot, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, headings)
     if not isinstance(body.shape, ConvexMesh):
         return found
     alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())

@@ -45,13 +45,14 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
     except ValueError as e:
         return str(e)
     opening = robot.opening
-    tabled = bool(opening.jaw) or _askew(hand)  # between such pads a width is no number of its own: the robot's table says where they close
+    # between such pads, and of a cup, a width is no number of its own: the robot's table says where they close
+    tabled = bool(opening.jaw) or bool(opening.cup_m) or _askew(hand)
     least, most = (float(opening.width_m[0]), opening.max_m) if tabled else (float(hand.widths[0]), hand.max_width_m)
-    if not x_g.width_m <= most + asked.gap_m:
+    if not opening.cup_m and not x_g.width_m <= most + asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper opens {1000 * most:.0f} mm"
-    if not x_g.width_m >= least - asked.gap_m:
+    if not opening.cup_m and not x_g.width_m >= least - asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper closes to {1000 * least:.0f} mm"
-    frames = in_hand(hand, opening.value_at(x_g.width_m) if tabled else closing_value(hand, x_g.width_m))
+    frames = in_hand(hand, opening.value_at(opening.cup_m or x_g.width_m) if tabled else closing_value(hand, x_g.width_m))
     if not unseen and scene.target is not None:
         target = scene.body(scene.target)
         T_hand_target = inverse(x_g.T_world_hand) @ target.T_world_body

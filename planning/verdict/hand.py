@@ -17,6 +17,7 @@ FACING = np.cos(np.radians(30))  # a face that looks this much along the closing
 JAW_FACING = np.cos(np.radians(50))  # of a jaw against a fixed one, which turns as it closes, any that looks so
 LEAST_FACE_M2, LEAST_JAW_FACE_M2 = 2e-5, 2e-6
 BESIDE_M = 0.015  # the pads are within so much of the hand frame's origin, along its z
+CUP_FACE_M = 1e-3  # what of a cup ends so near to its end is its lip
 FLAT_M = 3e-4  # corners this near to a plane belong to the face
 _VALUES = 17
 
@@ -41,7 +42,7 @@ class Hand:
     """arm: the whole robot; carrier, T_carrier_hand: where the hand frame is. gripper: index of the joint that opens it.
 
     links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side, +y
-    first; of a jaw that moves alone more of them follow, for what it holds may touch any.
+    first; of a jaw that moves alone more of them follow, for what it holds may touch any; of a suction cup one alone.
     values, widths (G,): the gripper's joint and how far the pads are apart there, by rising width.
     """
 
@@ -88,6 +89,9 @@ def hand_of(robot: Robot) -> Hand:
     own = arm.driven_by(carrier)
     links = frozenset(link for link in solid if arm.driven_by(arm.links[link][0]) - {gripper} == own) | fingers
     low, high = float(arm.lower[gripper]), float(arm.upper[gripper])
+    if robot.opening.cup_m:
+        cup = _cup(robot, arm, carrier, T_carrier_hand)
+        return Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (cup,), robot.opening.value, robot.opening.width_m)
     middle = _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2]))
     jaw = robot.opening.jaw
     movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
@@ -137,6 +141,19 @@ def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array],
     if not out or out[0][0]:
         raise ValueError(f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y")
     return [pad for *_, pad in out]
+
+
+def _cup(robot: Robot, arm: Arm, carrier: int, T_carrier_hand: Array) -> Pad:
+    """The face of a suction cup, z out of it."""
+    (link,) = robot.pads
+    own, T_carrier_link = arm.links[link]
+    if own != carrier:
+        raise ValueError(f"robot {robot.name}: the suction cup {link!r} does not go with the hand frame")
+    T = inverse(T_carrier_hand) @ T_carrier_link
+    hulls = [h.vertices @ T[:3, :3].T + T[:3, 3] for h in robot.hulls if h.link == link]
+    end = float(max(points[:, 2].max() for points in hulls))
+    face = np.concatenate([points[points[:, 2] >= end - CUP_FACE_M] for points in hulls])
+    return Pad(link, 0, carrier, T_carrier_hand @ transform(p=[0.0, 0.0, end]), Window(polygons.hull(face[:, :2])))
 
 
 def _faces(points: Array, triangles: Int, inward: Array, facing: float, least_m2: float) -> list[tuple[Array, Array, float]]:

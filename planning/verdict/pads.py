@@ -14,6 +14,7 @@ import numpy as np
 
 from kinematics.transforms import Array, inverse
 from planning.verdict import polygons
+from planning.verdict.cup import cup_faults
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import Pad
 from planning.verdict.polyhedra import Polyhedron, nearest_in_window, section_below
@@ -76,7 +77,12 @@ def hold_faults(
     stage: str,
     settings: Settings,
 ) -> list[Fault]:
-    """What keeps the pads of two sides from holding a body; nothing when they do. T_hand_faces, T_hand_body (4, 4): in the hand's frame."""
+    """What keeps the pads of two sides, or a cup, from holding a body; nothing when they do.
+
+    T_hand_faces, T_hand_body (4, 4): in the hand's frame.
+    """
+    if len(pads) == 1:
+        return cup_faults(pads[0], T_hand_faces[0], body, T_hand_body, name, stage, settings)
     sides = [[(pad, T) for pad, T in zip(pads, T_hand_faces) if pad.side == side] for side in dict.fromkeys(pad.side for pad in pads)]
     touches = [touch_of([pad for pad, _ in side], [T for _, T in side], body, T_hand_body) for side in sides]
     links = tuple(dict.fromkeys(pad.link for pad in pads))

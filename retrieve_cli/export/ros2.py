@@ -56,7 +56,9 @@ def trajectory(step: ArmStep) -> dict[str, Any]:
 
 
 def command(step: GripperStep) -> dict[str, Any]:
-    """A GripperCommand: the joint's value, and the force (0: the gripper's own)."""
+    """A GripperCommand: the joint's value, and the force (0: the gripper's own); of a suction cup 1 for on, 0 for off."""
+    if step.vacuum is not None:
+        return {"position": float(step.vacuum), "max_effort": 0.0}
     return {"position": float(step.value), "max_effort": float(step.force_N or 0.0)}
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from kinematics.errors import InputError
 from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
+from kinematics.robots.suction import ON_M, SUCTION
 from kinematics.transforms import Array
 from planning.plan import Motion, Plan
 
@@ -59,6 +60,11 @@ class GripperStep:
     force_N: float | None
     holds: str | None
     duration_s: float
+
+    @property
+    def vacuum(self) -> bool | None:
+        """Whether a suction cup's vacuum is on afterwards; None where fingers move."""
+        return None if self.joint != SUCTION else self.value > ON_M / 2
 
 
 Step = ArmStep | GripperStep

@@ -42,7 +42,8 @@ def franka(steps: Sequence[Step]) -> tuple[str, str]:
     out, commands, row = StringIO(), list[str](), 0
     for step in steps:
         if isinstance(step, GripperStep):
-            commands.append(json.dumps({"after_row": row - 1, "width_m": step.width_m, "force_N": step.force_N, "holds": step.holds}))
+            told = {"width_m": step.width_m, "force_N": step.force_N} if step.vacuum is None else {"vacuum": step.vacuum}
+            commands.append(json.dumps({"after_row": row - 1, **told, "holds": step.holds}))
             continue
         if len(step.joints) != FRANKA_JOINTS:
             raise InputError(f"export: --to franka is for arms with {FRANKA_JOINTS} joints, and this one has {len(step.joints)}")

@@ -72,7 +72,6 @@ POST += '<joint name="p" type="fixed"><parent link="palm"/><child link="post"/><
 JAW = joint("jaw", SLIDE, "palm", "plus", "0 0 0.06", "0 1 0", (0, 0.05)) + finger("plus", 1) + POST
 HINGE = joint("jaw", TURN, "palm", "plus", "0 0.012 0.02", "1 0 0", (-1.5, 0.1))
 HINGE += f'<link name="plus">{box("0.02 0.01 0.1", "0 0 0.05")}</link>' + POST
-CUP = '<link name="cup"/><joint name="c" type="fixed"><parent link="palm"/><child link="cup"/></joint>'
 THIRD = joint("f3", TURN, "palm", "third", "0 0 0", "1 0 0", (0, 1)) + finger("third", 1)
 
 
@@ -166,11 +165,10 @@ def test_a_frame_that_is_not_between_the_pads_is_answered_with_the_one_that_is(
     ("gripper", "says"),
     [
         ("", "no gripper found: no joint moves a finger after the last one of the arm, 'a3' (links there: l3, palm); give the URDF a"),
-        (CUP, "'cup' looks like a suction cup, and only fingers can be used"),
         (MIRRORED.replace(SLIDE, 'type="continuous"'), "its joint 'f1' has no limits, so it is never open"),
         (MIRRORED + THIRD, "3 fingers with 3 motors (f1, f2, f3)"),
     ],
-    ids=["none", "suction", "endless", "three"],
+    ids=["none", "endless", "three"],
 )  # fmt: skip
 def test_what_is_no_gripper_is_said_with_what_was_found(gripper: str, says: str, robot: Callable[..., Robot]) -> None:
     with pytest.raises(NoGripper) as e:

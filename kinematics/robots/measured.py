@@ -12,8 +12,8 @@ from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.tree import LinkHull, Tree
 from kinematics.transforms import Array
 
-_VERSION = "opening-1"  # raise it when what `measure` computes changes
-_NUMBERS = ("jaw", "round_only")
+_VERSION = "opening-2"  # raise it when what `measure` computes changes
+_NUMBERS = ("jaw", "round_only", "cup_m")
 
 
 def measure_once(

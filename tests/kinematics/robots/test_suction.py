@@ -111,7 +111,7 @@ def test_a_cup_stops_before_what_it_takes_and_draws_it(robot: Callable[..., Robo
     [
         (PLAIN, (), "declared by --gripper-joint suction"),
         (PLAIN, (None, SUCTION), "say which link the suction cup is, with --hand-frame"),
-        ('<link name="cup"/>' + fixed("cup", "0 0.3 0.4"), (), "nothing that 'cup' is fixed to ends within 30 mm of it"),
+        ('<link name="cup"/>' + fixed("cup", "0 0.32 0.4"), (), "nothing that 'cup' is fixed to ends within 30 mm of it"),
     ],
     ids=["no name", "no link", "no face"],
 )

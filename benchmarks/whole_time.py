@@ -62,7 +62,7 @@ def watch(clock: Clock) -> None:
         (retrieval, "verify", "verify"),
         (retrieval, "judge", "verdict"),
         (retrieval, "with_clearances", "clearance"),
-        (retrieval, "hand_travel", "travel"),
+        (retrieval, "hand_travels", "travel"),
         (Motions, "quickest", "quickest"),
         (Motions, "trajectories", "trajectories"),
         (Motions, "retrieve_target", "motions"),

@@ -205,7 +205,7 @@ def conclude(
     wrong already. is_truth: whether the scene is as things were when the motions began; otherwise nothing but `faults` is judged by.
     """
     success = reason is None
-    travel = [hand_travel(robot, scene, [motion]) for motion in way]
+    travel = hand_travels(robot, scene, way)
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
         sum(travel, 0.0), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled,
@@ -245,17 +245,25 @@ def relocating(motions: Sequence[Motion]) -> list[bool]:
     return [i <= last and motion.stage != "look" for i, motion in enumerate(motions)]
 
 
-def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:
-    """Length in metres of the hand's path, measured along chords of about `step` rad (or m) in any joint."""
-    length = 0.0
+def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> float:
+    """Length in metres of the hand's path."""
+    return sum(hand_travels(robot, scene, motions), 0.0)
+
+
+def hand_travels(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> list[float]:
+    """Length in metres of the hand's path in each motion, measured along chords of about `step` rad (or m) in any joint."""
+    if not motions:
+        return []
+    rows = []
     for motion in motions:
         parts = np.maximum(1, np.ceil(np.abs(np.diff(motion.q, axis=0)).max(1, initial=0.0) / step)).astype(np.int64)
         piece = np.repeat(np.arange(len(parts)), parts)
         share = (np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]) / parts[piece]
         times = np.append(motion.t_s[piece] + share * np.diff(motion.t_s)[piece], motion.t_s[-1])
-        chords = np.diff(hand_poses(robot, scene, motion.at(times))[:, :3, 3], axis=0)
-        length += float(np.sqrt((chords**2).sum(1)).sum())
-    return length
+        rows.append(motion.at(times))
+    at = hand_poses(robot, scene, np.concatenate(rows))[:, :3, 3]
+    ways = np.split(at, np.cumsum([len(q) for q in rows])[:-1])
+    return [float(np.sqrt((np.diff(way, axis=0) ** 2).sum(1)).sum()) for way in ways]
 
 
 def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:

@@ -16,8 +16,9 @@ from kinematics.collision import edge_check
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
 from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
-from kinematics.collision.sphere_check import make_sphere_scratch, open_pairs
-from kinematics.collision.sphere_model import SphereModel, make_sphere_world, posed_sphere_model
+from kinematics.collision.sphere_batch import SphereScratch, scratch_for
+from kinematics.collision.sphere_check import open_pairs
+from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sphere_world, posed_sphere_model
 from kinematics.doors import checked
 from kinematics.mount import standing_still
 from kinematics.robots.robot import Robot
@@ -67,8 +68,11 @@ class BroadPhase:
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
-        self._placed: dict[bytes, Solids] = {}
+        self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
         self._scratch: edge_check.Scratch | None = None
+        self._lanes: tuple[int, int, int, SphereScratch] | None = None
+        self._at_home = np.setdiff1d(np.arange(len(robot.joint_names)), [*robot.arm_joints, robot.gripper_joint])
+        self._finger_posed: dict[float, PosedGeometry] = {}
         self._judged: dict[tuple[tuple[str, ...], tuple[str, ...]], NDArray[np.bool_]] = {}
         self._finger_links = tuple(link for link, finger in zip(self.robot_collision_model.links, self._fingers) if finger)
         self._known: dict[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] = {}
@@ -87,7 +91,7 @@ class BroadPhase:
         gripper = float(q[0, self.robot.gripper_joint])
         posed, model, links = self.moving(gripper, held)
         own = len(self.robot_collision_model.links)
-        solids, bodies = self.standing(poses)
+        world, bodies = self._standing(poses)[1:]
         P, names, judge = len(links), links + bodies, self._judgeable(posed, links, bodies)
         allow(judge, names, allowed_contacts)
         if (q[:, self.robot.gripper_joint] != gripper).any():
@@ -96,8 +100,8 @@ class BroadPhase:
         if self._elsewhere(q):
             judge[:] = False
         pairs = np.argwhere(judge[:, :P])
-        world = make_sphere_world(solids, Query(judge[:, P:].astype(np.uint8), pairs))
-        rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), make_sphere_scratch(model, world))
+        world = world._replace(check=judge[:, P:].astype(np.uint8), pairs=pairs.astype(np.uint64, order="C"))
+        rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), self._lane_scratch(model, world))
         B = len(bodies)
         against = which < P * B  # else part against part
         a, b = which // max(B, 1), P + which % max(B, 1)
@@ -118,8 +122,12 @@ class BroadPhase:
 
     def fingers(self, gripper: float) -> tuple[PosedGeometry, tuple[str, ...]]:
         """The fingers alone at a gripper value, packed, and the name behind each part."""
-        which = np.flatnonzero(self._fingers)
-        return self.robot_collision_model.posed_links(which, self._finger_pieces, gripper), self._finger_links
+        if gripper not in self._finger_posed:
+            if len(self._finger_posed) == KEPT:
+                self._finger_posed.pop(next(iter(self._finger_posed)))  # the oldest
+            which = np.flatnonzero(self._fingers)
+            self._finger_posed[gripper] = self.robot_collision_model.posed_links(which, self._finger_pieces, gripper)
+        return self._finger_posed[gripper], self._finger_links
 
     def moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
         """What moves with the arm, packed, and the name behind each part; the latest of them are kept."""
@@ -137,14 +145,29 @@ class BroadPhase:
 
     def standing(self, poses: Mapping[str, Array]) -> tuple[Solids, tuple[str, ...]]:
         """What stands still and the objects at poses, packed; and the name behind each solid."""
+        solids, _, names = self._standing(poses)
+        return solids, names
+
+    def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, SphereWorld, tuple[str, ...]]:
+        """The same, packed for the lanes, too, without a question about it."""
         at = self._fixtures + [(i, T) for name, T in poses.items() for i in self._of[name]]
         which, T = np.array([i for i, _ in at], np.int64), np.array([T for _, T in at])
         key = which.tobytes() + T.tobytes()
         if key not in self._placed:
             if len(self._placed) == KEPT:
                 self._placed.pop(next(iter(self._placed)))  # the oldest
-            self._placed[key] = place_solids(self._stock, which, T)
-        return self._placed[key], tuple(self._owners[i] for i, _ in at)
+            solids = place_solids(self._stock, which, T)
+            nothing = Query(np.zeros((0, len(which)), np.uint8), np.zeros((0, 2), np.int64))
+            self._placed[key] = solids, make_sphere_world(solids, nothing)
+        return *self._placed[key], tuple(self._owners[i] for i, _ in at)
+
+    def _lane_scratch(self, model: SphereModel, world: SphereWorld) -> SphereScratch:
+        """Memory for the lanes, the same for one question after the other."""
+        parts, solids, pairs = len(model.frame), len(world.kind), len(world.pairs)
+        known = self._lanes
+        if known is None or known[0] < parts or known[1] < solids or known[2] < pairs:
+            self._lanes = known = parts, solids, 2 * pairs, scratch_for(len(model.T), parts, solids, 2 * pairs)
+        return known[3]
 
     def scratch(self, problem: edge_check.Problem) -> edge_check.Scratch:
         """Memory for an exact problem with these bodies, the same for one after the other."""
@@ -160,9 +183,7 @@ class BroadPhase:
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""
-        others = np.ones(q.shape[1], np.bool_)
-        others[[*self.robot.arm_joints, self.robot.gripper_joint]] = False
-        return bool((q[:, others] != self.robot.home[others]).any())
+        return len(self._at_home) > 0 and bool((q[:, self._at_home] != self.robot.home[self._at_home]).any())
 
 
 @lru_cache(maxsize=16)

@@ -83,21 +83,23 @@ class Verdict:
         Raises: ValueError when `judged` is about other solids, or about a pair that is not to be tested here.
         """
         q = checked("q", q, -1, len(self.robot.joint_names))
-        for name, T in poses.items():
-            checked(f"the pose of {name}", T, 4, 4)
+        if not _sound(poses):
+            for name, T in poses.items():
+                checked(f"the pose of {name}", T, 4, 4)
         if held is not None:
             checked("T_hand_body", held.T_hand_body, 4, 4)
         layout = self._layout(None if held is None else held.body, tuple(poses))
         grip = layout.movers - len(self._links)
         T_standing = np.array([*(T for _, T in self._fixtures), *(T for name, T in poses.items() for _ in self._objects[name])])
         tested = self._tested(layout, allowed_contacts)
-        always, once = np.argwhere(tested), np.zeros((0, 2), np.int64)
-        said = np.zeros((0, 3), np.int64)
-        if judged is not None:
+        none = np.zeros((0, 2), np.int64)
+        if judged is None:
+            always, once, said = np.argwhere(tested), none, np.zeros((0, 3), np.int64)
+        else:
             if judged.names != layout.names or (judged.judged & ~tested).any():
                 raise ValueError("the covers and FCL were asked about different pairs")
             left, still = tested & ~judged.judged, self._still(q, grip, len(T_standing))
-            always, once = np.argwhere(left & ~still), np.argwhere(left & still)
+            always, once = (np.argwhere(some) if some.any() else none for some in (left & ~still, left & still))
             said = np.stack([judged.rows, judged.a, judged.b], axis=-1)
         for first in range(0, len(q), _BATCH):
             part = said[slice(*np.searchsorted(said[:, 0], (first, first + _BATCH)))]
@@ -164,6 +166,13 @@ class Verdict:
         base, scratch = np.ascontiguousarray(self.T_world_base, float), np.empty((1, len(joints.parent), 4, 4))
         _mover_poses(joints, q, self._carriers, base, T_held, np.empty((2, 4, 4)), scratch, T)
         return T
+
+
+def _sound(poses: Mapping[str, Array]) -> bool:
+    """Whether poses are what they should be, at a glance."""
+    if not all(isinstance(T, np.ndarray) and T.shape == (4, 4) and T.dtype == np.float64 for T in poses.values()):
+        return False
+    return bool(np.isfinite([*poses.values()]).all()) if poses else True
 
 
 @jit_entry

@@ -13,6 +13,9 @@ from planning.motion.placing import Place
 from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
+SAME = 1e-9
+"""Gripper values, rad or m, that differ by no more are one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Carry:
@@ -73,7 +76,7 @@ def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], car
 def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside: bool = True) -> list[Motion] | Blocked:
     """The motions along a path (K, A) to a pick, the fingers moving to its opening on the way where that is free, else first, or last."""
     q, gripper = cell.robot.arm_q(state.q), float(state.q[cell.robot.gripper_joint])
-    if abs(gripper - pick.gripper_open) <= 1e-9:
+    if abs(gripper - pick.gripper_open) <= SAME:
         return [motion(cell, "transit", path, pick.gripper_open)]
     if beside and cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
         return [motion(cell, "transit", path, gripper, to_gripper=pick.gripper_open)]
@@ -94,6 +97,9 @@ def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside
 def opening_blocked(cell: Workcell, state: State, q: Array, pick: Pick) -> Blocked | None:
     """What touches while the fingers move to a pick's opening, the arm being at q (A,); None when nothing does."""
     gripper = float(state.q[cell.robot.gripper_joint])
+    opens = abs(gripper - pick.gripper_open) > SAME
+    if opens and cell.free_however_open(state.poses, np.stack([q, q]), gripper, pick.gripper_open):
+        return None  # as a rule, and what was packed for it is asked again when the arm sets out
     for value in np.linspace(gripper, pick.gripper_open, 4)[1:]:
         if touch := cell.touch(cell.problem(state.poses, float(value)), q):
             return Blocked("transit", touch.link, touch.body, detail=touch.detail)

@@ -74,7 +74,7 @@ class QuickestSettings:
     again: int = 6
     patience: int = 1
     gain_s: float = 0.05
-    iterations: int = 400
+    iterations: int = 200
     metre_s: float = 0.5
     tight_s: float = 1.0
 

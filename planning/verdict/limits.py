@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.quintic_spline import coefficients, extremes
+from kinematics.quintic_spline import coefficients, extremes, extremes_of
 from kinematics.transforms import Array
 from planning.verdict.arm import Arm
 from planning.verdict.course import Course
@@ -54,10 +54,13 @@ def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
         return _above(arm, course, speed, arm.velocity, "velocity", "/s")
     out = []
     for order, limit, what, unit in ((1, arm.velocity, "velocity", "/s"), (2, acceleration, "acceleration", "/s²")):
-        reached = np.abs(coefficients(course.spline, order)).max((0, 1))
-        if (reached > limit).any():  # the bounds may be too wide
-            low, high = extremes(course.spline, order, 1e-6)
-            reached = np.maximum(high, -low).max(0)
+        control = coefficients(course.spline, order)
+        bounds = np.abs(control).max(1)
+        beyond = (bounds > limit).any(1)
+        reached = bounds.max(0)
+        if beyond.any():  # the bounds may be too wide there
+            low, high = extremes_of(control[beyond], 1e-6)
+            reached = np.maximum(bounds[~beyond].max(0, initial=0.0), np.maximum(high, -low).max(0))
         out += _above(arm, course, reached, limit, what, unit)
         ends = np.abs(_ends(course, order)).max(0)
         if ends.max() > RATE * max(1.0, float(limit[np.isfinite(limit)].max(initial=1.0))):

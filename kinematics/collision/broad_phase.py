@@ -71,7 +71,6 @@ class BroadPhase:
         self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
         self._scratch: edge_check.Scratch | None = None
         self._lanes: tuple[int, int, int, SphereScratch] | None = None
-        self._at_home = np.setdiff1d(np.arange(len(robot.joint_names)), [*robot.arm_joints, robot.gripper_joint])
         self._finger_posed: dict[float, PosedGeometry] = {}
         self._judged: dict[tuple[tuple[str, ...], tuple[str, ...]], NDArray[np.bool_]] = {}
         self._finger_links = tuple(link for link, finger in zip(self.robot_collision_model.links, self._fingers) if finger)
@@ -183,7 +182,9 @@ class BroadPhase:
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""
-        return len(self._at_home) > 0 and bool((q[:, self._at_home] != self.robot.home[self._at_home]).any())
+        others = np.ones(q.shape[1], np.bool_)
+        others[[*self.robot.arm_joints, self.robot.gripper_joint]] = False
+        return bool((q[:, others] != self.robot.home[others]).any())
 
 
 @lru_cache(maxsize=16)

@@ -245,13 +245,13 @@ def relocating(motions: Sequence[Motion]) -> list[bool]:
     return [i <= last and motion.stage != "look" for i, motion in enumerate(motions)]
 
 
-def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> float:
-    """Length in metres of the hand's path."""
-    return sum(hand_travels(robot, scene, motions), 0.0)
+def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:
+    """Length in metres of the hand's path, measured along chords of about `step` rad (or m) in any joint."""
+    return sum(hand_travels(robot, scene, motions, step), 0.0)
 
 
 def hand_travels(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> list[float]:
-    """Length in metres of the hand's path in each motion, measured along chords of about `step` rad (or m) in any joint."""
+    """The same for each motion."""
     if not motions:
         return []
     rows = []

@@ -35,7 +35,7 @@ RULES ?= deep strict
 SENSED_SPECS ?= paper paper-any
 SENSED_POLICIES ?= random local neural
 
-.PHONY: demo test docs bench covers weights table clean
+.PHONY: demo test docs bench covers ahead weights table clean
 
 demo: $(VENV)/ready
 	$(RETRIEVE) demo --out out
@@ -55,6 +55,10 @@ bench: $(VENV)/ready
 # The sphere covers of the named robots that ship, so that nobody waits for them: make them again when a robot or the algorithm changes.
 covers: $(VENV)/ready
 	$(BIN)/python -m kinematics.robots.ship_covers
+
+# The list of what is compiled ahead: make it again when an entry of the motion core gets other arguments, or a new one comes.
+ahead: $(VENV)/ready
+	$(BIN)/python -m planning.compiling.make_list
 
 # Weights: labels of generated scenes, then training; out/weights-SCALE/ROBOT/ holds the labels and the models --------------------------
 

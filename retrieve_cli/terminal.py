@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Event, Thread
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -36,13 +38,45 @@ def mesh_progress(file: str, share: float) -> None:
 
 
 def announce_first_run() -> None:
-    """Say why the first run takes long, lest anybody stare at a silent terminal; and why every run does, if compiled code can't be kept."""
+    """Say why the first run takes long, lest anybody stare at a silent terminal, and let a second process compile meanwhile; or why every
+    run takes long, if compiled code can't be kept."""
     from kinematics.jit.cache_folder import WRONG, compiled_before
+    from planning.compiling.ahead import known, start_beside, waiting
 
     if WRONG:
         say(f"compiled code can't be kept, so every run compiles, which takes a minute: {WRONG}; XDG_CACHE_HOME names another folder")
+    elif known():
+        if left := waiting():
+            seconds = sum(a.seconds for a in left) / (2 if start_beside() else 1)
+            say(f"getting ready: this once {len(left)} functions are compiled, which takes about {seconds:.0f} s; later runs start at once")
     elif not compiled_before():
-        say("getting ready: the first run compiles, which takes half a minute; later ones start at once")
+        say("getting ready: the first run compiles, which takes a minute; later ones start at once")
+
+
+@contextmanager
+def _telling_of_compilation(tell: Callable[[str], object]) -> Iterator[None]:
+    """While functions are compiled, tell twice a second how far that is, and for how long at this pace; an empty line when it is done."""
+    from planning.compiling.ahead import share_done
+
+    begun, first, done = perf_counter(), share_done(), Event()
+
+    def watch() -> None:
+        while not done.wait(0.5) and (share := share_done()) < 1.0:
+            gone = perf_counter() - begun
+            left = f", about {gone / (share - first) * (1.0 - share):.0f} s more" if share > first and gone > 2.0 else ""
+            tell(f"compiling, this once: {100 * share:.0f} %{left}")
+        tell("")
+
+    if first == 1.0:
+        yield
+        return
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
 
 
 def show(*things: RenderableType) -> None:
@@ -78,4 +112,5 @@ def progress(what: str, total: int | None = None, *, out: Path | None = None) ->
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(file=sys.stderr), transient=True) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda: bar.advance(task)
+        with _telling_of_compilation(lambda words: bar.update(task, description=f"{what} ({words})" if words else what)):
+            yield lambda: bar.advance(task)

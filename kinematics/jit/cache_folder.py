@@ -44,6 +44,7 @@ def name() -> str:
 
 def settle() -> tuple[Path, str]:
     """The folder, `NUMBA_CACHE_DIR` if that is set; and what is wrong with the one that should be it, if it can't be used."""
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")  # a twentieth of compiling is messages that nobody reads
     given = os.environ.get("NUMBA_CACHE_DIR")
     wanted = Path(given) if given else cache.folder() / name()
     wrong = cache.unsafe(wanted)

@@ -30,14 +30,12 @@ def read(path: str | Path) -> bytes | None:
 
 
 def write(path: str | Path, data: bytes) -> None:
-    """Write data with its checksum beside the file's name first; it is on the disk before it gets that name. A disk that is full, or a
-    folder that is gone, is no error."""
+    """Write data with its checksum beside the file's name first. A disk that is full, or a folder that is gone, is no error; after a power
+    cut the checksum tells."""
     part = f"{path}.tmp.{uuid.uuid4().hex[:16]}"
     try:
         with open(part, "wb") as stream:
             stream.write(data + _checksum(path, data))
-            stream.flush()
-            os.fsync(stream.fileno())
         os.replace(part, path)
     except OSError:
         with suppress(OSError):

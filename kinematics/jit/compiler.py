@@ -79,7 +79,7 @@ def compile_entry(entry: Description, args: Sequence[Any], kinds: str) -> Callab
         part = entry.dispatcher
         part.compile(argument_types)
         compiled = part.overloads[argument_types]
-        symbol = machine_code.symbol_of(entry, kinds)
+        symbol = machine_code.symbol_of(entry.__module__, entry.__qualname__, kinds)
         module = trampoline(compiled, args, symbol)
         if module is None:
             return None
@@ -112,10 +112,13 @@ class _Library(_Base):  # type: ignore[misc]
         final: Any = self._final_module
         for other in dict.fromkeys(self._linking_libraries):
             final.link_in(other._get_module_for_linking(), preserve=True)
-        for thing in (*final.functions, *final.global_variables):
+        self._optimize_final_module()
+        for thing in (*final.functions, *final.global_variables):  # not before: LLVM would make one piece of them, in twice the time
             if not thing.is_declaration and thing.name not in (symbol, f"{symbol}.table"):
                 thing.linkage = llvm.Linkage.internal
-        self._optimize_final_module()
+        remove_unused = llvm.create_new_module_pass_manager()
+        remove_unused.add_global_dead_code_eliminate_pass()
+        remove_unused.run(final, self._codegen._pass_builder())
         final.verify()
         outside = [f.name for f in final.functions if f.is_declaration and not f.name.startswith("llvm.")]
         outside += [g.name for g in final.global_variables if g.is_declaration]

@@ -75,18 +75,7 @@ class Entry(Deferred):
             bound = self._signature.bind(*args, **kws)
             bound.apply_defaults()
             return self(*bound.args)
-        kinds = machine_code.kinds(args)
-        with _lock:
-            fresh = kinds is not None and kinds not in self._tried
-            if fresh and kinds is not None:
-                self._tried.add(kinds)
-                code = machine_code.load(self, kinds)
-                if code is None:
-                    from kinematics.jit.compiler import compile_entry
-
-                    code = compile_entry(self, args, kinds)
-                if code is not None:
-                    self.calls.append(code)
+        fresh = self.prepare(*args)
         if fresh:
             return self(*args)
         for call in self.calls:  # another thread may have brought it meanwhile
@@ -94,6 +83,27 @@ class Entry(Deferred):
             if answer is not NotImplemented:
                 return answer
         return self.checked(*args)
+
+    def prepare(self, *args: Any) -> bool:
+        """Load or compile the code for arguments like these; whether that was still to be done."""
+        kinds = machine_code.kinds(args)
+        with _lock:
+            if kinds is None or kinds in self._tried:
+                return False
+            self._tried.add(kinds)
+            code = self.bring(args, kinds)
+            if code is not None:
+                self.calls.append(code)
+        return True
+
+    def bring(self, args: tuple[Any, ...], kinds: str) -> Callable[..., Any] | None:
+        """Machine code for such arguments, from the cache or compiled; None where there can't be any."""
+        code = machine_code.load(machine_code.symbol_of(self.__module__, self.__qualname__, kinds))
+        if code is None:
+            from kinematics.jit.compiler import compile_entry
+
+            code = compile_entry(self, args, kinds)
+        return code
 
     @cached_property
     def _signature(self) -> inspect.Signature:

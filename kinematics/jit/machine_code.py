@@ -73,19 +73,24 @@ def kinds(args: Sequence[Any]) -> str | None:
     return ",".join(out)
 
 
-def symbol_of(entry: Any, kinds: str) -> str:
+def symbol_of(module: str, name: str, kinds: str) -> str:
     """The name of an entry's function for some kinds of arguments; different ones have different names."""
-    digest = hashlib.sha256(f"{entry.__module__}.{entry.__qualname__}({kinds})".encode()).hexdigest()[:16]
-    return f"{entry.__module__}.{entry.__qualname__}-{digest}"
+    return f"{module}.{name}-{hashlib.sha256(f'{module}.{name}({kinds})'.encode()).hexdigest()[:16]}"
 
 
-def load(entry: Any, kinds: str) -> Callable[..., Any] | None:
-    """The function that an earlier run has left for an entry, or None."""
-    data = checked_files.read(_path(symbol_of(entry, kinds)))
+def is_stored(entry: str, kinds: str) -> bool:
+    """Whether an earlier run, or a process beside, has left code for an entry, named with its module."""
+    module, _, name = entry.rpartition(".")
+    return _path(symbol_of(module, name, kinds)).is_file()
+
+
+def load(symbol: str) -> Callable[..., Any] | None:
+    """The function that an earlier run has left, or None."""
+    data = checked_files.read(_path(symbol))
     if data is None:
         return None
     head, object_file = data.split(b"\n", 1)
-    symbol, outside = json.loads(head)
+    _, outside = json.loads(head)
     code = Code(symbol, outside, object_file)
     if not all(binding.address_of_symbol(name) for name in code.outside):
         return None

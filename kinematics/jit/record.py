@@ -26,6 +26,7 @@ _pointer = c_void_p.from_address
 _DATA = object.__basicsize__
 """Where an array object says where its numbers are: right after Python's own header, a part of numpy's ABI (ndarraytypes.h). Its `ctypes`
 says the same in ten times the time, and a motion query is dozens of arrays."""
+_SCALARS: dict[type, str] = {np.int64: "int", np.float64: "float", np.bool_: "bool"}
 _KINDS: dict[tuple[Any, ...], int] = {}
 
 
@@ -58,7 +59,7 @@ class Record:
                 kinds += [len(several), *(cast(Any, r).type_hash for r in several)]
             else:
                 words.append(int(value) if isinstance(value, (int, np.integer)) else unpack("q", pack("d", value))[0])
-                kinds.append(type(value).__name__)
+                kinds.append(_SCALARS.get(type(value), type(value).__name__))
         words[0] = self.__dict__["type_hash"] = _hash_of(type(self), tuple(kinds))
         self.__dict__["table"] = table = array("q", words)
         return table.buffer_info()[0]

@@ -1,0 +1,1 @@
+"""Compiling what every plan needs, before it is called."""

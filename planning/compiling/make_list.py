@@ -1,0 +1,69 @@
+"""Makes `ahead.json`, the list of entries that are compiled ahead: `python -m planning.compiling.make_list`, or `make ahead`.
+
+A process of its own, with an empty cache, generates and plans a few scenes; the list is what it called, in its order.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from time import process_time
+from typing import Any
+
+from kinematics.jit.decorators import Entry
+from planning.compiling.ahead import LIST, Ahead, describe
+
+SCENES, SEED = 6, 5
+
+
+def recorded() -> list[Ahead]:
+    """The entries that generating and planning a few scenes calls."""
+    rows: list[Ahead] = []
+    usual = Entry.bring
+
+    def bring(self: Entry, args: tuple[Any, ...], kinds: str) -> Any:
+        began = process_time()
+        code = usual(self, args, kinds)
+        if code is not None:
+            words = [describe(a) for a in args]
+            rows.append(Ahead(f"{self.__module__}.{self.__qualname__}", kinds, words, round(process_time() - began, 1)))
+        return code
+
+    Entry.bring = bring  # type: ignore[method-assign]
+    try:
+        _plan_some()
+    finally:
+        Entry.bring = usual  # type: ignore[method-assign]
+    return rows
+
+
+def _plan_some() -> None:
+    from kinematics.robots.robot import load
+    from kinematics.scene import RobotRef
+    from kinematics.transforms import transform
+    from planning.library import plan_scene
+    from planning.scene_generation import generate, load_spec
+
+    robot = load("ur5e")
+    for index in range(SCENES):
+        scene = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index)
+        plan_scene(scene, robot=robot)
+
+
+def main() -> None:
+    """Write the list."""
+    if "--record" not in sys.argv:
+        with tempfile.TemporaryDirectory() as folder:
+            again = [sys.executable, "-m", "planning.compiling.make_list", "--record"]
+            subprocess.run(again, env=os.environ | {"NUMBA_CACHE_DIR": folder}, check=True)
+        return
+    rows = recorded()
+    LIST.write_text("[\n" + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows) + "\n]\n", encoding="utf-8")
+    print(f"{LIST}: {len(rows)} entries, {sum(row.seconds for row in rows):.0f} s", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

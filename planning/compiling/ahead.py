@@ -15,6 +15,7 @@ import sys
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,13 +29,13 @@ _NUMBERS: dict[str, Any] = {"i": 1, "d": 1.0, "b": True}
 
 
 class Ahead(NamedTuple):
-    """An entry with arguments like those of a call. kinds: of these, see `machine_code.kinds`; seconds: what compiling took when the list was
-    made, to tell how far it is."""
+    """An entry with arguments like those of a call. kinds: of these, see `machine_code.kinds`; loops: what compiling it takes, in
+    turns of `loop_s`, whatever the machine."""
 
     entry: str
     kinds: str
     arguments: list[Any]
-    seconds: float
+    loops: float
 
 
 def describe(value: Any) -> Any:
@@ -82,10 +83,21 @@ def waiting() -> list[Ahead]:
     return [a for a in known() if not machine_code.is_stored(a.entry, a.kinds)]
 
 
+def loop_s() -> float:
+    """How long this machine takes for a loop that does nothing, some milliseconds: the measure of what compiling takes."""
+    times = []
+    for _ in range(3):
+        began = perf_counter()
+        for _ in range(200_000):
+            pass
+        times.append(perf_counter() - began)
+    return min(times)
+
+
 def share_done() -> float:
     """How much of the compiling is done, from 0 to 1."""
-    whole = sum(a.seconds for a in known())
-    return 1.0 - sum(a.seconds for a in waiting()) / whole if whole > 0 else 1.0
+    whole = sum(a.loops for a in known())
+    return 1.0 - sum(a.loops for a in waiting()) / whole if whole > 0 else 1.0
 
 
 def compile_now(ahead: Ahead) -> str | None:

@@ -14,7 +14,7 @@ from time import process_time
 from typing import Any
 
 from kinematics.jit.decorators import Entry
-from planning.compiling.ahead import LIST, Ahead, describe
+from planning.compiling.ahead import LIST, Ahead, describe, loop_s
 
 SCENES, SEED = 6, 5
 
@@ -29,7 +29,7 @@ def recorded() -> list[Ahead]:
         code = usual(self, args, kinds)
         if code is not None:
             words = [describe(a) for a in args]
-            rows.append(Ahead(f"{self.__module__}.{self.__qualname__}", kinds, words, round(process_time() - began, 1)))
+            rows.append(Ahead(f"{self.__module__}.{self.__qualname__}", kinds, words, round((process_time() - began) / loop_s(), 1)))
         return code
 
     Entry.bring = bring  # type: ignore[method-assign]
@@ -62,7 +62,7 @@ def main() -> None:
         return
     rows = recorded()
     LIST.write_text("[\n" + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows) + "\n]\n", encoding="utf-8")
-    print(f"{LIST}: {len(rows)} entries, {sum(row.seconds for row in rows):.0f} s", file=sys.stderr)
+    print(f"{LIST}: {len(rows)} entries, {sum(row.loops for row in rows) * loop_s():.0f} s", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ A policy is a pair of functions. The loop is one and the same for every planner,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache, partial
@@ -69,10 +69,16 @@ class Stopwatch:
 
 
 def proposals(
-    policy: Policy, seen: Observation, rule: Rule, failed: set[tuple[str, int]], rng: np.random.Generator, thinking: Stopwatch
+    policy: Policy,
+    seen: Observation,
+    rule: Rule,
+    failed: set[tuple[str, int]],
+    rng: np.random.Generator,
+    thinking: Stopwatch,
+    out_of_reach: Container[str] = (),
 ) -> Iterator[tuple[str, int]]:
-    """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state, unless it
-    is certain now."""
+    """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state and without
+    objects that are found out of reach meanwhile, unless a move is certain now."""
     with thinking:
         names = policy.select(seen, rng)
     for name in _timed(names, thinking):
@@ -80,7 +86,7 @@ def proposals(
             regions = policy.place(seen, name, rng)
         proposed = False
         for region in _timed(regions, thinking):
-            if (name, region) in failed and not policy.certain(name, region):
+            if ((name, region) in failed or name in out_of_reach) and not policy.certain(name, region):
                 continue
             yield name, region
             proposed = True
@@ -138,9 +144,7 @@ def retrieve(
             break
         steps += 1
         stuck, out_of_reach = True, set[str]()
-        for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking):
-            if object_name in out_of_reach and not policy.certain(object_name, region):
-                continue  # another region would not help
+        for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking, out_of_reach):
             with moving:
                 moved = motions.relocate(state, object_name, region, rng)
             T_from = state.poses[object_name]
@@ -148,7 +152,7 @@ def retrieve(
                 failed.add((object_name, region))
                 moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, moved))
                 if not motions.picks(state, object_name)[0]:
-                    out_of_reach.add(object_name)
+                    out_of_reach.add(object_name)  # another region would not help
                 continue
             on_step(f"moved {object_name} to region {region}")
             moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))

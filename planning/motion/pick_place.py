@@ -26,6 +26,7 @@ from planning.grasps import Sampling
 from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import WAY_IN, WHOLE_WAY, Obstruction, View
+from planning.motion.patience import Patience
 from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.quickest import Choices, quickest
@@ -55,6 +56,7 @@ class _Memory:
         self.transits: dict[Pick, Array | Blocked] = {}
         self.placing: dict[Pick, Placing] = {}
         self.turned: dict[Pick, list[Pick]] = {}
+        self.failures = Counter[Pick]()
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
 
 
@@ -86,7 +88,7 @@ class Motions:
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         given = () if scene.grasp is None else (scene.grasp,)
         self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
-        self._picking = Picking(self.cell)
+        self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
         floor_z, boxes = float(scene.cabinet.T_world_cabinet[2, 3]), {b.name: object_box(b) for b in scene.objects}
         self._bottoms = {b.name: float(boxes[b.name][2] - boxes[b.name][5] / 2 - b.T_world_body[2, 3]) - floor_z for b in scene.objects}
@@ -349,9 +351,12 @@ class Motions:
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further; not to a place
         yet."""
-        picks = self.turned(state, pick)
-        path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng)
+        picks, failures = self.turned(state, pick), self._recall(state).failures
+        iterations = self._patience.iterations(failures[pick]) if self.cell.time_budget_s is None else None
+        path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng, iterations)
         if isinstance(path, Blocked):
+            failures[pick] += 1
+            self._patience.failed(iterations or 0)
             return replace(path, stage="transfer")
         pick = next(turned for turned in picks if np.array_equal(turned.lift[-1], path[0]))
         way_in = self._transit(state, pick, rng)

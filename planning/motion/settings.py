@@ -80,17 +80,32 @@ class QuickestSettings:
 
 
 @dataclass(frozen=True)
+class PatienceSettings:
+    """How long a way to carry something is sought after others have failed, in iterations.
+
+    share: what a search that failed from a pick leaves the next one from there, in the same state. failed: so much may a scene's failed
+    searches cost; from then on, and always at least, a search has `least`. Of the searches that succeed, by spec, 90 % need at most 40 to
+    380 iterations, 95 % 300 to 900, 99 % 300 to 2,200.
+    """
+
+    share: float = 0.5
+    failed: int = 60_000
+    least: int = 250
+
+
+@dataclass(frozen=True)
 class MotionSettings:
     """All that may be chosen about motions.
 
     max_tilt_deg: how far what is carried may lean from how it stood, where the object itself does not say; 180 frees it. rrt, shortcuts: of
-    each search for a path. quicken, quickest: of how the moves of a whole plan are made quick at last.
+    each search for a path; patience: with those that fail. quicken, quickest: of how the moves of a whole plan are made quick at last.
     """
 
     clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
     max_tilt_deg: float = 30.0
     rrt: RRTConnectSettings = field(default_factory=RRTConnectSettings)
     shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(tries=40))
+    patience: PatienceSettings = field(default_factory=PatienceSettings)
     quicken: QuickenSettings = field(default_factory=QuickenSettings)
     quickest: QuickestSettings = field(default_factory=QuickestSettings)
 

@@ -22,7 +22,7 @@ from planning.policies.search import Effort, Preferences, Search, Step, World
 from planning.relaxed_plan import relaxed_plan
 
 GLANCED = 12
-"""Regions that are proposed at a glance."""
+"""Regions that are proposed at a glance, and for each object where nothing but a guess is left."""
 Prove = Callable[[State], Unsolvable | None]
 
 
@@ -104,7 +104,7 @@ class Lookahead:
         """All objects by preference, where unseen space is in the way of every plan: what stops them says where to look next."""
         cost = self.preferences.objects(seen)
         for name in sorted(seen.movable, key=lambda name: (cost(name), name)):
-            self._regions = iter(self.preferences.regions(seen, name, rng))
+            self._regions = islice(self.preferences.regions(seen, name, rng), GLANCED)
             yield name
 
     def _off_the_way(self, seen: Observation, name: str, rng: np.random.Generator) -> Iterator[int]:

@@ -221,9 +221,10 @@ class _Loop:
 
     def move_something(self, motions: Motions, state: State) -> _Tried:
         """Carry out the first of the policy's proposals for which there are motions."""
-        mind, hindered = self.mind, list[tuple[str, Blocked]]()
+        mind, hindered, out_of_reach = self.mind, list[tuple[str, Blocked]](), set[str]()
         seen = observation(mind.empty_scene, mind.q, mind.belief)
-        for object_name, region in proposals(self.policy_for(motions), seen, self.rule, self.failed, self.rng, self.thinking):
+        policy = self.policy_for(motions)
+        for object_name, region in proposals(policy, seen, self.rule, self.failed, self.rng, self.thinking, out_of_reach):
             with self.moving:
                 done = motions.relocate(state, object_name, region, self.rng)
             its = self.known.names(mind.belief.bodies)[object_name]
@@ -233,6 +234,8 @@ class _Loop:
                 T_to = motions.place_pose(object_name, T_from, region)
                 self.record.moves.append(Move(its, region, T_from, T_to, False, done))
                 hindered.append((object_name, done))
+                if not motions.picks(state, object_name)[0]:
+                    out_of_reach.add(object_name)  # another region would not help
                 continue
             with self.moving:
                 ((_, done),) = motions.quickest([(state, done)], self.rng)

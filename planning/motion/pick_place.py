@@ -212,17 +212,13 @@ class Motions:
             if isinstance(place, Blocked):
                 why = place
                 continue
-            way_in = self._transit(state, pick, rng)
-            if isinstance(way_in, Blocked):
-                why = way_in
-                continue
             places = place.turned(*self.limits) if pick.carrying.task.upright.limited else [place]
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
             if not isinstance(across, Blocked):
                 place = next(turned for turned in places if np.array_equal(turned.lower[0], across.across[-1]))
                 return carried(self.cell, state, name, self.without(state, name), replace(across, place=place), beside=False)
             why = across
-            tries += 1
+            tries += across.stage == "transfer"
             if tries == MAX_TRIES:
                 break
         return why
@@ -349,8 +345,8 @@ class Motions:
         return np.concatenate([near, self.cell.outside(pick.carrying, pick.held)])
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
-        """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further; not to a place
-        yet."""
+        """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to
+        that pick; not to a place yet."""
         picks, failures = self.turned(state, pick), self._recall(state).failures
         iterations = self._patience.iterations(failures[pick]) if self.cell.time_budget_s is None else None
         path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng, iterations)

@@ -23,6 +23,8 @@ from planning.relaxed_plan import relaxed_plan
 
 GLANCED = 12
 """Regions that are proposed at a glance, and for each object where nothing but a guess is left."""
+QUICKLY = 2 / 3
+"""Share of all attempts that may be made with the grasps that are quick to sample."""
 Prove = Callable[[State], Unsolvable | None]
 
 
@@ -119,15 +121,18 @@ class Lookahead:
     def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
         """The moves that a search finds: with the grasps that are quick to sample, and where these don't do, with many more."""
         assert self._state is not None
-        left = self.most - self._made
-        for world in (self.world, self.world.thorough):
+        left, attempts = self.most - self._made, self.effort.attempts
+        for world, share in ((self.world, QUICKLY), (self.world.thorough, 1.0)):
             plan = relaxed_plan(world.obstructions(self._state.poses), self._target, frozenset(seen.movable))
             if plan is None:
                 continue
             self._needed(plan.length)
-            found = Search(world, self.preferences, self.effort, left, rng).run(self._state) if plan.length <= left else []
-            if found:
+            if plan.length > left:
+                continue
+            search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
+            if found := search.run(self._state):
                 return found
+            attempts -= search.tried
         if plan is None:
             self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
         return []

@@ -105,13 +105,14 @@ class _Node:
 
 
 class Search:
-    """One search. most: how many moves there may be."""
+    """One search. most: how many moves there may be. tried: how many were tried, feasible or not."""
 
     def __init__(self, world: World, preferences: Preferences, effort: Effort, most: int, rng: np.random.Generator) -> None:
         self.world, self.preferences, self.effort, self.most, self.rng = world, preferences, effort, most, rng
         self.target = world.scene.target_name
         self._queue: list[tuple[float, int, int, _Node]] = []
         self._ticket = count()
+        self.tried = 0
 
     def run(self, start: State) -> list[Step]:
         """Moves from a state after which the target can be taken out; empty when none were found."""
@@ -121,6 +122,7 @@ class Search:
             if found is None:
                 break
             node, choice = found
+            self.tried += 1
             child = self._tried(node, choice)
             self._put(node)
             if child is None:

@@ -225,14 +225,29 @@ def test_where_unseen_space_is_in_every_way_all_is_proposed_by_preference() -> N
     assert asked(look(world), world) == []
     world.partly_unseen = True
     found = asked(look(world), world)
-    assert list(dict.fromkeys(name for name, _ in found)) == ["a", "b"]
-    assert len(found) > 2
+    assert [name for name, _ in found] == [*"a" * 12, *"b" * 12]
 
 
 def test_where_the_quick_look_finds_no_way_a_thorough_one_does() -> None:
     stuck = at_first({"t": ["a"], "a": ["b"], "b": ["a"]})
     world = WrittenWorld("ab", stuck, finer=at_first({"t": ["a"], "a": ["b"], "b": ["a", ""]}))
     assert [name for name, _ in asked(look(world, prove=proved), world)] == ["b"]
+
+
+def test_both_looks_share_the_attempts_and_the_thorough_one_has_a_third_at_least() -> None:
+    """Nothing can be moved: the quick look may use two thirds, and where it has nothing to try, the thorough one has all."""
+    both = at_first({"t": ["ab"], "a": [""], "b": [""]})
+    for quick, finer, tried in ((both, both, 9), (at_first({"t": ["ab"], "a": ["b"], "b": ["a"]}), both, 9)):
+        world = WrittenWorld("ab", quick, can=lambda choice: False, finer=finer)
+        policy = Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5)
+        assert asked(policy, world) == []
+        assert len(world.tried) == tried
+    few = WrittenWorld(
+        "ab", both, can=lambda choice: choice == ("a", 2) and len(few.tried) > 6, finer=at_first({"t": ["a"], "a": [""], "b": ["a"]})
+    )
+    policy = Lookahead(few, IN_ORDER, Effort(attempts=9), no_proof, most=5)
+    assert [name for name, _ in asked(policy, few)][:1] == ["a"]
+    assert few.tried[-1] == ("a", 2)
 
 
 def test_a_proof_ends_it_and_is_remembered() -> None:

@@ -13,7 +13,7 @@ from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
 from planning.motion.arm import arm_at
 from planning.motion.carry import Done
-from planning.motion.pick_place import Motions
+from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.picking import Pick
 from planning.motion.placing import Place
 from planning.motion.turns import whole_turns
@@ -90,7 +90,7 @@ def test_what_is_held_from_behind_is_carried_with_the_wrist_a_turn_further(
         monkeypatch.setattr(kind, "turned", lambda self, *_: [self])
     motions = motions_with(scene, grasp, ur5e, monkeypatch)
     state = motions.start()
-    for region in REGIONS:
+    for n, region in enumerate(REGIONS):
         blocked = motions.relocate(state, "can", region, np.random.default_rng(region))
         assert isinstance(blocked, Blocked), region
-        assert (blocked.stage, blocked.detail) == ("transfer", "no path in 3000 iterations")
+        assert (blocked.stage, blocked.detail) == ("transfer", f"no path in {ITERATIONS // 2**n} iterations")

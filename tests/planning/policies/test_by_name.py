@@ -37,6 +37,7 @@ class Ahead:
 
     def select(self) -> None: ...
     def place(self) -> None: ...
+    def certain(self) -> None: ...
 
 
 LINES = ("Lines", MOTIONS)
@@ -81,6 +82,7 @@ def test_what_looks_ahead(name: str, preferences: Any, attempts: int, glance: bo
         assert ahead.options == {"most": most, "glance": glance}
         assert (policy.select, policy.place) == (ahead.select, ahead.place)
         ahead.outlook = "the outlook later"
+        assert policy.certain == ahead.certain
         assert policy.outlook() == "the outlook later"  # type: ignore[comparison-overlap]
     assert set(LOOK_AHEAD) == {"lookahead", "neural", "search"}
 

@@ -56,15 +56,15 @@ def half_of_the_scenes(data: Data) -> Data:
 
 
 def judged(data: Data, held_out: Data, settings: Settings, device: str, horizon: bool) -> dict[str, float]:
-    """Train both networks and judge them. horizon: whether they were told of it; if not, their scores do without."""
+    """Train both networks and judge them. horizon: whether they were told of it; if not, OSNet's score does without."""
     found: dict[str, float] = {}
-    for name, judge, without in (("osnet", judge_osnet, -CERTAIN), ("rpnet", judge_rpnet, CERTAIN)):
+    for name, judge in (("osnet", judge_osnet), ("rpnet", judge_rpnet)):
         net = make_net(name, settings)
         net.load_state_dict(train(name, data, held_out if horizon else without_horizon(held_out), settings, device=device).weights)
-        if not horizon:
+        if name == "osnet" and not horizon:
             with torch.no_grad():
                 dict(net.named_parameters())["head.2.weight"][3] = 0.0
-                dict(net.named_parameters())["head.2.bias"][3] = without
+                dict(net.named_parameters())["head.2.bias"][3] = -CERTAIN
         found |= judge(net, held_out, settings)
     return found
 

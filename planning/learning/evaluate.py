@@ -109,7 +109,7 @@ def _ask(net: nn.Module, data: Data, rows: NDArray[np.intp], objects: NDArray[np
             chances.append(1 - cost)
             continue
         out = net(*scene, torch.from_numpy(data.mask[row]), regions, chosen.expand(-1, regions.shape[1])).sigmoid().numpy()
-        scores.append(region_score(out[..., 1], out[..., 2], distance[row, moved], out[..., 3]))
+        scores.append(region_score(out[..., 1], out[..., 2], distance[row, moved]))
         chances.append(out[..., 1])
     return np.concatenate(scores), np.concatenate(chances)
 

@@ -125,7 +125,7 @@ class Seen:
             cost, feasible, hits, *ahead = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
         shorter = ahead[0] if ahead else np.full_like(cost, np.nan)
         away = np.linalg.norm(t.regions[index, :2] - t.boxes[moved, :2], axis=1) / np.linalg.norm(t.context[3:5])
-        return Placed(index, cost, feasible, hits, shorter, region_score(feasible, hits, away, *ahead))
+        return Placed(index, cost, feasible, hits, shorter, region_score(feasible, hits, away))
 
 
 @dataclass(frozen=True, eq=False)

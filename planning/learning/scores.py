@@ -22,14 +22,14 @@ def object_score(p: F32, pickable: F32, opens: F32, first: F32 | None = None) ->
     return np.asarray(one_step if first is None else one_step + AHEAD * pickable * first)
 
 
-def region_score(feasible: F32, hits: F32, distance: F32, shorter: F32 | None = None) -> F32:
+def region_score(feasible: F32, hits: F32, distance: F32) -> F32:
     """Larger is better: o' can be carried there, does not stand in the paths' way there, and the region is near.
 
-    hits: the share of paths that o' would block; distance: from o', in floor diagonals. shorter: the chance that fewer moves are needed
-    then, where the networks know it.
+    hits: the share of paths that o' would block; distance: from o', in floor diagonals. What RPNet says about the moves that are needed
+    then is left out: a region off the paths is one that shortens the plan, and with that chance as a factor the first region was worse by
+    every measure on validation states (off the paths and reachable 86.7 % instead of 91.6, shortens the plan 91.7 instead of 93.7).
     """
-    off = np.clip(1 - hits, 0, 1) ** CAREFUL
-    return np.asarray(feasible * (off if shorter is None else shorter * off) - NEAREST * distance)
+    return np.asarray(feasible * np.clip(1 - hits, 0, 1) ** CAREFUL - NEAREST * distance)
 
 
 def paper_cost(feasible: F32, hits: F32, distance: F32) -> F32:

@@ -282,8 +282,6 @@ def test_scores_prefer_what_they_should() -> None:
     assert np.argmax(object_score(p * [1, 0, 0, 0], pickable, 0 * opens.astype(np.float32), first)) == 3
     feasible, hits, far = np.array([0.1, 0.9, 0.9, 0.9]), np.array([0, 0.9, 0, 0]), np.array([0.1, 0.1, 0.9, 0.1])
     assert list(np.argsort(-region_score(*(a.astype(np.float32) for a in (feasible, hits, far))))) == [3, 2, 0, 1]
-    shorter = np.array([1, 1, 1, 0.1])
-    assert np.argmax(region_score(*(a.astype(np.float32) for a in (feasible, hits, far, shorter)))) == 2
 
 
 def test_calibration_error_of_honest_and_of_bold_chances() -> None:

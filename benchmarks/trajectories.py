@@ -5,9 +5,10 @@ relocations; the same waypoints driven from stop to stop with the same limits (`
 the time-optimal bound of the polyline that stops at its corners), and `stopped_ratio`, the duration over that bound; `stops` inside
 motions, median and mean; `velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor time to
 make all trajectories of a plan, and `quickest_ms`, to choose and quicken its ways before, medians; `hand_travel_m` and, of the moves
-before the target alone, `relocation_travel_m`; `straight_ratio`: the joints' way in free motions over the straight joint line;
-`off_line_mm`: the furthest that the hand is from its line where it is to move straight. With toppra installed (it is no dependency)
-`toppra_ratio`: duration over that of the same paths without a limit of the jerk.
+before the target alone, `relocation_travel_m`; `free_3mm`, `all_3mm`: the share of plans whose free motions, and whose motions besides
+grasping and releasing, all keep 3 mm; `straight_ratio`: the joints' way in free motions over the straight joint line; `off_line_mm`: the
+furthest that the hand is from its line where it is to move straight. With toppra installed (it is no dependency) `toppra_ratio`: duration
+over that of the same paths without a limit of the jerk.
 
 Usage: python benchmarks/trajectories.py [-n 100] [--seed 20261122] [--spec paper] [--robot ur5e] [--policy neural] [--hand-speed 100]
 """
@@ -38,6 +39,8 @@ from planning.retrieval import Rule, hand_travel, retrieve
 from planning.scene_generation import generate, load_spec
 
 PATH_POINTS = 60
+CLEAR_M = 0.003
+FREE = ("transit", "transfer")
 
 
 class Recorded(Motions):
@@ -113,6 +116,11 @@ def toppra_s(robot: Robot, motion: Motion) -> float:
     return float("nan") if found is None else float(found.duration)
 
 
+def clear(plan: Plan, stages: Sequence[str]) -> bool:
+    """Whether a plan's motions of these stages all keep 3 mm."""
+    return all(m.clearance_m is None or m.clearance_m >= CLEAR_M for m in plan.motions if m.stage in stages)
+
+
 def plans(args: argparse.Namespace) -> list[tuple[Scene, Plan, Recorded]]:
     robot, spec, out = load(args.robot), load_spec(args.spec), []
     for index in range(args.n):
@@ -146,7 +154,7 @@ def main() -> None:
     rigid = np.full_like(robot.jerk, 1e9)
     duration_s = float(np.mean([plan.duration_s for _, plan, _ in solved]))
     no_jerk_s = float(np.mean([sum(from_stop_to_stop(robot, m.q, rigid) for m in r.waypoints) for *_, r in solved]))
-    free = [m for *_, r in solved for m in r.waypoints if m.stage in ("transit", "transfer")]
+    free = [m for *_, r in solved for m in r.waypoints if m.stage in FREE]
     found: dict[str, Any] = {
         "robot": args.robot, "spec": args.spec, "policy": args.policy, "scenes": args.n, "solved": len(solved),
         "verified": sum(plan.verified is True for _, plan, _ in solved),
@@ -162,6 +170,8 @@ def main() -> None:
         "straight_ratio": round(sum(joint_way_s(robot, m.q) for m in free) / sum(joint_way_s(robot, m.q[[0, -1]]) for m in free), 3),
         "hand_travel_m": round(float(np.mean([plan.hand_travel_m for _, plan, _ in solved])), 3),
         "relocation_travel_m": round(float(np.mean(relocations)), 3),
+        "free_3mm": round(float(np.mean([clear(plan, FREE) for _, plan, _ in solved])), 3),
+        "all_3mm": round(float(np.mean([clear(plan, (*FREE, *STRAIGHT)) for _, plan, _ in solved])), 3),
         "off_line_mm": round(max(off_line_mm(robot, s, m) for s, plan, _ in solved for m in plan.motions if m.stage in STRAIGHT), 4),
         "rows": int(np.median([sum(len(m.q) for m in plan.motions) for _, plan, _ in solved])),
         "stages_s": stages,

@@ -5,15 +5,17 @@ First by inverse kinematics alone, on a grid around the arm; then the best place
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
 from kinematics import inverse
+from kinematics.collision.fcl_solids import apart
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
-from kinematics.shapes import Box, Cylinder, Shape
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.grasps import SPARE_M, UP
 from planning.motion.arm import HALF_TURN, Arm, arm_at
@@ -27,8 +29,8 @@ LEAST_SCALE = 0.25
 STEPS, TRIES, EXACTLY = 12, 8, 8
 LATERAL = (-0.8, -0.4, 0.0, 0.4, 0.8)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""
-BEFORE_M = 0.05
-"""What the cabinet's front keeps from what is fixed to the arm's base."""
+BEFORE_M, BESIDE_M = 0.05, 0.01
+"""What the cabinet's front keeps from what is fixed to the arm's base, and all of it from a frame of the base that it stands in."""
 LEAST_SHARE, BOX_SHARE, BOX_YAWS = 0.2, 0.5, (0.0, 0.5)
 """From how many of the places an arm takes a cylinder, at least; and a box, turned so, where there are to be boxes."""
 
@@ -54,10 +56,11 @@ class Fitted:
         )
 
 
-def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
+def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] = lambda _: None) -> Fitted:
     """Place and scale a spec's cabinet for an arm, and turn the arm to face it; of a robot of one's own the home is put before the cabinet.
 
-    The same robot and spec always give the same. Raises: NoScene when the arm does not reach into it anywhere.
+    The same robot and spec always give the same. on_step: told of each place that is tried. Raises: NoScene when the arm does not reach
+    into it anywhere.
     """
     there = arm_at(robot, np.eye(4))
     facing = _facing(there)
@@ -73,11 +76,15 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef) -> Fitted:
     turned = replace(ref, T_world_base=T_base)
     best, placed = -1.0, None
     cup = robot.opening.cup_m > 0
-    for front, floor in _promising(arm, spec, reach)[:EXACTLY]:
+    places = _promising(arm, spec, reach)[:EXACTLY]
+    for k, (front, floor) in enumerate(places, 1):
+        on_step(f"fitting a cabinet: place {k} of {len(places)}" + (f", so far {100 * best:.0f} % in reach" if k > 1 else ""))
         tried = replace(spec, cabinet_front_m=front, cabinet_floor_m=floor)
         share, home = _share(tried, robot, turned, boxes=cup)
         if share > best:
             best, placed = share, (tried, home)
+        if best == 1.0:
+            break
     if placed is None or best < LEAST_SHARE:
         most = 100 * max(best, 0.0)
         raise NoScene(f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {most:.0f} % of it at most")
@@ -151,27 +158,33 @@ def _promising(arm: Arm, spec: Spec, reach: float) -> list[tuple[float, float]]:
         R = np.stack([UP, np.cross(out, UP), out], -1)
         ways = [transform(R_hand, p) for R_hand in ((R, R @ HALF_TURN) if arm.few_joints else (R,))]
         reached[i, k, j] = any(len(inverse.solve(arm.backing, arm.T_frame_hand, arm.seeds, T, home, tries=TRIES)) for T in ways)
-    least = x + _extent(arm) + BEFORE_M
     places = []
     for front, floor in product(x + ahead, base + up[up < 0.9 * reach]):
         inside = (x + ahead > front + 0.25 * depth) & (x + ahead < front + 0.85 * depth)
         level = (base + up > floor + 0.1 * height) & (base + up < floor + 0.45 * height)
         seen = reached[inside][:, level]
-        if front >= least and seen.size:
-            places.append((float(seen.mean()), -float(front), float(front), float(floor)))
-    return [(round(front, 3), round(floor, 3)) for _, _, front, floor in sorted(places, reverse=True)]
+        if seen.size:
+            places.append((float(seen.mean()), -float(front), round(float(front), 3), round(float(floor), 3)))
+    ordered, fixed = [place[2:] for place in sorted(places, reverse=True)], _fixed(arm)
+    least = max([x, *(float(points[:, 0].max()) for points in fixed)]) + BEFORE_M
+    before = [place for place in ordered if place[0] >= least]  # or else within a frame that is fixed to the base
+    return before or list(islice((place for place in ordered if _is_beside(spec, place, fixed)), EXACTLY))
 
 
-def _extent(arm: Arm) -> float:
-    """How far what is fixed to the base reaches ahead of the arm's first axis."""
+def _fixed(arm: Arm) -> list[Array]:
+    """The vertices (V, 3), world, of each hull that is fixed to the base."""
     posed = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
-    x, _ = arm.robot.pivot(arm.T_world_base)
     poses = arm.T_world_base @ arm.robot.tree.poses(arm.robot.home)
-    ends = [x]
-    for hull, frame in zip(arm.robot.hulls, posed.frame):
-        if frame == 0:
-            ends.append(float(apply(poses[arm.robot.tree.index[hull.link]], hull.vertices)[:, 0].max()))
-    return float(max(ends) - x)
+    at = [poses[arm.robot.tree.index[hull.link]] for hull in arm.robot.hulls]
+    return [apply(T, hull.vertices) for hull, T, frame in zip(arm.robot.hulls, at, posed.frame) if frame == 0]
+
+
+def _is_beside(spec: Spec, place: tuple[float, float], fixed: Sequence[Array]) -> bool:
+    """Whether a cabinet with its front and floor there keeps `BESIDE_M` from solids with such vertices."""
+    (front, floor), size = place, spec.cabinet_size_m + 2 * spec.cabinet_wall_m
+    middle = [front + spec.cabinet_size_m[0] / 2, 0.0, floor + spec.cabinet_size_m[2] / 2]
+    others = [Body(f"fixed {i}", ConvexMesh((points,), "", 1.0), np.eye(4)) for i, points in enumerate(fixed)]
+    return apart(Body("cabinet", Box(size), transform(p=middle)), others, BESIDE_M)
 
 
 def _of_one_kind(spec: Spec, *, boxes: bool) -> Spec:

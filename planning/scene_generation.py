@@ -7,6 +7,7 @@ target can't be taken out as things stand, and can be once the others are gone; 
 from __future__ import annotations
 
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Collection
 from dataclasses import MISSING, dataclass, fields, replace
 from importlib import resources
@@ -29,6 +30,7 @@ from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Blocked
 from planning.verdict import judge_grasp
 
+MOST_SAMPLES = 500
 MOST = 500  # of anything in a spec: metres, objects, rows of regions
 STAGE = 1  # this stage's word in the seeds of random generators
 SPECS = ("paper", "paper-any", "shelf", "hard", "hard-any", "lab-s", "lab-l")
@@ -143,18 +145,22 @@ def generate(
     ref: how the scene file names the robot; its base stands where ref says. stage: whose word goes into the random generator, so that the
     scenes of another stage are others. judge: says what is wrong with a sample, None for a valid scene; by default, whether it is blocked
     and can be solved. on_step: told of each sample that is thrown away.
-    Raises: NoScene when 2 000 samples in a row are no valid scene: the spec asks for what this robot can't do.
+    Raises: NoScene when `MOST_SAMPLES` in a row are no valid scene: the spec asks for what this robot can't do.
     """
-    rng = np.random.default_rng([seed, stage, index])
-    for _ in range(2000):
+    rng, thrown = np.random.default_rng([seed, stage, index]), Counter[str]()
+    for _ in range(MOST_SAMPLES):
         scene = _sample(spec, ref, robot, f"{seed}-{index:06d}", (seed, index), rng)
         if scene is None:
+            thrown["too full"] += 1
             continue
         verdict = (judge or _judge)(scene, robot, rng) or judge_grasp(robot, scene)
         if verdict is None:
             return scene
+        thrown[verdict if verdict in ("free", "unsolvable") else "with no good grasp"] += 1
         on_step(verdict)
-    raise NoScene(f"no valid scene in 2000 samples: robot {robot.name} can't reach into this cabinet, or nothing ever blocks the target")
+    said = ", ".join(f"{n} {what}" for what, n in thrown.most_common())
+    why = f"robot {robot.name} can't reach into this cabinet, or nothing ever blocks the target"
+    raise NoScene(f"no valid scene in {MOST_SAMPLES} samples ({said}): {why}")
 
 
 def _judge(scene: Scene, robot: Robot, rng: np.random.Generator) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
     from planning.scene_generation import Spec
+
+OFTEN = 50
+"""So often somebody who waits is told what became of samples: most are no blocked, solvable scenes."""
 
 
 def run(
@@ -62,7 +66,7 @@ def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
     from planning.scene_generation import NoScene
 
     with blame("gen", NoScene):
-        fitted = fit(spec, arm, ref)
+        fitted = fit(spec, arm, ref, say)
     say(f"fitted: {fitted}")
     return fitted.spec, fitted.ref
 
@@ -72,8 +76,15 @@ def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
     from kinematics.robots.robot import from_ref
     from planning.scene_generation import NoScene, generate
 
+    thrown = Counter[str]()
+
+    def tell(verdict: str) -> None:
+        thrown[verdict if verdict in ("free", "unsolvable") else "with no good grasp"] += 1
+        if thrown.total() % OFTEN == 0:
+            say(f"scene {index}: {thrown.total()} samples were no scenes: {', '.join(f'{n} {what}' for what, n in thrown.most_common())}")
+
     with blame("gen", NoScene):
-        return generate(spec, from_ref(ref), ref, seed, index)
+        return generate(spec, from_ref(ref), ref, seed, index, on_step=tell)
 
 
 def spec_hash(spec: Spec) -> str:

@@ -223,7 +223,15 @@ def _ranked_grasp(node: Node) -> tuple[Grasp, float]:
     return Grasp(f["T_world_hand"].pose(), f["width_m"].number(least=0, most=LARGEST_M)), f["score"].number()
 
 
+START_WORDS = ("q", "q0", "qpos", "start", "q_now", "q_current", "joints", "joint_positions", "configuration")
+"""What others call the place where the arm is now."""
+
+
 def _robot(node: Node, folder: Path, second: bool) -> RobotRef:
+    if isinstance(node.value, dict) and (word := next((w for w in START_WORDS if w in node.value), None)) is not None:
+        schema = "" if second else f' and "schema": "{SCENE_2}"'
+        example = '"q_start": {"shoulder_pan_joint": 0.0, …}'
+        raise node.error(f"unknown field {word!r}; where the arm is now is said by joint name, with {example}{schema}")
     f = _fields(
         node, second, ("T_world_base",), ("name", "urdf", "hand_frame", "gripper_joint"),
         ("q_start", "home", "T_link_hand", "gripper_joints", "mount"),

@@ -22,7 +22,7 @@ from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.turns import whole_turns
 from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
 from planning.plan import Blocked
-from planning.verdict import judge_grasp
+from planning.verdict import closes_askew, judge_grasp
 
 HEADING_TRIES, SAME_HEADING = 8, 1e-4
 MOST_PER_YAW = 10
@@ -232,17 +232,20 @@ def sampled_grasps(
 ) -> Iterator[Grasp]:
     """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default.
 
-    On a mesh, where pads may meet an edge, or the palm what is beside them, those that the verdict accepts in the empty cabinet.
+    On a mesh, where pads may meet an edge, or the palm what is beside them, and of a hand of one's own whose pads are askew, those that the
+    verdict accepts in the empty cabinet.
     """
     to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
     toward = float(np.arctan2(to_body[1], to_body[0]))
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
     body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
     found = grasps_on(body, robot, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, headings)
-    if not isinstance(body.shape, ConvexMesh):
+    mesh = isinstance(body.shape, ConvexMesh)
+    if not mesh and (robot.grip is None or not closes_askew(robot)):
         return found
     alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())
-    return islice((grasp for grasp in found if judge_grasp(robot, alone, grasp) is None), sampling.yaws * MOST_PER_YAW)
+    good = (grasp for grasp in found if judge_grasp(robot, alone, grasp) is None)
+    return islice(good, sampling.yaws * MOST_PER_YAW) if mesh else good
 
 
 def headings_of(arm: Arm) -> Headings | None:

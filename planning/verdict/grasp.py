@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -68,6 +69,18 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
         if deep > TOUCH_M:
             return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in (*WALLS, MOUNT) else ''}{wall}"
     return None
+
+
+@lru_cache(maxsize=16)
+def closes_askew(robot: Robot) -> bool:
+    """Whether the faces of a robot's pads don't look along the way they close, or can't be found: then a width says little about what they
+    hold, and each grasp is to be judged."""
+    if robot.opening.cup_m:
+        return False
+    try:
+        return _askew(hand_of(robot))
+    except ValueError:
+        return True
 
 
 def _askew(hand: Hand) -> bool:

@@ -42,7 +42,8 @@ class Hand:
     """arm: the whole robot; carrier, T_carrier_hand: where the hand frame is. gripper: index of the joint that opens it.
 
     links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side, +y
-    first; of a jaw that moves alone more of them follow, for what it holds may touch any; of a suction cup one alone.
+    first; of a jaw that moves alone, and of fingers in convex parts, more of them follow, for what is held may touch any; of a suction cup
+    one alone.
     values, widths (G,): the gripper's joint and how far the pads are apart there, by rising width.
     """
 
@@ -96,7 +97,9 @@ def hand_of(robot: Robot) -> Hand:
     jaw = robot.opening.jaw
     movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
     found = [_pads(robot, arm, movers[side], middle, side) for side in (1, -1)]
-    pads = tuple(side[0] for side in found) + tuple(pad for side in found for pad in (side[1:] if jaw else ()))
+    pads = tuple(side[0] for side in found) + tuple(
+        pad for side in found for pad in (side[1:] if jaw or _in_parts(robot, side[0].link) else ())
+    )
     values = np.linspace(low, high, _VALUES)
     half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, pads, values, values)
     widths = half.width(values)
@@ -141,6 +144,11 @@ def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array],
     if not out or out[0][0]:
         raise ValueError(f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y")
     return [pad for *_, pad in out]
+
+
+def _in_parts(robot: Robot, link: str) -> bool:
+    """Whether a link of a robot of one's own was taken apart, so that no part has all of its face."""
+    return robot.grip is not None and sum(h.link == link for h in robot.hulls) > 1
 
 
 def _cup(robot: Robot, arm: Arm, carrier: int, T_carrier_hand: Array) -> Pad:

@@ -78,6 +78,7 @@ MISTAKES: list[tuple[Change, str]] = [
     (lambda d: d["objects"][0].update(max_tilt_deg=200), "objects[0].max_tilt_deg: 200 is above 180"),
     (lambda d: d["robot"].update(q_start=[0, 1]), "robot.q_start: an array stands where an object is expected"),
     (lambda d: d["robot"].update(q_start={"elbow_joint": "1"}), "robot.q_start.elbow_joint: the text '1' stands where a number"),
+    (lambda d: d["robot"].update(q=[0, 1]), "robot: unknown field 'q'; where the arm is now is said by joint name, with \"q_start\": {"),
     (lambda d: d["robot"].update(gripper_joints=[]), "robot.gripper_joints: holds 0, and at least 1 is needed"),
     (lambda d: d["robot"].update(mount=1), "robot.mount: the number 1 stands where true or false is expected"),
     (lambda d: d["grasps"][1].pop("score"), "grasps[1]: missing field 'score'"),

@@ -10,13 +10,15 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kinematics.robots.tree import FIXED, SLIDES, LinkHull, Tree
 from kinematics.transforms import Array, inverse
 
+Branch = tuple[int, ...]
+"""The links of a finger, the one on the palm first."""
 ARM_LEAST, FINGER_MOST = 4, 3
 """A branch with so many motors is an arm; a finger has fewer."""
 JAW = re.compile(r"grip|jaw|finger|claw|hand|pinch|clamp|grasp", re.IGNORECASE)
@@ -40,7 +42,8 @@ class CupFound(NoGripper):
 @dataclass(frozen=True, eq=False)
 class Motors:
     """Which actuated joints move the fingers on the link `palm`, and what goes with it: the first, and how the others follow it, by name
-    (multiplier, offset). limits: of the first, where none of the others leaves its own. branches: links of each finger; a jaw is alone."""
+    (multiplier, offset). limits: of the first, where none of the others leaves its own. branches: links of each finger; a jaw is alone, and
+    of three fingers two are one. kind: in words. frozen: motors of the hand that stand still."""
 
     palm: int
     first: int
@@ -48,6 +51,8 @@ class Motors:
     limits: tuple[float, float]
     branches: tuple[tuple[int, ...], ...]
     opens_upwards: bool
+    kind: str = "two fingers"
+    frozen: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,17 +177,33 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
         after = ", ".join(tree.names[i] for i in model.below(palm))
         raise NoGripper(f"no gripper found: nothing with collision geometry moves on the link {tree.names[palm]!r} (links there: {after})")
     branches = tuple(tuple(model.below(m)) for m in movers)
+    if len(branches) in (2, 3) and len(motors) >= 3:
+        return _driven_apart(model, palm, branches, named)
     bodies = _fingers(model, palm, branches, motors)
     if len(bodies) > 2 or len(motors) > 2:
         names = ", ".join(model.joints[j] for j in motors)
         raise NoGripper(
             f"no gripper that can be used: {len(bodies)} fingers with {len(motors)} motors ({names}) move on {tree.names[palm]!r}; two "
-            "fingers, or one jaw, can be used"
+            "or three fingers, or one jaw, can be used"
         )
     endless = [model.joints[j] for j in motors if not np.isfinite([model.lower[j], model.upper[j]]).all()]
     if endless:
         raise NoGripper(f"no gripper that can be used: its joint {endless[0]!r} has no limits, so it is never open or closed")
     return _coupled(model, palm, motors, bodies)
+
+
+def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: Sequence[int]) -> Motors:
+    """Two or three fingers with motors of their own, some of which stand still."""
+    from kinematics.robots.three_fingers import closing_motor, in_two_sides
+
+    closing = [closing_motor(model, palm, branch, named) for branch in branches]
+    sides = in_two_sides(model, palm, branches, closing) if len(branches) == 3 else branches
+    endless = [model.joints[j] for j in closing if not np.isfinite([model.lower[j], model.upper[j]]).all()]
+    if endless:
+        raise NoGripper(f"no gripper that can be used: its joint {endless[0]!r} has no limits, so it is never open or closed")
+    others = tuple(j for branch in branches for j in model.motors(branch[0]) if j not in closing)
+    kind = "three fingers" if len(branches) == 3 else "two fingers"
+    return replace(_coupled(model, palm, closing, sides), kind=kind, frozen=others)
 
 
 def _fingers(model: Model, palm: int, branches: tuple[tuple[int, ...], ...], motors: Sequence[int]) -> tuple[tuple[int, ...], ...]:
@@ -226,7 +247,7 @@ def _coupled(model: Model, palm: int, motors: list[int], fingers: tuple[tuple[in
         way = ways if not same else (min(ways), min(ways))
         rate = float(np.sign(their_stop - their_start) * np.sign(stop - start)) * way[1] / way[0]
         followers[j] = (rate, their_start - rate * start)
-        stop = start + np.sign(stop - start) * way[0]
+        stop = start + float(np.sign(stop - start)) * way[0]
     low, high = sorted((start, float(stop)))
     return Motors(palm, first, followers, (low, high), fingers, stop > start)
 

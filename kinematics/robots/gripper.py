@@ -21,6 +21,8 @@ ROOM_M = 0.005
 """What an object in the hand is to keep from all that does not hold it."""
 SLIVER_M = 1e-6
 """Triangles that are no higher than that say nothing about a hull's faces."""
+ROWS, ASIDE_M = 13, 0.08
+"""In how many rows, and how far from the middle at most, hands of three fingers are looked at along the hand's x."""
 ACROSS_M = (-0.012, -0.006, 0.0, 0.006, 0.012)
 """Where a jaw and what it closes on are looked at, along the hand's x."""
 BESIDE_M, PUSH_M = 0.00062, 0.0004
@@ -67,11 +69,11 @@ class Opening:
 
     def pad_y_at(self, width_m: float) -> float:
         """The middle of the pads along the hand's y, at a width."""
-        return 0.0 if self.jaw == 0 else float(np.interp(width_m, self.width_m, self.pad_y_m))
+        return 0.0 if self.jaw == 0 and not self.round_only else float(np.interp(width_m, self.width_m, self.pad_y_m))
 
     def hand_position(self, middle: Array, R: Array, width_m: float) -> Array:
         """Where the hand frame (3,) is when it is turned by R (3, 3) and the middle between its pads is at a point (3,), at a width."""
-        if self.jaw == 0:
+        if self.jaw == 0 and not self.round_only:
             return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2])
         return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2] - self.pad_y_at(width_m) * R[:, 1])
 
@@ -119,13 +121,18 @@ def measure(
     places = [_placed(tree, hand, rest, gripper, value) for value in values]
     profiles = [_profile(placed, fingers) for placed in places]
     jaw = _jaw_side(tree, gripper, places, fingers)
+    split = not jaw and any(all(np.isinf(p.sides[side]).all() for p in profiles) for side in (1, -1))
+    if split:  # of three fingers two are beside the middle
+        wide_m = max(float(np.abs(v[:, 0]).max()) for link, v, _ in places[0] if link in fingers)
+        across = [float(x) for x in np.linspace(-min(wide_m, ASIDE_M), min(wide_m, ASIDE_M), ROWS)]
+        profiles = [_profile(placed, fingers, across) for placed in places]
     if jaw:
         furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
         profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
-    hinged = bool(jaw) and any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
-    widths, middles = zip(*(_round_width(p, jaw) if hinged else _width(p, jaw) for p in profiles))
+    hinged = (bool(jaw) or split) and any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
+    widths, middles = zip(*(_round_width(p, jaw or 1) if hinged else _width(p, jaw) for p in profiles))
     usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
-    if (len(usable) < len(widths) and not jaw) or len(usable) < 2:
+    if (len(usable) < len(widths) and not (jaw or split)) or len(usable) < 2:
         raise NotClosing(f"robot {name}: no fingers on both sides of the hand frame along its y axis", sorted(fingers))
     if max(widths[i] for i in usable) - min(widths[i] for i in usable) < LEAST_WAY_M:
         words = "the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis"
@@ -182,10 +189,11 @@ class _Profile:
     sides: dict[int, Array]
 
 
-def _profile(placed: _Placed, fingers: frozenset[str]) -> _Profile:
+def _profile(placed: _Placed, fingers: frozenset[str], across: Sequence[float] = (0.0,)) -> _Profile:
+    """across: where the lines are along x, besides x = 0 as well."""
     links, sides = dict[str, Array](), {side: np.full(len(_Z), np.inf) for side in (1, -1)}
-    for link, vertices, faces in placed:
-        low, high = cross_section(vertices, faces, _Z)
+    for (link, vertices, faces), x in itertools.product(placed, across):
+        low, high = cross_section(vertices if x == 0.0 else vertices - [x, 0.0, 0.0], faces, _Z)
         gap = np.where(np.isnan(low), np.inf, np.maximum(0.0, np.maximum(low, -high)))
         links[link] = np.minimum(links.get(link, np.inf), gap)
         if link in fingers and np.isfinite(low).any():

@@ -172,9 +172,13 @@ def _inner(model: Model, motors: Motors, R: Array, q: Array, x: float, z: float)
     for hull in model.hulls:
         if hull.link in first | second:
             T = back @ poses[model.tree.index[hull.link]]
-            low, high = cross_section(hull.vertices @ T[:3, :3].T + T[:3, 3] - [x, 0.0, 0.0], hull.faces, heights)
-            if np.isfinite(low).any():
-                (plus if hull.link in first else minus).append(float(np.nanmin(low) if hull.link in first else np.nanmax(high)))
+            points = hull.vertices @ T[:3, :3].T + T[:3, 3]
+            # of three fingers two stand beside the middle, where nothing crosses them
+            places = [x] if len(motors.followers) < 2 else np.linspace(points[:, 0].min(), points[:, 0].max(), 5)[1:-1]
+            for place in places:
+                low, high = cross_section(points - [place, 0.0, 0.0], hull.faces, heights)
+                if np.isfinite(low).any():
+                    (plus if hull.link in first else minus).append(float(np.nanmin(low) if hull.link in first else np.nanmax(high)))
     if not (np.isfinite(min(plus)) and np.isfinite(max(minus))):
         raise NoGripper(f"no gripper that can be used: nothing faces {names[motors.branches[0][0]]!r} between the finger tips")
     return float(min(plus) + max(minus)) / 2

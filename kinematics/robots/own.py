@@ -16,6 +16,7 @@ from kinematics.robots.find_gripper import HINGE_RAD, CupFound, Model, Motors, N
 from kinematics.robots.gripper import NotClosing, measure
 from kinematics.robots.hand_frame import hand_frame as measured_frame
 from kinematics.robots.suction import ON_M, SUCTION, add_valve, at_face, cup_frame, cup_links
+from kinematics.robots.three_fingers import freeze
 from kinematics.robots.tree import FIXED, TURNS, Tree
 from kinematics.transforms import Array, inverse, rotation_about, transform, wxyz_from_rotation
 
@@ -24,7 +25,8 @@ from kinematics.transforms import Array, inverse, rotation_about, transform, wxy
 class Grip:
     """What was understood of a gripper. joints: its motors by name, the first drives the others: follows, by name (multiplier, offset).
     limits: of the first, where they are narrower than the URDF's. link: what the hand frame is fixed to, and T_link_hand (4, 4) where.
-    kind: in words. measured: whether the frame was measured, because nobody said where it is."""
+    kind: in words. measured: whether the frame was measured, because nobody said where it is. frozen: motors of the hand that stand still,
+    and where."""
 
     joints: tuple[str, ...]
     follows: dict[str, tuple[float, float]]
@@ -33,12 +35,14 @@ class Grip:
     T_link_hand: Array
     kind: str
     measured: bool
+    frozen: tuple[tuple[str, float], ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know."""
         first, *others = self.joints
         notes = [f"the motors {', '.join(others)} go with {first}"] if others else []
+        notes += [f"the motor {name} stands still at {value:.3g}" for name, value in self.frozen]
         if self.measured:
             p, q = self.T_link_hand[:3, 3], wxyz_from_rotation(self.T_link_hand[:3, :3])
             notes.append(f"{self.kind}, hand frame measured: p {_numbers(p)}, q_wxyz {_numbers(q)} in the link {self.link!r}")
@@ -54,6 +58,8 @@ def grip_to_arrays(grip: Grip) -> dict[str, NDArray[Any]]:
         "words": np.array([grip.link, grip.kind], dtype=np.str_),
         "T_link_hand": grip.T_link_hand,
         "measured": np.array([grip.measured]),
+        "frozen": np.array([name for name, _ in grip.frozen], dtype=np.str_),
+        "frozen_at": np.array([value for _, value in grip.frozen], float),
     }
 
 
@@ -63,7 +69,8 @@ def grip_from_arrays(data: Mapping[str, NDArray[Any]]) -> Grip:
     follows = {name: (float(rate), float(offset)) for name, (rate, offset) in zip(joints[1:], data["follows"])}
     (low, high), (link, kind) = data["limits"], data["words"]
     T = np.asarray(data["T_link_hand"], float)
-    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]))
+    frozen = tuple((str(name), float(value)) for name, value in zip(data["frozen"], data["frozen_at"]))
+    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]), frozen)
 
 
 def _numbers(values: Array) -> str:
@@ -125,7 +132,10 @@ def _palm(model: Model, hand_link: str | None, named: Sequence[int]) -> int:
     tree = model.tree
     if named:
         movers = [i for i in range(len(tree.names)) if tree.kind[i] != FIXED and tree.q_index[i] == named[0]]
-        return model.group(int(tree.parent[min(movers, key=lambda i: len(tree.path(i)))]))
+        palm = model.group(int(tree.parent[min(movers, key=lambda i: len(tree.path(i)))]))
+        while not set(named) <= {int(tree.q_index[i]) for i in model.below(palm)} and tree.parent[palm] >= 0:
+            palm = model.group(int(tree.parent[palm]))  # fingers that stand on motors of their own
+        return palm
     if hand_link is None:
         return find_palm(model)
     return model.group(tree.index[hand_link])
@@ -143,8 +153,9 @@ def _narrowed(model: Model, motors: Motors) -> Motors:
 def _grip(model: Model, motors: Motors, link: str, T: Array, *, measured: bool) -> Grip:
     names = model.joints
     follows = {names[j]: rule for j, rule in motors.followers.items()}
-    kind = "one jaw against a fixed one" if len(motors.branches) == 1 else "two fingers"
-    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured)
+    kind = "one jaw against a fixed one" if len(motors.branches) == 1 else motors.kind
+    frozen = tuple((names[j], float(model.rest[j])) for j in motors.frozen)
+    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured, frozen)
 
 
 def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:
@@ -185,6 +196,8 @@ def put_in(root: etree._Element, grip: Grip) -> None:
     links = [e.get("name", "") for e in root.iter("link")]
     if grip.joints == (SUCTION,) and SUCTION not in {j.get("name") for j in root.iter("joint")}:
         add_valve(root, grip.link)
+    for name, value in grip.frozen:
+        freeze(root, name, value)
     for joint in root.iter("joint"):
         name = joint.get("name", "")
         if name in grip.follows:

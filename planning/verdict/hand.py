@@ -147,8 +147,10 @@ def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array],
 
 
 def _in_parts(robot: Robot, link: str) -> bool:
-    """Whether a link of a robot of one's own was taken apart, so that no part has all of its face."""
-    return robot.grip is not None and sum(h.link == link for h in robot.hulls) > 1
+    """Whether a link of a robot of one's own was taken apart, or is one of two fingers on a side: then no part has all of its face."""
+    if robot.grip is None:
+        return False
+    return robot.grip.kind == "three fingers" or sum(h.link == link for h in robot.hulls) > 1
 
 
 def _cup(robot: Robot, arm: Arm, carrier: int, T_carrier_hand: Array) -> Pad:

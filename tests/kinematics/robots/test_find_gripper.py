@@ -73,6 +73,7 @@ JAW = joint("jaw", SLIDE, "palm", "plus", "0 0 0.06", "0 1 0", (0, 0.05)) + fing
 HINGE = joint("jaw", TURN, "palm", "plus", "0 0.012 0.02", "1 0 0", (-1.5, 0.1))
 HINGE += f'<link name="plus">{box("0.02 0.01 0.1", "0 0 0.05")}</link>' + POST
 THIRD = joint("f3", TURN, "palm", "third", "0 0 0", "1 0 0", (0, 1)) + finger("third", 1)
+FOURTH = joint("f4", TURN, "palm", "fourth", "0 0 0", "1 0 0", (0, 1)) + finger("fourth", -1)
 
 
 @pytest.fixture
@@ -166,9 +167,9 @@ def test_a_frame_that_is_not_between_the_pads_is_answered_with_the_one_that_is(
     [
         ("", "no gripper found: no joint moves a finger after the last one of the arm, 'a3' (links there: l3, palm); give the URDF a"),
         (MIRRORED.replace(SLIDE, 'type="continuous"'), "its joint 'f1' has no limits, so it is never open"),
-        (MIRRORED + THIRD, "3 fingers with 3 motors (f1, f2, f3)"),
+        (MIRRORED + THIRD + FOURTH, "4 fingers with 4 motors (f1, f2, f3, f4)"),
     ],
-    ids=["none", "endless", "three"],
+    ids=["none", "endless", "four"],
 )  # fmt: skip
 def test_what_is_no_gripper_is_said_with_what_was_found(gripper: str, says: str, robot: Callable[..., Robot]) -> None:
     with pytest.raises(NoGripper) as e:

@@ -14,21 +14,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.robots.tree import FIXED, SLIDES, LinkHull, Tree
+from kinematics.robots.hand_model import Branch, Model, NoGripper
+from kinematics.robots.three_fingers import closing_motor, in_two_sides
+from kinematics.robots.tree import SLIDES
 from kinematics.transforms import Array, inverse
 
-Branch = tuple[int, ...]
-"""The links of a finger, the one on the palm first."""
 ARM_LEAST, FINGER_MOST = 4, 3
 """A branch with so many motors is an arm; a finger has fewer."""
 JAW = re.compile(r"grip|jaw|finger|claw|hand|pinch|clamp|grasp", re.IGNORECASE)
 CUP = re.compile(r"suction|vacuum|cup", re.IGNORECASE)
 HINGE_RAD = 0.6
 """How far a hinged jaw is opened, at most: further, it faces the tip of what it closes on no more."""
-
-
-class NoGripper(ValueError):
-    """There is no gripper that can be used; says what was looked for, and found."""
 
 
 class CupFound(NoGripper):
@@ -53,52 +49,6 @@ class Motors:
     opens_upwards: bool
     kind: str = "two fingers"
     frozen: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """What there is to look at: the tree, its actuated joints' names and limits (J,), the hulls."""
-
-    tree: Tree
-    joints: Sequence[str]
-    lower: Array
-    upper: Array
-    hulls: Sequence[LinkHull]
-
-    @property
-    def rest(self) -> Array:
-        """Joints at 0, or as near as they can come (J,)."""
-        return np.clip(np.zeros(len(self.joints)), self.lower, self.upper)
-
-    def group(self, link: int) -> int:
-        """The link that stands for all that is fixed to a link: the one with a moving joint above them, or the root."""
-        while self.tree.kind[link] == FIXED and self.tree.parent[link] >= 0:
-            link = int(self.tree.parent[link])
-        return link
-
-    def moved_on(self, group: int) -> list[int]:
-        """The links that move on a group, by joints of their own."""
-        return [i for i in range(len(self.tree.names)) if self.tree.kind[i] != FIXED and self.group(int(self.tree.parent[i])) == group]
-
-    def below(self, link: int) -> list[int]:
-        """A link and all that it carries."""
-        return [i for i in range(len(self.tree.names)) if link in self.tree.path(i)]
-
-    def motors(self, link: int) -> list[int]:
-        """The actuated joints of a link and of what it carries, in order."""
-        moving = (i for i in self.below(link) if self.tree.kind[i] != FIXED)
-        return list(dict.fromkeys(int(self.tree.q_index[i]) for i in moving))
-
-    def points(self, links: Sequence[int], q: Array, frame: int) -> Array:
-        """The hulls' vertices (V, 3) of some links at q (J,), in a link's frame."""
-        poses = self.tree.poses(q)
-        back, names = inverse(poses[frame]), {self.tree.names[i]: i for i in links}
-        out = [np.empty((0, 3))]
-        for hull in self.hulls:
-            if hull.link in names:
-                T = back @ poses[names[hull.link]]
-                out.append(hull.vertices @ T[:3, :3].T + T[:3, 3])
-        return np.concatenate(out)
 
 
 def find_palm(model: Model) -> int:
@@ -194,8 +144,6 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
 
 def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: Sequence[int]) -> Motors:
     """Two or three fingers with motors of their own, some of which stand still."""
-    from kinematics.robots.three_fingers import closing_motor, in_two_sides
-
     closing = [closing_motor(model, palm, branch, named) for branch in branches]
     sides = in_two_sides(model, palm, branches, closing) if len(branches) == 3 else branches
     endless = [model.joints[j] for j in closing if not np.isfinite([model.lower[j], model.upper[j]]).all()]

@@ -27,8 +27,8 @@ from kinematics.collision.geometry import Parts, make_parts
 from kinematics.mount import MOUNT, mount
 from kinematics.robots import urdf
 from kinematics.robots.derive import derive, fingerprint, read_description
-from kinematics.robots.find_gripper import Model
 from kinematics.robots.gripper import Opening
+from kinematics.robots.hand_model import Model
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.limits import JointLimits, joint_limits
 from kinematics.robots.measured import measure_once

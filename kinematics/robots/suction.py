@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from lxml import etree
 
-from kinematics.robots.find_gripper import CUP, Model, NoGripper, rigid
+from kinematics.robots.find_gripper import CUP, rigid
 from kinematics.robots.gripper import Opening
+from kinematics.robots.hand_model import Model, NoGripper
 from kinematics.robots.tree import FIXED, LinkHull, Tree
 from kinematics.transforms import Array, apply, inverse, transform
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from lxml import etree
 
-from kinematics.robots.find_gripper import Branch, Model, NoGripper
+from kinematics.robots.hand_model import Branch, Model, NoGripper
 from kinematics.transforms import Array, rotation_about, rotation_rpy, rpy_from_rotation, transform
 
 OPPOSED = 0.3

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.robots.find_gripper import NoGripper
+from kinematics.robots.hand_model import NoGripper
 from kinematics.robots.robot import Robot, load
 from kinematics.transforms import Array, rotation_from_wxyz, rotation_rpy, transform
 

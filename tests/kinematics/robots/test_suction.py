@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from kinematics.robots.find_gripper import NoGripper
 from kinematics.robots.gripper import BESIDE_M, PUSH_M
+from kinematics.robots.hand_model import NoGripper
 from kinematics.robots.robot import Robot, load
 from kinematics.robots.suction import ON_M, SUCTION, VALVE
 from kinematics.transforms import Array, rotation_rpy, transform

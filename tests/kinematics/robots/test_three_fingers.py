@@ -11,7 +11,7 @@ import pytest
 from lxml import etree
 
 from kinematics.robots.derive import read_description
-from kinematics.robots.find_gripper import NoGripper
+from kinematics.robots.hand_model import NoGripper
 from kinematics.robots.robot import Robot, load
 from kinematics.robots.three_fingers import freeze
 from kinematics.robots.tree import Tree

@@ -102,7 +102,8 @@ def about(arm: Robot, own: bool) -> dict[str, Any]:
         "hand": {"link": grip.link if grip else None, "measured": bool(grip and grip.measured), "in_link": arm.tree.names[last],
                  "T_link_hand": pose_to_json(T_wrist_hand)},
         "gripper": {"kind": grip.kind if grip else "one jaw against a fixed one" if jaw else "two fingers", "joints": motors,
-                    "pads": sorted(arm.pads), "force_N": arm.grip_force_N, "cup_m": round(arm.opening.cup_m, 4)},
+                    "pads": sorted(arm.pads), "force_N": arm.grip_force_N,
+                    **({"cup_m": round(arm.opening.cup_m, 4)} if arm.opening.cup_m else {})},
         "opening_m": round(arm.opening.max_m, 4),
         "closes_to_m": round(float(arm.opening.width_m[0]), 4) + 0.0,
         "camera": arm.has_camera,
@@ -171,7 +172,7 @@ def _lines(row: dict[str, Any]) -> list[str]:
     lines = [
         f"gripper: {grip['kind']}, by {moved}; pads {', '.join(grip['pads'])}",
         f"cup: {1000 * grip['cup_m']:.0f} mm across, holds while the joint {first} is up"
-        if grip["cup_m"]
+        if "cup_m" in grip
         else f"opening: {1000 * abs(row['closes_to_m']):.0f} to {1000 * row['opening_m']:.0f} mm{force}",
         f"hand frame ({where}): p [{p}], q_wxyz [{q}] in {hand['in_link']}",
         f"camera: {'a link of its own' if row['camera'] else 'none; where one is needed it looks along the hand'}",

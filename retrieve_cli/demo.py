@@ -28,7 +28,7 @@ CALM_M = 1.5
 def run(*, out: Path, seed: int) -> None:
     """Write scene.jsonl, plan.jsonl, plan.html, before.png, during.png, after.png and hand.png into `out`, and tell the story."""
     folder = _folder(out)
-    announce_first_run()
+    announce_first_run(drawing=True)
     with blame("demo"):
         film = _hard_scene(seed, folder / "scene.jsonl")
     _tell(film)

@@ -19,6 +19,7 @@ def run(*, robots: list[str]) -> None:
             raise InputError(f"warmup: the package of {name} ({table[name]['distribution']}) is not installed")
     announce_first_run()
     _compile()
+    _draw()
     with progress("robots", len(wanted)) as advance:
         for name in wanted:
             began = perf_counter()
@@ -39,6 +40,14 @@ def _compile() -> None:
                 say(f"warmup: {wrong}")
             advance()
     say(f"compiled: {len(left)} of {len(known())} functions, in {perf_counter() - began:.0f} s; the others were in the cache")
+
+
+def _draw() -> None:
+    from perception.rendering.tiny_still import tiny_still
+
+    began = perf_counter()
+    tiny_still()
+    say(f"drawing: ready after {perf_counter() - began:.0f} s")
 
 
 def warm(name: str) -> None:

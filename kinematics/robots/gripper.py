@@ -5,7 +5,6 @@ A constant would not do: the pads of a Robotiq 2F-85 move 14 mm along the approa
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -303,22 +302,23 @@ def _free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], 
     steps = np.linspace(0.0, ROOM_M, 11)
     for link, vertices, faces in placed:
         if link not in pads:
-            for inner, outer in itertools.pairwise(steps):  # what is that far beside it has to be so far behind it
-                z = _furthest(vertices, faces, width / 2 + float(outer))
+            reach = _furthest(vertices, faces, width / 2 + steps[1:])
+            for inner, z in zip(steps, reach):  # what is that far beside it has to be so far behind it
                 if z < pad_z:
-                    nearest = max(nearest, z - ROOM_M + float(np.sqrt(ROOM_M**2 - inner**2)))
+                    nearest = max(nearest, float(z) - ROOM_M + float(np.sqrt(ROOM_M**2 - inner**2)))
     return pad_z - nearest
 
 
-def _furthest(vertices: Array, faces: Int, half: float) -> float:
-    """The largest z of a convex hull where |y| ≤ half; -inf where it has nothing there."""
+def _furthest(vertices: Array, faces: Int, half: Array) -> Array:
+    """The largest z of a convex hull where |y| ≤ half (N,), for each (N,); -inf where it has nothing there."""
     a, b = (np.concatenate([vertices[faces[:, i]] for i in order]) for order in ((0, 1, 2), (1, 2, 0)))
-    best = float(np.max(a[np.abs(a[:, 1]) <= half, 2], initial=-np.inf))
-    for y in (-half, half):
+    best = np.where(np.abs(a[:, 1]) <= half[:, None], a[:, 2], -np.inf).max(1, initial=-np.inf)
+    for y in (-half[:, None], half[:, None]):
         crosses = (a[:, 1] - y) * (b[:, 1] - y) < 0
-        share = (y - a[crosses, 1]) / (b[crosses, 1] - a[crosses, 1])
-        best = max(best, float(np.max(a[crosses, 2] + share * (b[crosses, 2] - a[crosses, 2]), initial=-np.inf)))
-    return best
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = a[:, 2] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 2] - a[:, 2])
+        best = np.maximum(best, np.where(crosses, z, -np.inf).max(1, initial=-np.inf))
+    return np.asarray(best)
 
 
 def cross_section(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:

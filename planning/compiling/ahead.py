@@ -109,15 +109,16 @@ def compile_now(ahead: Ahead) -> str | None:
     return None
 
 
-def start_beside() -> subprocess.Popen[bytes] | None:
-    """Start a process that compiles what is not in the cache, and ends with this one; None without a second core for it."""
+def start_beside(*, drawing: bool = False) -> subprocess.Popen[bytes] | None:
+    """Start a process that compiles what is not in the cache, and ends with this one; None without a second core for it. drawing: it begins
+    with what stills need."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if cores < 2 or not waiting():
         return None
     home = str(Path(__file__).resolve().parents[2])
     env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [home, os.environ.get("PYTHONPATH")]))}
     quiet = subprocess.DEVNULL
-    command = [sys.executable, "-P", "-m", "planning.compiling.ahead", str(os.getpid())]
+    command = [sys.executable, "-P", "-m", "planning.compiling.ahead", str(os.getpid()), *(["drawing"] if drawing else [])]
     try:
         beside = subprocess.Popen(command, env=env, stdin=quiet, stdout=quiet, stderr=quiet)
     except OSError:
@@ -131,8 +132,12 @@ def _end(beside: subprocess.Popen[bytes]) -> None:
     beside.wait()
 
 
-def main(parent: int) -> None:
-    """Compile what is missing, from the end of the list, while the parent lives."""
+def main(parent: int, *, drawing: bool = False) -> None:
+    """Compile what is missing, from the end of the list, while the parent lives; before that what drawing needs."""
+    if drawing:
+        from perception.rendering.tiny_still import tiny_still
+
+        tiny_still()
     for ahead in reversed(known()):
         if os.getppid() != parent:
             return
@@ -141,4 +146,4 @@ def main(parent: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), drawing="drawing" in sys.argv[2:])

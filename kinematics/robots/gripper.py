@@ -5,6 +5,7 @@ A constant would not do: the pads of a Robotiq 2F-85 move 14 mm along the approa
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

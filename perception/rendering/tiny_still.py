@@ -9,7 +9,7 @@ from kinematics.transforms import Array
 from perception.camera import look_at, pinhole
 from perception.rendering.lighting import Studio
 from perception.rendering.polylines import Polyline
-from perception.rendering.raycast import Mesh
+from perception.rendering.raycast import Mesh, raycast, surfaces
 from perception.rendering.shading import Image, Item, shade
 
 FACES = np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]], np.int64)
@@ -24,8 +24,10 @@ def tiny_still() -> Image:
     items.append(Item(Box(np.array([0.02, 2.0, 0.4])), _at(0.6, -0.5), grey, alpha=0.2, gloss=0.0))
     ends = np.array([[0.0, 0.0, 0.3], [1.0, 0.2, 0.3], [1.2, 0.2, 0.4]])
     lines = [Polyline(ends, grey), Polyline(ends, np.full((3, 3), 0.5))]
-    studio = Studio(ground_z=-0.1, key_lights=4, sky_lights=4)
-    return shade(items, look_at(np.array([-2.0, -0.5, 1.0]), np.array([0.6, 0.0, 0.0])), pinhole(32, 24, 1.0), lines, studio=studio)
+    studio = Studio(ground_z=-0.1, key_lights=12, sky_lights=12)
+    camera, T_world_camera = pinhole(32, 24, 1.0), look_at(np.array([-2.0, -0.5, 1.0]), np.array([0.6, 0.0, 0.0]))
+    raycast(surfaces(shapes, np.array([i.T_world_item for i in items[:4]])), T_world_camera, camera)  # by which a camera's place is chosen
+    return shade(items, T_world_camera, camera, lines, studio=studio)
 
 
 def _at(x: float, y: float = 0.0) -> Array:

@@ -12,7 +12,7 @@ from kinematics.robots.gripper import Opening, measure
 from kinematics.robots.tree import LinkHull, Tree
 from kinematics.transforms import Array
 
-_VERSION = "opening-2"  # raise it when what `measure` computes changes
+_VERSION = "opening-3"  # raise it when what `measure` computes changes
 _NUMBERS = ("jaw", "round_only", "cup_m")
 
 

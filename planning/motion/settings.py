@@ -72,9 +72,9 @@ class QuickestSettings:
     looks: int = 500
     planned: int = 20
     again: int = 6
-    patience: int = 3
-    gain_s: float = 0.02
-    iterations: int = 500
+    patience: int = 2
+    gain_s: float = 0.05
+    iterations: int = 400
     metre_s: float = 0.5
     tight_s: float = 1.0
 

@@ -89,7 +89,7 @@ class PatienceSettings:
     """
 
     share: float = 0.5
-    failed: int = 60_000
+    failed: int = 300_000
     least: int = 250
 
 

@@ -18,7 +18,7 @@ from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
 
-FINGERS_AT = (1 / 3, 2 / 3, 1.0)  # shares of the fingers' way at which they are looked at
+FINGERS_AT = tuple(n / 6 for n in range(1, 7))  # shares of the fingers' way at which they are looked at: two millimetres apart or so
 APART_M = 0.003  # where the arm moves meanwhile: they are looked at so often that no point of theirs moves further in between
 MOST_OPENINGS = 12
 FEW_JOINTS = 6

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import islice, product
+from itertools import islice, pairwise, product
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,13 +13,14 @@ from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import apart
 from kinematics.collision.posed_geometry import make_posed_geometry
 from kinematics.collision.robot_model import RobotCollisionModel
-from kinematics.robots.robot import Robot
+from kinematics.robots.robot import Robot, load
 from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
 from planning.grasps import open_width, sample_grasps
 from planning.learning.brief_look import BriefLook
 from planning.motion import reaching, workcell
+from planning.motion.arm import FINGERS_AT, Arm
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
@@ -218,3 +219,15 @@ def test_a_time_budget_is_one_for_the_whole_indicator(ur5e: Robot, monkeypatch: 
             assert motions.cell.connect(motions.cell.problem(state.poses, 0.0), ur5e.arm_q(state.q), np.zeros((1, 6)), rng) == Blocked(
                 "transit", detail=workcell.TIME_IS_UP
             )
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_closing_fingers_are_looked_at_every_few_millimetres(name: str) -> None:
+    """Three looks once let a pad slide 0.04 mm through a box's corner on its way."""
+    robot = load(name)
+    arm = Arm(robot, transform())
+    opened, closed = robot.opening.value_at(robot.opening.max_m), robot.opening.closing_value(robot.opening.max_m - 0.02)
+    looks = [arm.posed_links(arm.fingers, arm._finger_pieces, opened + s * (closed - opened)).vertices for s in (0.0, *FINGERS_AT)]
+    apart = [np.linalg.norm(b - a, axis=0).max() for a, b in pairwise(looks)]
+    assert FINGERS_AT[-1] == 1.0
+    assert max(apart) < 0.003

@@ -30,6 +30,7 @@ from kinematics.meshes.surface import Surface, clean_surface
 from kinematics.transforms import Array
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from union_volume import union_volume
 
 SIZE_M = 0.12

@@ -30,6 +30,7 @@ from perception.rendering.raycast import Mesh, moved, raycast, surfaces
 from perception.rendering.shading import Item, shade
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from ray_tree import cast_rays
 
 CAMERA = realsense_d435i(640, 480)

@@ -190,7 +190,7 @@ def read_urdf(file: Path) -> None:
 
 def read_mesh(file: Path) -> None:
     from kinematics.errors import blame
-    from kinematics.shapes import load_mesh
+    from kinematics.meshes.load import load_mesh
 
     with blame("mesh"):
         load_mesh(file)

@@ -80,6 +80,8 @@ def _read(file: Path) -> Any:
         raise ValueError(f"mesh file {file} can't be read: {e}") from e
     if not isinstance(mesh, trimesh.Trimesh):
         raise ValueError(f"mesh file {file} holds no triangles")
+    if len(mesh.faces) and not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
+        raise ValueError(f"mesh file {file} has faces with corners that it does not list: {len(mesh.vertices)} vertices are in it")
     return mesh
 
 

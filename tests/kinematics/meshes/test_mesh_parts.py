@@ -216,3 +216,14 @@ def test_boxes_in_a_row_are_joined_and_a_corner_is_not() -> None:
     row, corner = [box + np.array([0.02 * k, 0, 0]) for k in range(5)], box + np.array([0, 0, 0.02])
     assert sorted(len(joined(row, most)[0]) for most in (1, 32)) == [8, 8]
     assert [len(joined([*row, corner], most)) for most in (32, 1)] == [2, 1]
+
+
+@pytest.mark.parametrize("corner", [8, 56069, -1])
+def test_faces_with_corners_that_are_not_there_are_refused(tmp_path: Path, corner: int) -> None:
+    file = tmp_path / "box.ply"
+    trimesh.creation.box().export(file, encoding="ascii")
+    lines = file.read_text().splitlines()
+    lines[-1] = f"3 0 1 {corner}"
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ValueError, match=r"box\.ply"):
+        load_mesh(file)

@@ -59,7 +59,6 @@ def read_surface(file: Path, scale: float = 1.0) -> Surface:
     Raises: ValueError when it is missing, unreadable, empty, or of a size that can't be meant.
     """
     mesh = _read(file)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
     vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.int64)
     if len(faces) == 0 or len(vertices) < 4:
         raise ValueError(f"mesh file {file} holds no solid")
@@ -82,6 +81,10 @@ def _read(file: Path) -> Any:
         raise ValueError(f"mesh file {file} holds no triangles")
     if len(mesh.faces) and not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
         raise ValueError(f"mesh file {file} has faces with corners that it does not list: {len(mesh.vertices)} vertices are in it")
+    try:
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    except (ValueError, ArithmeticError) as e:  # rows of unlike lengths, or numbers that trimesh can't compare
+        raise ValueError(f"mesh file {file} has vertices that can't be meant: {e}") from e
     return mesh
 
 

@@ -52,8 +52,10 @@ def check_joints(root: etree._Element) -> None:
         name = joint.get("name", "")
         ends = [(end, "" if (e := joint.find(end)) is None else e.get("link", "")) for end in ("parent", "child")]
         for end, link in ends:
-            if link not in links:
-                raise ValueError(f"joint {name!r}: its {end} is the link {link!r}, which does not exist{did_you_mean(link, links)}")
+            if not link or link not in links:
+                raise ValueError(
+                    f"joint {name!r}: its {end} is the link {link!r}, which does not exist{did_you_mean(link, links) if link else ''}"
+                )
         child = ends[1][1]
         if child in carried:
             raise ValueError(f"link {child!r} has two parents, by the joints {carried[child]!r} and {name!r}; take one of them away")

@@ -227,3 +227,13 @@ def test_faces_with_corners_that_are_not_there_are_refused(tmp_path: Path, corne
     file.write_text("\n".join(lines) + "\n")
     with pytest.raises(ValueError, match=r"box\.ply"):
         load_mesh(file)
+
+
+def test_a_vertex_without_three_numbers_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "box.obj"
+    trimesh.creation.box().export(file)
+    lines = file.read_text().splitlines()
+    lines[next(i for i, line in enumerate(lines) if line.startswith("v "))] = "v 000"
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ValueError, match=r"box\.obj"):
+        load_mesh(file)

@@ -70,6 +70,7 @@ def extent(found: list[LinkHull]) -> Array:
         (arm(joint="", kind="floating"), "joint 'turn': its type is 'floating'; revolute, continuous"),
         (arm().replace('<child link="tip"/>', '<child link="tipp"/>'), "joint 'turn': its child is the link 'tipp', which does not"),
         (arm().replace('<parent link="base"/>', ""), "joint 'turn': its parent is the link '', which does not exist"),
+        (arm().replace('<parent link="base"/>', "").replace("<link", "<link/><link", 1), "its parent is the link '', which does not exist"),
         (arm(joint=f'{LIMIT}<mimic joint="trun"/>'), "joint 'turn': it mimics 'trun', which does not exist (did you mean 'turn'?)"),
         (arm(joint=f'{LIMIT}<mimic joint="turn"/>'), "joint 'turn' mimics itself"),
         (arm(more='<link name="tip"/>'), "there are 2 links called 'tip'"),

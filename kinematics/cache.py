@@ -1,5 +1,8 @@
 """A folder for what is derived once and read often: hulls, sphere covers, compiled code. Keys hash the inputs, so a stale entry is never
-read. What is kept is fed to compiled code: every entry has a checksum, and a folder that somebody else could write to is not used.
+read. What is kept is fed to compiled code, or is compiled code: every file has a checksum, so that one that was cut off, damaged or put in
+another one's place is thrown away and made again; and a folder that somebody else could write to is not used.
+
+The checksum stands behind the data, where numba's own reader does not look, and covers the file's name.
 """
 
 from __future__ import annotations
@@ -7,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import tempfile
+import uuid
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
@@ -52,19 +55,44 @@ def key(*parts: bytes | str) -> str:
     return digest.hexdigest()[:32]
 
 
+def read(path: str | Path) -> bytes | None:
+    """A file's data as it was written, or None; a file that is not as it was written is removed."""
+    try:
+        with open(path, "rb") as stream:
+            content = stream.read()
+    except OSError:
+        return None
+    data, digest = content[:-_SIZE], content[-_SIZE:]
+    if digest == _checksum(path, data):
+        return data
+    with suppress(OSError):
+        os.unlink(path)
+    return None
+
+
+def write(path: str | Path, data: bytes, *, synced: bool = True) -> None:
+    """Write data with its checksum beside the file's name, then rename it. A disk that is full, or a folder that is gone, is no error.
+
+    synced: wait until it is on the disk. What is not may be gone after a power cut, which the checksum tells.
+    """
+    part = f"{path}.tmp.{uuid.uuid4().hex[:16]}"
+    try:
+        with open(part, "wb") as stream:
+            stream.write(data + _checksum(path, data))
+            if synced:
+                stream.flush()
+                os.fsync(stream.fileno())
+        os.replace(part, path)
+    except OSError:
+        with suppress(OSError):
+            os.unlink(part)
+
+
 def load(name: str) -> dict[str, NDArray[np.generic]] | None:
     """The arrays stored under a name, or None. An entry that is not as it was written is removed."""
     file = _file(name)
-    try:
-        if unsafe(file.parent):
-            return None
-        content = file.read_bytes()
-    except OSError:
-        return None
-    digest, data = content[:_SIZE], content[_SIZE:]
-    if digest != _checksum(name, data):
-        with suppress(OSError):
-            file.unlink()
+    data = None if unsafe(file.parent) else read(file)
+    if data is None:
         return None
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return {k: arrays[k] for k in arrays.files}
@@ -93,29 +121,17 @@ def _names(file: Path) -> dict[str, list[str]]:
 
 
 def store(name: str, arrays: Mapping[str, NDArray[np.generic]]) -> None:
-    """Store arrays under a name, written beside and renamed; a cache that can't be written is no error."""
+    """Store arrays under a name; a cache that can't be written is no error."""
     file, stream = _file(name), io.BytesIO()
     np.savez(stream, **arrays)  # type: ignore[arg-type]  # numpy's stub takes the keyword `allow_pickle` for an array
-    data = stream.getvalue()
-    if unsafe(file.parent):
-        return
-    part = None
-    try:
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as f:
-            part = f.name
-            f.write(_checksum(name, data) + data)
-            f.flush()
-            os.fsync(f.fileno())
-        os.replace(part, file)
-    except OSError:
-        if part is not None:
-            with suppress(OSError):
-                os.unlink(part)
+    if not unsafe(file.parent):
+        write(file, stream.getvalue())
 
 
 def _file(name: str) -> Path:
     return folder() / f"{name}.arrays"
 
 
-def _checksum(name: str, data: bytes) -> bytes:
-    return hashlib.sha256(name.encode() + b"\0" + data).digest()
+def _checksum(path: str | Path, data: bytes) -> bytes:
+    """Of a file's name and its data."""
+    return hashlib.sha256(os.path.basename(path).encode() + b"\0" + data).digest()

@@ -1,4 +1,4 @@
-"""Numba's cache files with a checksum, see `checked_files`.
+"""Numba's cache files with a checksum, see `kinematics.cache`.
 
 Numba reads such files as they are: at best that ends in an exception of pickle, at worst damaged machine code runs. Its own reader does not
 look behind the data, where the checksum stands.
@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 from numba.core import caching
 
-from kinematics.jit import checked_files
+from kinematics import cache
 
 _Files: Any = getattr(caching, "IndexDataCacheFile", object)  # numba's own classes are untyped
 
@@ -29,11 +29,11 @@ class CheckedFiles(_Files):  # type: ignore[misc]
     """The index and the data files of one function."""
 
     def _load_index(self) -> Any:
-        return super()._load_index() if checked_files.read(self._index_path) is not None else {}
+        return super()._load_index() if cache.read(self._index_path) is not None else {}
 
     def _load_data(self, name: str) -> Any:
         path = self._data_path(name)
-        if checked_files.read(path) is None:
+        if cache.read(path) is None:
             raise FileNotFoundError(path)
         return super()._load_data(name)
 
@@ -45,4 +45,4 @@ class CheckedFiles(_Files):  # type: ignore[misc]
     def _open_for_write(self, path: str) -> Iterator[BinaryIO]:
         data = io.BytesIO()
         yield data
-        checked_files.write(path, data.getvalue())
+        cache.write(path, data.getvalue(), synced=False)

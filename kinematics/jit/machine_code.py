@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import binding  # type: ignore[import-untyped]
 
-from kinematics.jit import checked_files
+from kinematics import cache
 from kinematics.jit.cache_folder import FOLDER
 from kinematics.jit.record import Record
 
@@ -86,7 +86,7 @@ def is_stored(entry: str, kinds: str) -> bool:
 
 def load(symbol: str) -> Callable[..., Any] | None:
     """The function that an earlier run has left, or None."""
-    data = checked_files.read(_path(symbol))
+    data = cache.read(_path(symbol))
     if data is None:
         return None
     head, object_file = data.split(b"\n", 1)
@@ -100,7 +100,7 @@ def load(symbol: str) -> Callable[..., Any] | None:
 def store(code: Code) -> None:
     """Leave code for later runs; a cache that can't be written is no error."""
     head = json.dumps([code.symbol, code.outside]).encode()
-    checked_files.write(_path(code.symbol), head + b"\n" + code.object_file)
+    cache.write(_path(code.symbol), head + b"\n" + code.object_file, synced=False)
 
 
 def _path(symbol: str) -> Path:

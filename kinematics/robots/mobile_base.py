@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from lxml import etree
 
+from kinematics.robots.fixed_joints import fix
+
 FAR_M = 3.0
 """A joint that slides further than that carries no arm along: it places the robot in a room."""
 FREE = ("floating", "planar")
@@ -27,9 +29,7 @@ def hold_base(root: etree._Element) -> list[str]:
     if not any(_places(joint) for joint in held):
         return []
     for joint in held:
-        joint.set("type", "fixed")
-        for element in [*joint.findall("limit"), *joint.findall("axis"), *joint.findall("mimic"), *joint.findall("safety_controller")]:
-            joint.remove(element)
+        fix(joint)
     return [joint.get("name", "") for joint in held]
 
 

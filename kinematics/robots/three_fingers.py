@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from lxml import etree
 
 from kinematics.robots.hand_model import Branch, Model, NoGripper
-from kinematics.transforms import Array, rotation_about, rotation_rpy, rpy_from_rotation, transform
+from kinematics.transforms import Array
 
 OPPOSED = 0.3
 """The others close so much against the thumb, at least: the cosine; fingers in a ring of three have 0.5."""
@@ -56,28 +55,3 @@ def in_two_sides(model: Model, palm: int, branches: Sequence[Branch], motors: Se
         names = ", ".join(model.joints[j] for j in motors)
         raise NoGripper(f"no gripper that can be used: of three fingers ({names}) none closes against the two others")
     return tuple(i for k, b in enumerate(branches) if k != thumb for i in b), branches[thumb]
-
-
-def freeze(root: etree._Element, name: str, value: float) -> None:
-    """Make a joint of a URDF, and all that mimic it, fixed where it is at a value, in place."""
-    joint = next(j for j in root.iter("joint") if j.get("name") == name)
-    for other in root.findall("joint"):
-        mimic = other.find("mimic")
-        if mimic is not None and mimic.get("joint") == name:
-            freeze(root, other.get("name", ""), float(mimic.get("multiplier", "1")) * value + float(mimic.get("offset", "0")))
-    axis, origin = joint.find("axis"), joint.find("origin")
-    along = np.array([float(v) for v in (axis.get("xyz", "1 0 0") if axis is not None else "1 0 0").split()])
-    along /= np.linalg.norm(along)
-    T = np.eye(4)
-    if origin is not None:
-        xyz, rpy = (np.array([float(v) for v in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
-        T = transform(rotation_rpy(rpy), xyz)
-        joint.remove(origin)
-    slides = joint.get("type") == "prismatic"
-    T = T @ (transform(p=value * along) if slides else transform(rotation_about(tuple(along), value)))
-    numbers = (" ".join(repr(float(v)) for v in part) for part in (T[:3, 3], rpy_from_rotation(T[:3, :3])))
-    etree.SubElement(joint, "origin", xyz=next(numbers), rpy=next(numbers))
-    joint.set("type", "fixed")
-    for tag in ("axis", "limit", "mimic"):
-        for element in joint.findall(tag):
-            joint.remove(element)

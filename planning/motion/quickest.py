@@ -110,14 +110,9 @@ class _Graph:
     """All layers, the start before the first, and what looks at their edges."""
 
     def __init__(self, cell: Workcell, start: Array, choices: Sequence[Choices], rng: np.random.Generator) -> None:
-        self.cell, self.start, self.rng, self.settings, self.ends_m = (
-            cell,
-            start,
-            rng,
-            cell.settings.quickest,
-            cell.settings.clearance.ends_m,
-        )
-        chain, self.cost = cell.arm.chain, WayCost(cell.arm, cell.robot.arm_limits, cell.settings.quickest.metre_s)
+        self.cell, self.start, self.rng = cell, start, rng
+        self.settings, self.ends_m = cell.settings.quickest, cell.settings.clearance.ends_m
+        chain, self.cost = cell.arm.chain, WayCost(cell.arm, cell.robot.arm_limits, self.settings.metre_s)
         self.layers = [_Layer(c, chain.lower, chain.upper, self.cost) for c in choices]
         self.start_at = self.cost.points(start[None])
         self.planned = self.settings.planned * len(self.layers)

@@ -7,7 +7,7 @@ stops half-way, the loop looks again and plans on from where the arm is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Literal
@@ -209,7 +209,7 @@ class _Loop:
         with self.moving:
             self.record.doubts += _as_seen(self.mind, state, taken.motions, self.settings.max_tilt_deg, taken.grasp)
         names = self.known.names(self.mind.belief.bodies)
-        driven = self.carry_out(motions, state, taken.motions)
+        driven = self.carry_out(motions, state, taken.motions, names)
         if driven.why is not None and not driven.holding and driven.released is None and self.stops < self.sensing.most_stops:
             self.look_after_stop(driven.q)
             return None
@@ -227,7 +227,8 @@ class _Loop:
         for object_name, region in proposals(policy, seen, self.rule, self.failed, self.rng, self.thinking, out_of_reach):
             with self.moving:
                 done = motions.relocate(state, object_name, region, self.rng)
-            its = self.known.names(mind.belief.bodies)[object_name]
+            names = self.known.names(mind.belief.bodies)
+            its = names[object_name]
             T_from = self.known.poses_now(state.poses)[its]
             if isinstance(done, Blocked):
                 self.failed.add((object_name, region))
@@ -241,7 +242,7 @@ class _Loop:
                 ((_, done),) = motions.quickest([(state, done)], self.rng)
                 planned = motions.trajectories(state, done.motions)
                 self.record.doubts += _as_seen(mind, state, planned, self.settings.max_tilt_deg)
-            driven = self.carry_out(motions, state, planned)
+            driven = self.carry_out(motions, state, planned, names)
             if driven.why is not None and driven.released is None:
                 return _Tried(stopped=driven, hindered=hindered)
             self.on_step(f"moved {object_name} to region {region}")
@@ -271,8 +272,8 @@ class _Loop:
         """The arm stopped at q (J,): look again, and plan on from there."""
         self.mind.q, self.limits, self.focus, self.stops = q, self.sensing.after_move, None, self.stops + 1
 
-    def carry_out(self, motions: Motions, state: State, planned: Sequence[Motion]) -> Driven:
-        names = self.known.names(self.mind.belief.bodies)
+    def carry_out(self, motions: Motions, state: State, planned: Sequence[Motion], names: Mapping[str, str]) -> Driven:
+        """Carry motions out, and put them on record. names: of the objects in the world, by those in what is believed."""
         driven = carry_out(
             self.world, self.known, motions, state, planned, names, self.rng, self.on_step, most_stops=self.sensing.most_stops
         )

@@ -38,12 +38,13 @@ from kinematics.scene import Held, RobotRef, Scene, State
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, apply, inverse, transform
 from planning.grasps import UP, open_width
+from planning.motion.queries import PlanningQuery
 from planning.motion.reaching import APPROACH_M, LIFT_M
 from planning.motion.rrt_connect import plan
 from planning.motion.settings import DEFAULTS
 from planning.motion.shortcut import shorten
 from planning.motion.verify import hand_poses, verify
-from planning.motion.workcell import PlanningQuery, Workcell
+from planning.motion.workcell import Workcell
 from planning.plan import Motion
 from planning.scene_generation import _sample, load_spec
 

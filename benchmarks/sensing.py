@@ -19,6 +19,7 @@ from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
 from perception.mapping.voxels import unknown_voxels
 from perception.rendering.synthetic_camera import synthetic_camera
+from planning.motion import waiting
 from planning.motion.workcell import Workcell
 from planning.scene_generation import generate, load_spec
 from planning.sensing.look_around import CHOICES, ITERATIONS, Limits, look_around, reachable_views
@@ -61,7 +62,7 @@ def main() -> None:
         scene = generate(spec, robot, ref, given.seed, index)
         empty_scene, most = replace(scene, objects=()), everything(scene, robot)
         camera = synthetic_camera(robot, scene, scene.poses())
-        home = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None).home()
+        home = waiting.home(Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None))
         for choice in CHOICES:
             rng = np.random.default_rng([given.seed, 2, index])
             start = time.process_time()

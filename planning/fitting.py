@@ -21,7 +21,7 @@ from planning.grasps import SPARE_M, UP
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
-from planning.motion.waiting import waiting
+from planning.motion.waiting import places_to_wait
 from planning.scene_generation import NoScene, Spec
 
 USUAL_REACH_M = 0.85  # of the arms that the specs' cabinets are made for
@@ -197,7 +197,7 @@ def _share(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool = False) -> t
     """From how many of 3 × 3 places in the empty cabinet an object can be taken, and where the arm waits before it (A,). boxes: not a
     cylinder, but a box, turned in several ways, from three places."""
     cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
-    home = next(iter(waiting(arm_at(robot, ref.T_world_base), cabinet)), None)
+    home = next(iter(places_to_wait(arm_at(robot, ref.T_world_base), cabinet)), None)
     if home is None:
         return 0.0, None
     depth, width, _ = cabinet.size_m

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.scene import Held, State
 from kinematics.transforms import Array, inverse
-from planning.motion.obstruction import FreeWay, View
+from planning.motion import waiting
+from planning.motion.obstruction import View
 from planning.motion.pick_place import MAX_TRIES, Motions
 from planning.motion.picking import Pick
-from planning.motion.workcell import PlanningQuery
+from planning.motion.queries import PlanningQuery
+from planning.motion.ways import FreeWay
 from planning.plan import Blocked
 
 BRIEFLY, PATIENTLY = 200, 1000
@@ -91,9 +93,9 @@ class BriefLook:
             if not self._leads(motions.cell.problem(poses, way.opened), q, way.approach[:1]):
                 continue
             pick = self._pick(target, rest, way, carrying)
-            if self._leads(pick.carrying, self._lifted(pick), motions.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])):
+            if self._leads(pick.carrying, self._lifted(pick), waiting.pulled_out(motions.cell, pick.carrying, pick.held, pick.lift[-1])):
                 return True
-            if self._leads(pick.carrying, self._lifted(pick), motions.cell.outside(pick.carrying, pick.held)):
+            if self._leads(pick.carrying, self._lifted(pick), waiting.outside(motions.cell, pick.carrying, pick.held)):
                 return True
         return False
 
@@ -127,7 +129,7 @@ class BriefLook:
         if id(way.grasp) not in carrying:
             carrying[id(way.grasp)] = cell.problem(rest, way.closed, held=held)
         query = carrying[id(way.grasp)]
-        return Pick(way.grasp, way.approach, way.lift, way.opened, way.closed, held, query, cell.allowing(query, name, "floor"))
+        return Pick(way.grasp, way.approach, way.lift, way.opened, way.closed, held, query, query.allowing(name, "floor"))
 
     def _rest(self, name: str) -> Mapping[str, Array]:
         """The poses of the objects besides one."""

@@ -23,6 +23,7 @@ from planning.learning.brief_look import BriefLook
 from planning.learning.horizon import look_ahead, shortens
 from planning.learning.label_file import NOT_ASKED
 from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
+from planning.motion import waiting
 from planning.motion.pick_place import Motions
 
 ITERATIONS = 500  # of a search in the emptied cabinet
@@ -135,7 +136,7 @@ def paths_to_target(motions: Motions, state: State, rng: np.random.Generator, pa
     if not 0 < paths < NOT_ASKED:
         raise ValueError(f"paths: {paths} is not within 1 to {NOT_ASKED - 1}")
     scene = motions.scene
-    alone = State(motions.cell.home(), {scene.target_name: state.poses[scene.target_name]})
+    alone = State(waiting.home(motions.cell), {scene.target_name: state.poses[scene.target_name]})
     picks, _ = motions.picks(alone, scene.target_name, [scene.x_g])
     start, found, times = motions.robot.arm_q(alone.q), list[Array](), list[int]()
     floor = make_floor(scene.cabinet.size_m, scene.cabinet.T_world_cabinet, _tallest(motions, state))

@@ -23,9 +23,10 @@ from kinematics.scene import Body, Grasp, Scene, State, object_box
 from kinematics.transforms import Array, inverse
 from perception.objects.settle import LOWEST_M, stands_on
 from planning.grasps import Sampling
+from planning.motion import waiting
 from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
-from planning.motion.obstruction import WAY_IN, WHOLE_WAY, Obstruction, View
+from planning.motion.obstruction import Obstruction, View
 from planning.motion.patience import Patience
 from planning.motion.picking import THOROUGH, Pick, Picking
 from planning.motion.placing import Place, Placing, ReleaseQuery
@@ -33,6 +34,7 @@ from planning.motion.quickest import Choices, quickest
 from planning.motion.reaching import place_on_floor
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace, timed
+from planning.motion.ways import WAY_IN, WHOLE_WAY
 from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
@@ -102,11 +104,11 @@ class Motions:
 
     def start(self) -> State:
         """The scene's first state, the arm at its q_start or at home before the cabinet. Raises ValueError when it can't wait there."""
-        return State(self.cell.start(), self.scene.poses())
+        return State(waiting.start(self.cell), self.scene.poses())
 
     def start_blocked(self) -> Blocked | None:
         """Why no motion can begin where the scene says that the arm is; None when one can."""
-        return self.cell.start_blocked()
+        return waiting.start_blocked(self.cell)
 
     def trajectories(self, state: State, motions: Sequence[Motion]) -> tuple[Motion, ...]:
         """Motions that were found for a state, smooth and timed: see `trajectory.timed`."""
@@ -138,8 +140,8 @@ class Motions:
             def goals(pick: Pick) -> Array:
                 key = pick.held.T_hand_body.tobytes()
                 if key not in outside:
-                    outside[key] = self.cell.outside(pick.carrying, pick.held)
-                return np.concatenate([self.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1]), outside[key]])
+                    outside[key] = waiting.outside(self.cell, pick.carrying, pick.held)
+                return np.concatenate([waiting.pulled_out(self.cell, pick.carrying, pick.held, pick.lift[-1]), outside[key]])
 
             return Choices(state, name, rest, found, picks, goals, None)
 
@@ -341,8 +343,8 @@ class Motions:
 
     def _way_out_ends(self, pick: Pick) -> Array:
         """Arm configurations (G, A) with all of the target outside the cabinet: straight out of it where there is a way."""
-        near = self.cell.pulled_out(pick.carrying, pick.held, pick.lift[-1])
-        return np.concatenate([near, self.cell.outside(pick.carrying, pick.held)])
+        near = waiting.pulled_out(self.cell, pick.carrying, pick.held, pick.lift[-1])
+        return np.concatenate([near, waiting.outside(self.cell, pick.carrying, pick.held)])
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to

@@ -15,12 +15,13 @@ from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.cup_grasps import grasps_on
 from planning.grasps import DENSE, USUAL, Headings, Sampling, open_width
-from planning.motion import reaching
+from planning.motion import queries, reaching
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.lazy_list import LazyList
+from planning.motion.queries import ContactQuery, PlanningQuery
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.turns import whole_turns
-from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
+from planning.motion.workcell import Workcell
 from planning.plan import Blocked
 from planning.verdict import closes_askew, judge_grasp
 
@@ -139,7 +140,7 @@ class Picking:
                 continue
             held = Held(name, cell.robot.opening.held(inverse(T_hand) @ poses[name]))
             carrying = cell.problem(rest, hand.closed, held=held)
-            lifting = cell.allowing(carrying, name, "floor")
+            lifting = carrying.allowing(name, "floor")
             for way in ways:
                 up = np.empty((LIFT_STEPS + 1, way.shape[1]))
                 code, pair = reaching.lift(cell.hand, lifting.task, T_hand, way[-1], up, cell.memory)
@@ -186,7 +187,7 @@ class _Failures:
     def note(self, code: int, query: PlanningQuery | ContactQuery, pair: int) -> None:
         """One got as far as a code of `reaching`, where a pair of the situation touched."""
         if 1 + code >= self._got_to:
-            self.furthest, self._got_to = self._cell.blocked(STAGES[code], query, pair, self._name), 1 + code
+            self.furthest, self._got_to = queries.blocked(STAGES[code], query, pair, self._name), 1 + code
 
 
 class _OpenHand:

@@ -8,11 +8,12 @@ import numpy as np
 
 from kinematics.chain import Int
 from kinematics.transforms import Array, inverse
-from planning.motion import reaching
+from planning.motion import queries, reaching
 from planning.motion.picking import Pick
+from planning.motion.queries import ContactQuery, PlanningQuery
 from planning.motion.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.motion.turns import whole_turns
-from planning.motion.workcell import ContactQuery, PlanningQuery, Workcell
+from planning.motion.workcell import Workcell
 from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
@@ -87,7 +88,7 @@ class Placing:
                         return Place(lower, retreat, T)
                     if got >= code:
                         code, pair = got, touch
-        return cell.blocked(STAGES[code], self._seen_at(code), pair, self.pick.held.body)
+        return queries.blocked(STAGES[code], self._seen_at(code), pair, self.pick.held.body)
 
     def at(self, T_world_object: Array, start: Array) -> Place | None:
         """Put the object down at T_world_object (4, 4) on the floor, by the solution of inverse kinematics that `start` (A,) leads to; None

@@ -22,8 +22,9 @@ from kinematics.transforms import Array
 from planning.motion.carry import Carry, setting_out
 from planning.motion.picking import Pick
 from planning.motion.placing import Place
+from planning.motion.queries import PlanningQuery
 from planning.motion.way_cost import WayCost
-from planning.motion.workcell import PlanningQuery, Workcell
+from planning.motion.workcell import Workcell
 from planning.plan import Blocked
 
 PUT_DOWN_S = 0.9

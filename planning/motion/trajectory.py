@@ -143,7 +143,7 @@ class _Drive:
         query = cell.problem(poses, first, held=motion.held) if moving is None else moving
         for a, b in motion.allowed_contacts:
             if motion.held is None or b != motion.held.body:
-                query = cell.allowing(query, a, b)
+                query = query.allowing(a, b)
         clearance_m = 0.0 if motion.stage in STRAIGHT else cell.clearest(query, q)
         cell.enter(query)
         return cell.for_chords(query, clearance_m, WITHIN_M)

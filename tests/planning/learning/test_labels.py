@@ -24,6 +24,7 @@ from planning.learning.label_file import UNKNOWN, Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target
 from planning.learning.states import MOVES, Variety, next_state, rows, varied_scene
 from planning.learning.swept import footprint, meets
+from planning.motion import waiting
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
@@ -222,7 +223,7 @@ def test_ways_are_all_there_and_end_at_the_grasp(ur5e: Robot, scene: Scene, moti
     assert 0 < ways.times.sum() <= 9
     assert len(ways.times) == len(ways.paths)
     for path in ways.paths:
-        assert np.allclose(path[0], ur5e.arm_q(motions.cell.home()))
+        assert np.allclose(path[0], ur5e.arm_q(waiting.home(motions.cell)))
         assert np.allclose(motions.cell.arm.hand_pose(path[-1]), scene.grasp.T_world_hand, atol=1e-4)
 
 

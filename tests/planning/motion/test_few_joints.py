@@ -15,7 +15,7 @@ from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.picking import headings_of, sampled_grasps
-from planning.motion.waiting import waiting
+from planning.motion.waiting import places_to_wait
 from planning.verdict import judge_motions
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -110,7 +110,7 @@ def test_an_object_is_taken_and_put_down(robot: Robot, scene: Scene) -> None:
 
 
 def test_it_waits_before_the_cabinet(arm: Arm) -> None:
-    places = [arm.hand_pose(q) for _, q in zip(range(6), waiting(arm, CABINET))]
+    places = [arm.hand_pose(q) for _, q in zip(range(6), places_to_wait(arm, CABINET))]
     assert len(places) == 6
     for T in places:
         assert T[0, 3] < CABINET.T_world_cabinet[0, 3]

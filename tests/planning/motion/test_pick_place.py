@@ -23,6 +23,7 @@ from planning.motion import reaching, workcell
 from planning.motion.arm import FINGERS_AT, Arm
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
+from planning.motion.queries import pair_of
 from planning.motion.verify import verify
 from planning.plan import Blocked
 from planning.scene_generation import generate, load_spec
@@ -93,7 +94,7 @@ def test_the_hand_alone_refuses_no_grasp_that_the_arm_can_take(scene: Scene, ur5
             free = [cell.touch(coming, q) is None for q in solutions]
             if code == reaching.AT_GRASP:
                 assert not any(free)
-                assert cell.name_of(coming, pair) is not None
+                assert pair_of(coming, pair) is not None
                 refused += 1
             taken += code == reaching.OK and any(free)
     assert taken > 3

@@ -14,13 +14,13 @@ from kinematics.robots.robot import Robot, load
 from kinematics.shapes import bounds
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
+from planning.motion import waiting
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.replay import replay, with_clearances
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.trajectory import STRAIGHT, Pace, timed
 from planning.motion.verify import hand_poses, verify
-from planning.motion.workcell import OUTSIDE_M
 from planning.plan import Motion
 
 KINDS = ("velocity", "acceleration", "jerk")
@@ -196,9 +196,9 @@ def test_a_target_is_pulled_straight_out_wholly_and_no_further_than_needed(found
     inmost = bounds(scene.body(out.held.body).shape, T)[1][0]
     assert -0.2 < inmost < 0
     query = motions.cell.problem({}, float(out.q[0, ur5e.gripper_joint]), held=out.held)
-    near = motions.cell.pulled_out(query, out.held, ur5e.arm_q(out.q[0]))
+    near = waiting.pulled_out(motions.cell, query, out.held, ur5e.arm_q(out.q[0]))
     assert len(near)
     for q in near:
         assert motions.cell.touch(query, q) is None
         T = np.linalg.inv(scene.cabinet.T_world_cabinet) @ motions.cell.arm.hand_pose(q) @ out.held.T_hand_body
-        assert bounds(scene.body(out.held.body).shape, T)[1][0] == pytest.approx(-OUTSIDE_M, abs=2e-3)
+        assert bounds(scene.body(out.held.body).shape, T)[1][0] == pytest.approx(-waiting.OUTSIDE_M, abs=2e-3)

@@ -1,0 +1,164 @@
+"""Objects at poses, and which of them the hand would meet. An object at a pose is a *spot*; a set of spots is an integer, a bit a spot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.chain import Int
+from kinematics.collision import edge_check
+from kinematics.collision.geometry import Query, make_solids
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed
+from kinematics.collision.robot_model import bare_geometry
+from kinematics.transforms import Array
+from planning.motion.arm import FINGERS_AT, Arm
+from planning.motion.contacts import WHOLE, Flags, clear_of
+from planning.motion.edges import Task, make_task
+from planning.motion.workcell import Workcell
+
+WayProblems = tuple[edge_check.Problem, edge_check.Problem, edge_check.Problem]
+"""What is asked about a way's approach, its closing fingers and its lift."""
+
+
+class _Asked(NamedTuple):
+    """A question about some spots: flags that are 0 for their solids, their bytes, and which rows of solids go where for each spot."""
+
+    flags: Flags
+    before: bytes
+    placed: list[tuple[int, list[int], Array]]
+
+
+class Spots:
+    """All spots that were asked about, in the order in which they came."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[tuple[str, bytes], int] = {}
+        self._spots: list[tuple[str, Array]] = []
+
+    def at(self, name: str, T: Array) -> int:
+        """The spot of an object standing at T_world_object (4, 4): a set of its own."""
+        key = (name, T.tobytes())
+        if key not in self._numbers:
+            self._numbers[key] = len(self._spots)
+            self._spots.append((name, T))
+        return 1 << self._numbers[key]
+
+    def members(self, spots: int) -> list[tuple[int, str, Array]]:
+        """The spots of a set: each as a set of its own, whose it is, and T_world_object (4, 4)."""
+        found = []
+        while spots:
+            spot = spots & -spots
+            found.append((spot, *self._spots[spot.bit_length() - 1]))
+            spots ^= spot
+        return found
+
+
+class SpotQueries:
+    """What the hand can meet, packed once for the compiled core: the walls and all objects, which are moved to where they are asked about.
+
+    Each question has flags (B + 1,) for the solids and the arm itself (see planning.motion.contacts).
+    """
+
+    def __init__(self, cell: Workcell, spots: Spots) -> None:
+        self.cell, self.arm, self._spots = cell, cell.arm, spots
+        stock, names = cell.stock
+        self.solids = stock._replace(T=stock.T.copy())
+        self._rows = {name: [i for i, n in enumerate(names) if n == name] for name in names}
+        self._walls = [i for body in cell.walls for i in self._rows[body.name]]
+        self._memo: dict[tuple[object, ...], edge_check.Problem] = {}
+        self._asked: dict[int, _Asked] = {}  # by spots
+        self._placed = 0  # the spots that were asked about last
+        n = len(self.arm.links) + max(*map(len, self._rows.values()), len(FINGERS_AT) * len(self.arm.fingers)) + len(names)
+        self.open: Flags = np.zeros((n, n), np.uint8)
+        self.nothing = _nothing(self.arm)
+
+    def ask(self, spots: int) -> Flags:
+        """Flags of a question about some spots, whose objects are put there."""
+        if spots not in self._asked:
+            found = self._spots.members(spots)
+            flags = np.ones(len(self.solids.T) + 1, np.uint8)
+            rows = [self._rows[name] for _, name, _ in found]
+            flags[[i for at in rows for i in at]] = 0
+            self._asked[spots] = _Asked(flags, flags.tobytes(), [(spot, at, T) for (spot, _, T), at in zip(found, rows)])
+        flags, _, placed = self._asked[spots]
+        if spots != self._placed:
+            for _, at, T in placed:
+                self.solids.T[at] = T
+            self._placed = spots
+        return flags.copy()
+
+    def met(self, spots: int, flags: Flags) -> int:
+        """The spots that were met."""
+        _, before, placed = self._asked[spots]
+        if flags.tobytes() == before:
+            return 0
+        return sum(spot for spot, rows, _ in placed if any(flags[i] for i in rows))
+
+    def clear_of(self, problems: WayProblems, approach: Array, lift: Array, name: str, T: Array) -> NDArray[np.bool_]:
+        """Whether a way is clear of an object at each of poses T (R, 4, 4): (R,). See `contacts.clear_of`."""
+        rows, met, clear = self._rows[name], np.empty(len(self.solids.T) + 1, np.uint8), np.empty(len(T), np.bool_)
+        scratch = self.cell.memory.exact
+        clear_of(*problems, approach, lift, rows[0], rows[-1] + 1, T, WHOLE, self.open, scratch, met, clear)
+        self._placed = 0
+        self.cell.forget()
+        return clear
+
+    def ask_walls(self) -> Flags:
+        """Flags of a question about the walls, and about the arm and what it holds among themselves."""
+        flags = np.ones(len(self.solids.T) + 1, np.uint8)
+        flags[self._walls] = flags[-1] = 0
+        return flags
+
+    def met_walls(self, flags: Flags) -> bool:
+        return bool(flags[self._walls].any() or flags[-1])
+
+    def reach(self, opened: float) -> edge_check.Problem:
+        """The empty hand, fingers at a gripper value, among everything."""
+        return self._made(("reach", opened), lambda: self._pose(self.arm.posed(opened), self.arm.self_pairs))
+
+    def closing(self, opened: float, closed: float) -> edge_check.Problem:
+        """The fingers alone at several gripper values on their way."""
+
+        def make() -> edge_check.Problem:
+            posed, _, pairs, moving = self.arm.moving_fingers(opened, closed)
+            return self._pose(posed, pairs, np.repeat(moving.astype(np.uint8)[:, None], len(self.solids.T), 1))
+
+        return self._made(("closing", opened, closed), make)
+
+    def lifting(self, name: str, closed: float, T_hand_body: Array) -> edge_check.Problem:
+        """An object in the closed hand; it may touch the pads and the floor."""
+
+        def make() -> edge_check.Problem:
+            links = self.arm.links
+            held_object = self.arm.in_hand(bare_geometry(self.cell.scene.body(name).shape), T_hand_body)
+            posed, P = join_posed(self.arm.posed(closed), held_object), len(links)
+            check = np.ones((len(posed.frame), len(self.solids.T)), np.uint8)
+            check[P:, self._rows["floor"]] = 0
+            others = [i for i, link in enumerate(links) if link not in self.cell.robot.pads]
+            held = np.array([(h, i) for h in range(P, len(posed.frame)) for i in others], np.int64).reshape(-1, 2)
+            return self._pose(posed, np.concatenate([self.arm.self_pairs, held]), check)
+
+        return self._made(("lifting", name, closed, T_hand_body.tobytes()), make)
+
+    def _pose(self, posed: PosedGeometry, pairs: Int, check: Flags | None = None) -> edge_check.Problem:
+        check = np.ones((len(posed.frame), len(self.solids.T)), np.uint8) if check is None else check
+        check[posed.frame == 0] = 0  # the base stands still
+        return edge_check.pose(self.arm.chain, posed, self.solids, Query(check, pairs), edge_check.MARGIN_M)
+
+    def _made(self, key: tuple[object, ...], make: Callable[[], edge_check.Problem]) -> edge_check.Problem:
+        if key not in self._memo:
+            self._memo[key] = make()
+        return self._memo[key]
+
+
+@lru_cache(maxsize=8)
+def _nothing(arm: Arm) -> Task:
+    """The empty hand in the empty world."""
+    solids, _ = make_solids([])
+    query = Query(np.zeros((len(arm.links), 0), np.uint8), np.zeros((0, 2), np.int64))
+    hand = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
+    return make_task(edge_check.pose(arm.chain, hand, solids, query, edge_check.MARGIN_M))

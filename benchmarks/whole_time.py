@@ -60,7 +60,7 @@ def watch(clock: Clock) -> None:
     """Have the loop's parts tell the clock."""
     for owner, name, stage in (
         (retrieval, "verify", "verify"),
-        (retrieval, "judge", "verdict"),
+        (retrieval, "examine", "verdict"),
         (retrieval, "with_clearances", "clearance"),
         (retrieval, "hand_travels", "travel"),
         (Motions, "quickest", "quickest"),

@@ -25,7 +25,7 @@ from planning.motion.sampling import samples
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.verify import verify
 from planning.plan import SCENE, Blocked, Fault, Motion, Move, Outlook, Plan
-from planning.verdict import Settings, judge
+from planning.verdict import Settings, examine
 
 MAX_MOVES = 5
 Thing = TypeVar("Thing")
@@ -219,14 +219,17 @@ def conclude(
         return plan
     if not is_truth:
         return _judged(scene, replace(plan, verified=not faults, faults=tuple(faults)), None)
+    notes: tuple[Fault, ...] = ()
     with moving:
         bodies, sampled = BroadPhase(robot, scene), lru_cache(maxsize=None)(partial(samples, robot, scene))
         touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies, sampled=sampled)
         if touch is None:
             limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
-            faults = (*faults, *judge(scene, plan, robot, limits))
+            verdict = examine(scene, plan, robot, limits)
+            faults, notes = (*faults, *verdict.faults), verdict.notes
         motions = with_clearances(robot, scene, way, bodies, sampled)
-    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, verified=touch is None and not faults, faults=tuple(faults))
+    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, faults=tuple(faults), notes=notes)
+    plan = replace(plan, verified=touch is None and not faults)
     return _judged(scene, plan, touch)
 
 

@@ -57,6 +57,8 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
         document["clearance_m"] = float(plan.clearance_m)
     if plan.faults:
         document["faults"] = [fault_to_json(fault) for fault in plan.faults]
+    if plan.notes:
+        document["notes"] = [fault_to_json(note) for note in plan.notes]
     if plan.settled:
         document["settled"] = [{"object": s.object, "by_m": numbers(s.by_m), "reason": s.reason} for s in plan.settled]
     return document
@@ -102,7 +104,7 @@ def plan_from_node(node: Node) -> Plan:
     version = expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
-    f = node.record(words, ("faults", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m", *STATED), extra=True)
+    f = node.record(words, ("faults", "notes", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m", *STATED), extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -117,6 +119,7 @@ def plan_from_node(node: Node) -> Plan:
         value=f["return"].number(),
         verified=None if f["verified"].value is None else f["verified"].flag(),
         faults=tuple(_fault(item) for item in f["faults"].items()) if "faults" in f else (),
+        notes=tuple(_fault(item) for item in f["notes"].items()) if "notes" in f else (),
         grasp=_grasp(f["grasp"]) if _said(f, "grasp") else None,
         least_moves=f["least_moves"].integer(least=0) if _said(f, "least_moves") else None,
         unsolvable=_unsolvable(f["unsolvable"]) if _said(f, "unsolvable") else None,

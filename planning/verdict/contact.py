@@ -1,4 +1,4 @@
-"""What touches during a plan's motions, by FCL on convex solids: links, what is held, what stands.
+"""What touches during a plan's motions, and how near it comes, by FCL on convex solids: links, what is held, what stands.
 
 A distance is a statement about its surroundings, too: it shrinks no faster than both solids move. So few of the samples of a motion need to
 be asked about. FCL's distances are not taken on trust: a plane between the two solids has to bear each of them out.
@@ -7,38 +7,28 @@ be asked about. FCL's distances are not taken on trust: a plane between the two 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.collision.fcl_solids import Solid, depth, hull_solid, shape_solids
+from kinematics.collision.fcl_solids import Solid, depth, shape_solids
 from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
-from planning.verdict.arm import Arm, poses
+from planning.verdict.arm import Arm
 from planning.verdict.course import Course
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import Hand
 from planning.verdict.ledger import Carry, Ledger
+from planning.verdict.pairs import Pairs, link_solids, pairs_of
 from planning.verdict.polyhedra import Int
 from planning.verdict.sweep import Boxes, Sweep, open_intervals, sweep
 
 TOUCH_M = 1e-6  # what overlaps by less is rounding
+CLAIM_M = 1e-4  # by so much may a motion's clearance be less than it says
 STILL = 1e-6  # rad or m, by which a joint that stands still may move
-SAMPLES, OFTEN = 40, 0.95  # links that touch in so many of so many configurations are neighbours in all but name
 _SOME = 24  # samples at which a contact's depth is measured
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Which hulls of a robot may not touch each other (N, 2), and those (M, 2) that the robot's own list of exceptions lets touch though
-    nothing else speaks for it: what an SRDF switches off."""
-
-    checked: Int
-    switched_off: Int
 
 
 def contact_faults(
@@ -50,10 +40,14 @@ def contact_faults(
     rests: Mapping[str, frozenset[str]],
     settings: Settings,
 ) -> tuple[list[Fault], list[Fault]]:
-    """What touches and may not, the deepest of each pair and motion; and which pairs touch that an SRDF switches off.
+    """What touches and may not, the deepest of each pair and motion, and what is nearer than a motion says that anything comes; and which
+    pairs touch that an SRDF switches off.
 
-    rests: for each object that is carried, what it stands on before and after.
+    rests: for each object that is carried, what it stands on before and after. Where the settings leave contacts out, the pairs that are
+    switched off are still looked at.
     """
+    if not settings.contact and not len(pairs_of(robot).switched_off):
+        return [], []
     checker = _Checker(robot, hand, scene, rests, settings)
     faults, notes = list[Fault](), list[Fault]()
     for i, (course, standing) in enumerate(zip(courses, ledger.standing)):
@@ -80,13 +74,15 @@ class _Checker:
         self.at = [self.arm.links[s.name] for s in self.links]
         self.fixed = [(s, w.T_world_body) for w in standing_still(scene) for s in shape_solids(w.name, w.shape)]
         self.objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
-        self.pairs = pairs_of(robot)
+        pairs = pairs_of(robot)
+        self.pairs = pairs if settings.contact else Pairs(pairs.checked[:0], pairs.switched_off)
+        self.pads = {*robot.pads, *(pad.link for pad in hand.pads)}
 
     def course(self, course: Course, standing: Mapping[str, Array], at_hand: frozenset[str]) -> tuple[list[Fault], list[Fault]]:
         """Faults and notes of one motion."""
-        held, n = course.held, len(self.links)
+        held, n = course.held if self.settings.contact else None, len(self.links)
         grip = self.objects[held.body] if held is not None else []
-        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects[name])]
+        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects[name])] if self.settings.contact else []
         solids = [*self.links, *grip, *(s for s, _ in around)]
         T_held = self.hand.T_carrier_hand @ held.T_hand_body if held is not None else np.eye(4)
         carrier = np.array([*(c for c, _ in self.at), *[self.hand.carrier] * len(grip)])
@@ -109,6 +105,8 @@ class _Checker:
             more = ", a pair that the robot's SRDF switches off" if off else ""
             fault = Fault(course.stage, (a, b), f"{course.where}: {a} is {1000 * deep:.2f} mm inside {b}{more}", deep)
             (notes if off else faults).append(fault)
+        if not faults:
+            faults = self._nearer(course, samples, solids, carrier, np.concatenate(tables))
         return _deepest(faults), _deepest(notes)
 
     def _still(self, course: Course, carrier: Int, pairs: Int) -> NDArray[np.bool_]:
@@ -135,13 +133,37 @@ class _Checker:
             if bound > TOUCH_M:
                 touching = [n for n in some if asked.distance(k, n) <= 0]
             else:
-                touching = asked.touching(k, first, last)
+                touching = asked.nearer(k, first, last, 0.0)
                 if touching:
                     touching += [n for n in some if asked.distance(k, n) <= 0]
             deep = max((asked.depth(k, n) for n in touching), default=0.0)
             if deep > bound:
                 found[k] = max(deep, found.get(k, 0.0))
         return found
+
+    def _nearer(self, course: Course, samples: Sweep, solids: Sequence[Solid], carrier: Int, pairs: Int) -> list[Fault]:
+        """What comes nearer than a motion says that anything does: of moving links and what is held to all that stands, and of what is held
+        to the links that don't hold it, but for allowed contacts."""
+        if course.clearance_m is None:
+            return []
+        names = [s.name for s in solids]
+        a, b = pairs.T
+        held = (a >= len(self.links)) & (b < len(self.links))
+        free = [frozenset((names[i], names[j])) not in course.allowed and not (h and names[j] in self.pads) for i, j, h in zip(a, b, held)]
+        meant = np.array(free, np.bool_) & (held | (carrier[a] > 0))
+        asked = _Asked(samples, solids, a[meant], b[meant])
+        least, still = course.clearance_m - CLAIM_M, np.zeros(len(asked.a), np.bool_)
+        near = [
+            (asked.most(k, n), k)
+            for k, first, last in open_intervals(samples, asked.a, asked.b, still, least)
+            for n in asked.nearer(k, first, last, least)
+        ]
+        distance, k = min(near, default=(np.inf, 0))
+        if not distance < least:
+            return []
+        one, two = names[asked.a[k]], names[asked.b[k]]
+        detail = f"{one} is {1000 * distance:.2f} mm from {two}, and the least is said to be {1000 * course.clearance_m:.2f} mm"
+        return [Fault(course.stage, (one, two), f"{course.where}: {detail}", distance)]
 
     def _bound(self, course: Course, one: tuple[str, bool], two: tuple[str, bool], at_hand: frozenset[str]) -> float:
         """How deep two may be in each other. Of each its name, and whether it is a link; what is no link is held or stands."""
@@ -182,13 +204,18 @@ class _Asked:
     def depth(self, k: int, n: int) -> float:
         return depth(*self._moved(k, n)) or 0.0
 
-    def touching(self, k: int, first: int, last: int) -> list[int]:
-        """Samples at which pair k touches, of those that can't be left out; the search goes on only where nothing touches yet."""
+    def most(self, k: int, n: int) -> float:
+        """At most how far pair k is apart at sample n."""
+        return farthest_distance(*self._moved(k, n))
+
+    def nearer(self, k: int, first: int, last: int, apart_m: float) -> list[int]:
+        """Samples at which pair k is no more than apart_m apart, of those that can't be left out; the search goes on only where there is
+        none yet."""
         a, b, gone = int(self.a[k]), int(self.b[k]), self.samples.gone
         out, todo = list[int](), [(first, last)]
         while todo:
             i, j = todo.pop()
-            x, y = self.distance(k, i), self.distance(k, j)
+            x, y = self.distance(k, i) - apart_m, self.distance(k, j) - apart_m
             if x <= 0 or y <= 0:
                 out += [n for n, d in ((i, x), (j, y)) if d <= 0]
             elif j - i > 1 and x + y <= gone[j, a] - gone[i, a] + gone[j, b] - gone[i, b]:
@@ -207,9 +234,7 @@ def certified_distance(a: Solid, b: Solid) -> float:
 
     if fcl.collide(a.object, b.object, fcl.CollisionRequest(), fcl.CollisionResult()):
         return 0.0
-    result = fcl.DistanceResult()
-    fcl.distance(a.object, b.object, fcl.DistanceRequest(enable_nearest_points=True), result)
-    way = np.subtract(result.nearest_points[1], result.nearest_points[0])
+    way = _way(a, b)
     length = float(np.linalg.norm(way))
     if not length > 0:
         return 1e-9
@@ -219,74 +244,23 @@ def certified_distance(a: Solid, b: Solid) -> float:
     return max(float(ahead - behind), 1e-9)
 
 
+def farthest_distance(a: Solid, b: Solid) -> float:
+    """An upper bound of the distance of two solids in m that are apart: how far FCL's nearest points are from each other."""
+    return float(np.linalg.norm(_way(a, b)))
+
+
+def _way(a: Solid, b: Solid) -> Array:
+    """From FCL's nearest point of one solid to that of the other, (3,)."""
+    import fcl
+
+    result = fcl.DistanceResult()
+    fcl.distance(a.object, b.object, fcl.DistanceRequest(enable_nearest_points=True), result)
+    return np.subtract(result.nearest_points[1], result.nearest_points[0])
+
+
 def _deepest(faults: Sequence[Fault]) -> list[Fault]:
     """One fault for each two bodies, the deepest; the deepest of all first."""
     best: dict[frozenset[str], Fault] = {}
     for fault in sorted(faults, key=lambda f: -(f.amount or 0.0)):
         best.setdefault(frozenset(fault.bodies), fault)
     return list(best.values())
-
-
-def link_solids(robot: Robot) -> list[Solid]:
-    """The link hulls for FCL, in the robot's order, to be moved by whoever asked for them."""
-    return [mould.twin() for mould in _moulds(robot)]
-
-
-@lru_cache(maxsize=8)
-def _moulds(robot: Robot) -> tuple[Solid, ...]:
-    """The link hulls, which take long to make."""
-    return tuple(hull_solid(h.link, h.vertices, h.faces) for h in robot.hulls)
-
-
-@lru_cache(maxsize=8)
-def pairs_of(robot: Robot) -> Pairs:
-    """Which hulls are to be kept apart: what moves against each other, but for neighbours, what always touches, parts of the hand."""
-    from planning.verdict.hand import hand_of
-
-    hand = hand_of(robot)
-    arm, names = hand.arm, [h.link for h in robot.hulls]
-    solid = frozenset(names)
-    together = {frozenset((a, _above(arm, a, solid))) for a in solid}
-    own = {n: arm.driven_by(arm.links[n][0]) for n in solid}
-    moving = [
-        (i, j)
-        for i, a in enumerate(names)
-        for j, b in enumerate(names[:i])
-        if own[a] != own[b] and frozenset((a, b)) not in together and not {a, b} <= hand.links
-    ]
-    always = _always_touching(robot, arm, moving)
-    checked = [(i, j) for i, j in moving if frozenset((names[i], names[j])) not in always]
-    off = [frozenset((names[i], names[j])) in robot.skip for i, j in checked]
-    table = np.array(checked, np.int64).reshape(-1, 2)
-    return Pairs(table[np.logical_not(off)], table[np.array(off, bool)])
-
-
-def _above(arm: Arm, link: str, solid: frozenset[str]) -> str:
-    """The next link with geometry on the way to the base; "" when there is none."""
-    up = arm.parent_link.get(link, "")
-    while up and up not in solid:
-        up = arm.parent_link.get(up, "")
-    return up
-
-
-def _always_touching(robot: Robot, arm: Arm, pairs: Sequence[tuple[int, int]]) -> frozenset[frozenset[str]]:
-    """The links of those pairs that touch nearly wherever the joints are."""
-    import fcl
-
-    rng = np.random.default_rng(0)
-    low, high = np.where(np.isinf(arm.lower), -np.pi, arm.lower), np.where(np.isinf(arm.upper), np.pi, arm.upper)
-    at = poses(arm, rng.uniform(low, high, (SAMPLES, len(low))), np.eye(4))
-    solids = link_solids(robot)
-    names = [s.name for s in solids]
-    often: dict[frozenset[str], set[int]] = {}
-    left = list(pairs)
-    for n in range(SAMPLES):
-        for s in solids:
-            c, T = arm.links[s.name]
-            s.move(at[c][n] @ T)
-        hit = [(i, j) for i, j in left if fcl.collide(solids[i].object, solids[j].object, fcl.CollisionRequest(), fcl.CollisionResult())]
-        for i, j in hit:
-            often.setdefault(frozenset((names[i], names[j])), set()).add(n)
-        if n >= SAMPLES // 5:  # what was apart this often does not always touch
-            left = [(i, j) for i, j in left if n + 1 - len(often.get(frozenset((names[i], names[j])), ())) <= (1 - OFTEN) * SAMPLES]
-    return frozenset(pair for pair, where in often.items() if len(where) >= OFTEN * SAMPLES)

@@ -28,7 +28,7 @@ LONGEST = 500.0
 @dataclass(frozen=True, eq=False)
 class Course:
     """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline.
-    allowed: pairs that may touch, as the motion says."""
+    allowed: pairs that may touch, as the motion says; clearance_m: how far it says that it keeps from anything besides, if it does."""
 
     number: int
     stage: str
@@ -37,6 +37,7 @@ class Course:
     spline: QuinticSpline | None
     held: Held | None
     allowed: frozenset[frozenset[str]]
+    clearance_m: float | None = None
 
     @property
     def where(self) -> str:
@@ -90,7 +91,7 @@ def courses(arm: Arm, motions: Sequence[Motion]) -> tuple[list[Course], list[Fau
         if qd is not None and qdd is not None and len(q) > 1:
             spline = hermite(motion.t_s, q, np.asarray(qd, float)[:, order], np.asarray(qdd, float)[:, order])
         pairs = frozenset(frozenset(pair) for pair in motion.allowed_contacts)
-        out.append(Course(number, motion.stage, q, np.asarray(motion.t_s, float), spline, motion.held, pairs))
+        out.append(Course(number, motion.stage, q, np.asarray(motion.t_s, float), spline, motion.held, pairs, motion.clearance_m))
     return out, []
 
 

@@ -20,7 +20,7 @@ class Settings:
     overlap_m: how wide the patch of contact is at least, in its narrowest direction. stands_m: how far what stands may be above its
     support. pose_m, pose_rad: how far poses may differ that should be the same. step_m: no point moves further between two looks for
     contacts. max_tilt_deg: how far a carried object may lean from how it stood; None: any way up. contact: whether contacts are looked
-    for; without, all else is judged. cup_rad: how askew a suction cup may be on what it holds.
+    for, and clearances measured; without, all else is judged. cup_rad: how askew a suction cup may be on what it holds.
     """
 
     mu: float = 0.5

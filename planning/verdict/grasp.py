@@ -12,10 +12,11 @@ from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import WALLS, Body, Grasp, Scene
 from kinematics.transforms import Array, inverse
-from planning.verdict.contact import TOUCH_M, link_solids
+from planning.verdict.contact import TOUCH_M
 from planning.verdict.faults import Settings
 from planning.verdict.hand import Hand, hand_of, in_hand
 from planning.verdict.pads import hold_faults
+from planning.verdict.pairs import link_solids
 from planning.verdict.polyhedra import polyhedra
 
 MOST_M = 1000.0  # no grasp is further away

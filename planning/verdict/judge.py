@@ -139,7 +139,7 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
     tilts = {b.name: settings.max_tilt_deg if b.max_tilt_deg is None else b.max_tilt_deg for b in scene.objects}
     limits = {name: most for name, most in tilts.items() if most is not None}
     faults += tilt_faults(run, ledger, hand, scene.robot.T_world_base, limits)
-    touching, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings) if settings.contact else ([], [])
+    touching, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings)
     return _Replayed(faults + touching, notes, run, ledger)
 
 

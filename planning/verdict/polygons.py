@@ -10,7 +10,11 @@ _SAME = 1e-12
 
 
 def hull(points: Array) -> Array:
-    """The convex hull (N, 2) of points (M, 2) (Andrew's monotone chain)."""
+    """The convex hull (N, 2) of points (M, 2) (Andrew's monotone chain).
+
+    Turns are compared with zero and not with a tolerance: where x is the same but for rounding, the order of the points goes up and down
+    one line, and a tolerance would drop its ends.
+    """
     if len(points) < 3:
         return points
     order = points[np.lexsort((points[:, 1], points[:, 0]))].tolist()
@@ -21,7 +25,7 @@ def hull(points: Array) -> Array:
 def _chain(points: list[list[float]]) -> list[list[float]]:
     out: list[list[float]] = []
     for x, y in points:
-        while len(out) > 1 and (out[-1][0] - out[-2][0]) * (y - out[-2][1]) - (out[-1][1] - out[-2][1]) * (x - out[-2][0]) <= _SAME:
+        while len(out) > 1 and (out[-1][0] - out[-2][0]) * (y - out[-2][1]) - (out[-1][1] - out[-2][1]) * (x - out[-2][0]) <= 0:
             out.pop()
         out.append([x, y])
     return out

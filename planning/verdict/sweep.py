@@ -111,14 +111,15 @@ def least_distance(s: Sweep, a: Int, b: Int, n: Int) -> Array:
     return np.asarray(np.maximum(np.maximum(along_a, along_b), np.maximum(ball_a, ball_b)))
 
 
-def open_intervals(s: Sweep, a: Int, b: Int, still: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+def open_intervals(s: Sweep, a: Int, b: Int, still: NDArray[np.bool_], apart_m: float = 0.0) -> list[tuple[int, int, int]]:
     """Where boxes can't tell that pairs (a, b), (P,) each, stay apart: (pair, first sample, last sample), neighbours joined.
 
     Two solids stay apart between samples i and j when their distances there, together, are more than both can have moved meanwhile.
-    still: whether nothing moves between the two of a pair; then the first sample is the only one.
+    apart_m: by how much they have to be apart. still: whether nothing moves between the two of a pair, so that the first sample is the
+    only one.
     """
     pair, i, j = np.arange(len(a)), np.zeros(len(a), np.int64), np.where(still, 0, len(s.rows) - 1)
-    at_i, at_j = least_distance(s, a, b, i), least_distance(s, a, b, j)
+    at_i, at_j = least_distance(s, a, b, i) - apart_m, least_distance(s, a, b, j) - apart_m
     out: list[tuple[int, int, int]] = []
     while len(pair):
         one, two = a[pair], b[pair]
@@ -129,7 +130,7 @@ def open_intervals(s: Sweep, a: Int, b: Int, still: NDArray[np.bool_]) -> list[t
         left = unsure & ~short
         pair, i, j, at_i, at_j = pair[left], i[left], j[left], at_i[left], at_j[left]
         middle = (i + j) // 2
-        at = least_distance(s, a[pair], b[pair], middle)
+        at = least_distance(s, a[pair], b[pair], middle) - apart_m
         pair, i, j = np.concatenate([pair, pair]), np.concatenate([i, middle]), np.concatenate([middle, j])
         at_i, at_j = np.concatenate([at_i, at]), np.concatenate([at, at_j])
     joined: list[tuple[int, int, int]] = []

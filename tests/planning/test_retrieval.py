@@ -19,7 +19,7 @@ from perception.observation import Observation
 from planning import retrieval
 from planning.plan import Blocked, Fault, Move, Outlook, Plan, Unsolvable
 from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, failed, hand_travel, objective, proposals, relocating, retrieve
-from planning.verdict import Settings
+from planning.verdict import Settings, Verdict
 
 NEVER = frozenset({("never", 0)})
 
@@ -36,7 +36,7 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     monkeypatch.setattr(retrieval, "with_clearances", lambda robot, scene, motions, bodies, sampled: tuple(motions))
     monkeypatch.setattr(retrieval, "BroadPhase", lambda robot, scene: None)
     monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions, **_: asked.append(("verify", robot, scene, tuple(motions))))
-    monkeypatch.setattr(retrieval, "judge", lambda *about: asked.append(("judge", *about)) or ())
+    monkeypatch.setattr(retrieval, "examine", lambda *about: asked.append(("examine", *about)) or Verdict((), (), True))
     return asked
 
 
@@ -399,10 +399,11 @@ def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPa
 def test_what_the_verdict_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first fault is the reason; the return is that of a failure."""
     faults = (Fault("grasp", ("pad", "a"), "the pads close on air"), Fault("lift", ("a",), "it falls"))
-    monkeypatch.setattr(retrieval, "judge", lambda *_: faults)
+    notes = (Fault("transit", ("finger", "hand"), "they touch, and may"),)
+    monkeypatch.setattr(retrieval, "examine", lambda *_: Verdict(faults, notes, False))
     motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 13)})], possible=lambda made, c: True)
     plan = plan_with(motions, ordered(a=[13]))
-    assert (plan.success, plan.verified, plan.faults) == (False, False, faults)
+    assert (plan.success, plan.verified, plan.faults, plan.notes) == (False, False, faults, notes)
     assert plan.reason == Blocked("verify", detail="grasp: the pads close on air")
     assert plan.value == pytest.approx(objective(motions.scene, plan.moves, False))
     assert plan.value < -0.1
@@ -412,10 +413,10 @@ def test_the_final_check_and_the_verdict_get_the_plan_and_only_if_it_moves(check
     """The verdict gets the plan before it is verified, and looks for everything but the contacts, which were judged just now."""
     motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 1)})], possible=lambda made, c: True)
     plan = plan_with(motions, ordered(a=[1]))
-    (verify, verify_robot, verify_scene, way), (judge, judge_scene, judged, judge_robot, settings) = checked
+    (verify, verify_robot, verify_scene, way), (examine, its_scene, judged, its_robot, settings) = checked
     assert (verify, verify_robot, verify_scene, way) == ("verify", motions.robot, motions.scene, plan.motions)
     limits = Settings(contact=False, max_tilt_deg=30.0)
-    assert (judge, judge_scene, judge_robot, settings) == ("judge", motions.scene, motions.robot, limits)
+    assert (examine, its_scene, its_robot, settings) == ("examine", motions.scene, motions.robot, limits)
     assert (judged.success, judged.moves, judged.motions, judged.value) == (True, plan.moves, plan.motions, plan.value)
     assert (judged.verified, plan.verified) == (None, True)
     checked.clear()
@@ -439,7 +440,7 @@ def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: p
     clock = Clock()
     monkeypatch.setattr(retrieval, "perf_counter", clock)
     monkeypatch.setattr(retrieval, "verify", lambda *_, **__: setattr(clock, "now", clock.now + 1000.0))
-    monkeypatch.setattr(retrieval, "judge", lambda *_, **__: setattr(clock, "now", clock.now + 3000.0) or ())
+    monkeypatch.setattr(retrieval, "examine", lambda *_: setattr(clock, "now", clock.now + 3000.0) or Verdict((), (), True))
     motions = FakeMotions(
         scene_of("a", "b"), opens=[frozenset({("b", 1), ("a", 2)})],
         possible=lambda made, c: c == ("b", 1) or bool(made), clock=clock, seconds=10.0,

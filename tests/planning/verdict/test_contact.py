@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import fcl
 import numpy as np
 import pytest
@@ -14,11 +16,12 @@ from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from planning.plan import Motion
-from planning.verdict.contact import certified_distance, contact_faults, link_solids, pairs_of
+from planning.verdict.contact import certified_distance, contact_faults
 from planning.verdict.course import courses
-from planning.verdict.faults import Settings
+from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import hand_of
 from planning.verdict.ledger import Ledger, keep
+from planning.verdict.pairs import link_solids, pairs_of
 from planning.verdict.sweep import SLACK, Boxes, sweep
 
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.30, 0.0, 0.10]), 0.03)
@@ -45,13 +48,16 @@ def motion_of(robot: Robot, seed: int) -> Motion:
 
 
 def found_by_us(robot: Robot, scene: Scene, motion: Motion) -> dict[frozenset[str], float]:
+    return {frozenset(f.bodies): f.amount or 0.0 for f in looked_at(robot, scene, motion, Settings())[0]}
+
+
+def looked_at(robot: Robot, scene: Scene, motion: Motion, settings: Settings) -> tuple[list[Fault], list[Fault]]:
     hand = hand_of(robot)
     run, wrong = courses(hand.arm, [motion])
     assert not wrong
     poses = {name: T for name, T in scene.poses().items() if motion.held is None or name != motion.held.body}
     ledger = Ledger((), (poses,), poses, ())
-    faults, _ = contact_faults(robot, hand, scene, run, ledger, {}, Settings())
-    return {frozenset(f.bodies): f.amount or 0.0 for f in faults}
+    return contact_faults(robot, hand, scene, run, ledger, {}, settings)
 
 
 def found_densely(robot: Robot, scene: Scene, motion: Motion, n: int = 60) -> dict[frozenset[str], float]:
@@ -95,6 +101,19 @@ def test_pairs_are_those_that_the_robot_lists(robot: Robot) -> None:
     hand = hand_of(robot).links
     assert ours == {p for p in theirs if not p <= hand}
     assert (len(pairs.switched_off) > 0) == (robot.name == "panda")
+
+
+def test_pairs_that_an_srdf_switches_off_are_notes(ur5e: Robot) -> None:
+    """They are no faults, and are looked at where other contacts are left out, too."""
+    scene, names = scene_of(ur5e, 0), {h.link for h in ur5e.hulls}
+    motion, pair = next((m, p) for m in (motion_of(ur5e, k) for k in range(40, 80)) for p in found_by_us(ur5e, scene, m) if p <= names)
+    lenient = replace(ur5e, skip=ur5e.skip | {pair})
+    for settings in (Settings(), Settings(contact=False)):
+        faults, notes = looked_at(lenient, scene, motion, settings)
+        assert [frozenset(note.bodies) for note in notes] == [pair]
+        assert notes[0].detail.endswith("a pair that the robot's SRDF switches off")
+        assert pair not in {frozenset(fault.bodies) for fault in faults}
+        assert settings.contact or not faults
 
 
 def test_distances_are_never_too_large(ur5e: Robot) -> None:

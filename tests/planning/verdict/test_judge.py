@@ -232,6 +232,21 @@ def test_what_is_wrong_is_named(honest: Handmade, ur5e: Robot, change: Change, s
     assert any(stage in f.stage and word in f.detail for f in found.faults), [str(f) for f in found.faults]
 
 
+@pytest.mark.parametrize("spec", ["paper", "paper-any"])
+def test_a_clearance_is_measured_again(ur5e: Robot, spec: str) -> None:
+    """A plan of ours keeps what each of its motions says, and not half a millimetre more."""
+    made = make_plan(ur5e, spec, 0, "local")
+    scene, plan = scene_from_json(made.scene), plan_from_json(made.plan)
+    said = {i: m.clearance_m for i, m in enumerate(plan.motions) if m.clearance_m is not None}
+    assert len(said) > 3
+    for i, least in said.items():
+        more = replace(plan.motions[i], clearance_m=max(least + 5e-4, 1.01 * least))
+        found = examine(scene, replace(plan, motions=(*plan.motions[:i], more, *plan.motions[i + 1 :]), stated={}), ur5e).faults
+        assert [f.stage for f in found] == [more.stage], (i, more.stage, [str(f) for f in found])
+        assert "and the least is said to be" in found[0].detail
+        assert found[0].amount == pytest.approx(least, rel=2e-3, abs=1e-4)
+
+
 def test_what_readers_refuse_is_judged_too(honest: Handmade, ur5e: Robot) -> None:
     """Who calls the library with values of their own gets a fault, never a crash."""
     scene, plan = scene_from_json(honest.scene), plan_from_json(honest.plan)

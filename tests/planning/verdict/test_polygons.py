@@ -37,6 +37,16 @@ def test_hulls_of_points_in_line_have_no_area() -> None:
 
 
 @given(SEEDS)
+def test_hulls_of_rectangles_whose_sides_stand_but_for_rounding_are_whole(seed: int) -> None:
+    """Points on upright sides, whose x differs in the last digits only: their order by x goes up and down the side."""
+    rng = np.random.default_rng(seed)
+    points = np.stack([rng.choice([-0.01275, 0.02999], 12), rng.uniform(-0.02, 0.11, 12)], -1)
+    points = np.concatenate([points, [[-0.01275, -0.02], [-0.01275, 0.11], [0.02999, -0.02], [0.02999, 0.11]]])
+    shaken = points + rng.integers(-2, 3, points.shape) * [4e-18, 0.0]
+    assert area(hull(shaken)) == pytest.approx(0.04274 * 0.13, rel=1e-9)
+
+
+@given(SEEDS)
 def test_what_is_clipped_is_in_both(seed: int) -> None:
     a, b = hull(cloud(seed)), hull(cloud(seed + 1, at=(1.0, 0.5)))
     common, points = clip(a, b), cloud(seed + 2, 200)

@@ -255,7 +255,7 @@ def _way(a: Solid, b: Solid) -> Array:
 
     result = fcl.DistanceResult()
     fcl.distance(a.object, b.object, fcl.DistanceRequest(enable_nearest_points=True), result)
-    return np.subtract(result.nearest_points[1], result.nearest_points[0])
+    return np.asarray(np.subtract(result.nearest_points[1], result.nearest_points[0]))
 
 
 def _deepest(faults: Sequence[Fault]) -> list[Fault]:

@@ -26,8 +26,9 @@ from kinematics.transforms import Array, rotation_about, transform
 from perception.camera import depth_edges, look_at, ray_directions, realsense_d435i
 from perception.rendering.colours import PALETTE, TARGET_COLOUR, WALL_COLOUR
 from perception.rendering.lighting import Studio
-from perception.rendering.raycast import Mesh, moved, raycast, surfaces
+from perception.rendering.raycast import raycast
 from perception.rendering.shading import Item, shade
+from perception.rendering.surfaces import Mesh, moved, surfaces
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

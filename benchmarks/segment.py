@@ -24,7 +24,8 @@ from perception.frames import Frame
 from perception.objects.clustering import cluster_instances
 from perception.objects.prepared_frames import prepare
 from perception.objects.segment import iou, segment
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 from planning.scene_generation import generate, load_spec
 
 CAMERA = realsense_d435i(640, 480)

@@ -214,7 +214,7 @@ def _check(job: Job) -> None:
 
 def motion_settings(job: Job) -> MotionSettings:
     """What --clearance, --clearance-least and --max-tilt mean for motions. Raises: InputError for values that can't be kept."""
-    from kinematics.collision.edge_check import MARGIN_M
+    from kinematics.collision.edge_problem import MARGIN_M
     from planning.motion.settings import ClearanceSettings, MotionSettings
 
     def clearance(mm: float) -> float:

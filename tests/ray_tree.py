@@ -10,7 +10,9 @@ import numpy as np
 from kinematics.collision.geometry import BOX, CYLINDER
 from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
-from perception.rendering.raycast import FAR, TINY, Ids, Int, Surfaces, _owner
+from perception.rendering.draw_solids import FAR, TINY
+from perception.rendering.normals import owner
+from perception.rendering.surfaces import Ids, Int, Surfaces
 
 
 def cast_rays(s: Surfaces, origins: Array, directions: Array) -> tuple[Array, Ids]:
@@ -259,5 +261,5 @@ def _ids_of(s: Surfaces, primitive: Ids) -> Ids:
     ids = np.full(primitive.shape[0], -1, np.int32)
     for i in range(primitive.shape[0]):
         if primitive[i] >= 0:
-            ids[i] = s.id[_owner(s, primitive[i])]
+            ids[i] = s.id[owner(s, primitive[i])]
     return ids

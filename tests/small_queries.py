@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kinematics.chain import Chain
-from kinematics.collision.edge_check import MARGIN_M, Problem, pose
+from kinematics.collision.edge_problem import MARGIN_M, Problem, pose
 from kinematics.collision.geometry import Parts, Query, Solids
 from kinematics.collision.gjk import gjk, relative
 from kinematics.collision.posed_geometry import make_posed_geometry

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
-from kinematics.collision import edge_check
+from kinematics.collision import edge_problem
+from kinematics.collision.edge_problem import Problem, Scratch
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
 from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
@@ -69,7 +70,7 @@ class BroadPhase:
         self._pairs = _self_pairs(robot)
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
         self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
-        self._scratch: edge_check.Scratch | None = None
+        self._scratch: Scratch | None = None
         self._lanes: tuple[int, int, int, SphereScratch] | None = None
         self._finger_posed: dict[float, PosedGeometry] = {}
         self._judged: dict[tuple[tuple[str, ...], tuple[str, ...]], NDArray[np.bool_]] = {}
@@ -168,12 +169,12 @@ class BroadPhase:
             self._lanes = known = parts, solids, 2 * pairs, scratch_for(len(model.T), parts, solids, 2 * pairs)
         return known[3]
 
-    def scratch(self, problem: edge_check.Problem) -> edge_check.Scratch:
+    def scratch(self, problem: Problem) -> Scratch:
         """Memory for an exact problem with these bodies, the same for one after the other."""
         known, chain, pairs = self._scratch, problem.chain, len(problem.pairs)
         if known is None or len(known.toward) < pairs:
-            known = self._scratch = edge_check.scratch_for(len(chain.q_index), len(chain.lower), len(self._owners), 2 * pairs)
-        edge_check.enter(problem, known)
+            known = self._scratch = edge_problem.scratch_for(len(chain.q_index), len(chain.lower), len(self._owners), 2 * pairs)
+        edge_problem.enter(problem, known)
         return known
 
     @cached_property

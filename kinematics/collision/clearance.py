@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.collision import edge_check
+from kinematics.collision import edge_problem, path_clearance
 from kinematics.collision.broad_phase import BroadPhase, allow
+from kinematics.collision.edge_problem import MARGIN_M, Problem
 from kinematics.collision.geometry import Query
 from kinematics.scene import Held
 from kinematics.transforms import Array
@@ -70,7 +71,7 @@ def _least(
     """`least_clearance` for one gripper value and the arm's configurations (N, A); fingers_alone: of them and nothing else."""
     problem, names = _problem(bodies, gripper, poses, held, allowed_contacts, fingers_alone=fingers_alone)
     relative_m = step_m if held is None else 2 * step_m  # of two bodies that both move
-    distance_m, _, pair = edge_check.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, bodies.scratch(problem))
+    distance_m, _, pair = path_clearance.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, bodies.scratch(problem))
     if pair < 0:
         return None
     a, b = problem.pairs[pair, :2]
@@ -87,7 +88,7 @@ def clearances(
         problem, _ = _problem(bodies, float(value), poses, held, contacts)
         scratch = bodies.scratch(problem)
         for i in np.flatnonzero(gripper == value):
-            out[i] = edge_check.config_clearance(problem, arm[i], cap_m, scratch)
+            out[i] = path_clearance.config_clearance(problem, arm[i], cap_m, scratch)
     return out
 
 
@@ -99,7 +100,7 @@ def _problem(
     allowed_contacts: Iterable[tuple[str, str]],
     *,
     fingers_alone: bool = False,
-) -> tuple[edge_check.Problem, tuple[str, ...]]:
+) -> tuple[Problem, tuple[str, ...]]:
     """Whose distances a clearance is the least of, and the names behind its bodies."""
     if fingers_alone:
         posed, links = bodies.fingers(gripper)
@@ -113,5 +114,5 @@ def _problem(
     holding = [i for i in range(own) if links[i] not in bodies.robot.pads] if held is not None else []
     pairs = np.array([(h, i) for h in range(own, P) for i in holding], np.int64).reshape(-1, 2)
     query = Query(np.ascontiguousarray(check[:, P:]), pairs)
-    problem = edge_check.pose(bodies.robot_collision_model.chain, posed, solids, query, edge_check.MARGIN_M)
+    problem = edge_problem.pose(bodies.robot_collision_model.chain, posed, solids, query, MARGIN_M)
     return problem, (*links, *names)

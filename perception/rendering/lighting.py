@@ -18,7 +18,8 @@ from kinematics.shapes import box_corners
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import Intrinsics, look_at
 from perception.rendering.colours import Colour
-from perception.rendering.raycast import Int, Surfaces, inverse_depth, join
+from perception.rendering.raycast import inverse_depth
+from perception.rendering.surfaces import Int, Surfaces, join
 
 Float32 = NDArray[np.float32]
 

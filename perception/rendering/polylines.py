@@ -13,7 +13,7 @@ from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, apply
 from perception.camera import Intrinsics
 from perception.rendering.colours import Colour, linear
-from perception.rendering.raycast import Mesh, surfaces
+from perception.rendering.surfaces import Mesh, surfaces
 
 Float32 = NDArray[np.float32]
 

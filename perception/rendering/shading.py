@@ -28,9 +28,11 @@ from perception.rendering.lighting import (
     points_seen,
     scatter,
 )
+from perception.rendering.normals import owner, write_normals
 from perception.rendering.polylines import Polyline, lay_lines, sharp_edges
-from perception.rendering.raycast import Ids, Mesh, Surfaces, _normals, _owner, inverse_depth, surfaces
+from perception.rendering.raycast import inverse_depth
 from perception.rendering.smooth_normals import corner_normals
+from perception.rendering.surfaces import Ids, Mesh, Surfaces, surfaces
 
 Float32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -157,7 +159,7 @@ def _enlarged(image: Array | Float32, factor: int) -> Array | Float32:
 def _draw_with_normals(s: Surfaces, T_world_camera: Array, corner_normals: Array, band: Intrinsics) -> tuple[Array, Ids, Float32]:
     w, primitive = inverse_depth(s, T_world_camera, band)
     normals = np.zeros((*w.shape, 3), np.float32)
-    _normals(s, T_world_camera, band.fx, band.fy, band.cx, band.cy, w, primitive, corner_normals, normals)
+    write_normals(s, T_world_camera, band.fx, band.fy, band.cx, band.cy, w, primitive, corner_normals, normals)
     return w, primitive, normals
 
 
@@ -254,7 +256,7 @@ def _shade_solids(
             if i < 0:
                 continue
             if i != last:
-                last, name = i, s.id[_owner(s, i)]
+                last, name = i, s.id[owner(s, i)]
             a, b = (u - cx) / fx, (v - cy) / fy
             ex, ey, ez = (
                 -(T[0, 0] * a + T[0, 1] * b + T[0, 2]),

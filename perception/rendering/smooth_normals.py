@@ -7,7 +7,7 @@ import numpy as np
 from kinematics.collision.geometry import HULL
 from kinematics.jit.decorators import njit
 from kinematics.transforms import Array
-from perception.rendering.raycast import MESH, Int, Surfaces
+from perception.rendering.surfaces import MESH, Int, Surfaces
 
 
 def corner_normals(scene: Surfaces, crease_rad: Array) -> Array:

@@ -17,7 +17,8 @@ from kinematics.scene import Scene
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import DepthNoise, Intrinsics, realsense_d435i
 from perception.frames import Frame
-from perception.rendering.raycast import Surfaces, join, moved, raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import Surfaces, join, moved, surfaces
 
 Camera = Callable[[Array, Array], Frame]
 """T_world_camera (4, 4) and the robot's configuration q (J,) to a frame."""

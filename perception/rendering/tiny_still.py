@@ -9,8 +9,9 @@ from kinematics.transforms import Array
 from perception.camera import look_at, pinhole
 from perception.rendering.lighting import Studio
 from perception.rendering.polylines import Polyline
-from perception.rendering.raycast import Mesh, raycast, surfaces
+from perception.rendering.raycast import raycast
 from perception.rendering.shading import Image, Item, shade
+from perception.rendering.surfaces import Mesh, surfaces
 
 FACES = np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]], np.int64)
 

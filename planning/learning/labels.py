@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.collision.edge_check import MARGIN_M
+from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.scene import APPROACHES, Body, Scene, State, object_box
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, inverse

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.collision import edge_check
+from kinematics.collision import edge_check, edge_problem
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects
 from planning.motion.pulling import WAYS, pull
@@ -48,7 +48,7 @@ def connect(
     for level in wider[:1]:
         if (found := connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings)) is not None:
             return found
-        edge_check.enter(task.exact, memory.exact)
+        edge_problem.enter(task.exact, memory.exact)
     found = plan(
         task, starts, goals, max_iterations=max_iterations, time_budget_s=time_budget_s, seed=seed, memory=memory, settings=settings.rrt
     )
@@ -70,7 +70,7 @@ def connect_clear(
     ends = [(g, way) for g, q in enumerate(goals[:MOST_ENDS]) if (way := way_out(task, clear, q, memory)) is not None]
     if not ends:
         return None
-    edge_check.enter(clear.exact, memory.exact)
+    edge_problem.enter(clear.exact, memory.exact)
     first, last = (np.array([way[-1] for _, way in ways]) for ways in (begins, ends))
     found = plan(clear, first, last, max_iterations=iterations, seed=seed, memory=memory, settings=settings.rrt)
     if found.path is None:
@@ -90,7 +90,7 @@ def way_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:
         out = [q]
         for _ in range(PULLS_OUT):
             there = pull(task.exact.chain, out[-1], way, PULL_OUT_M)
-            edge_check.enter(task.exact, memory.exact)
+            edge_problem.enter(task.exact, memory.exact)
             if not connects(task, out[-1], there, memory):
                 break
             out.append(there)
@@ -101,7 +101,7 @@ def way_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:
 
 def _holds(task: Task, q: Array, memory: Memory) -> bool:
     """Whether q (A,) keeps what a task asks for."""
-    edge_check.enter(task.exact, memory.exact)
+    edge_problem.enter(task.exact, memory.exact)
     if edge_check.first_contact(task.exact, q, memory.exact) >= 0:
         return False
     return bool(is_upright(task.exact.chain, task.upright, q, memory.exact))

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import forward
-from kinematics.collision import edge_check
-from kinematics.collision.edge_check import TOLERANCE
+from kinematics.collision import edge_check, edge_problem, pair_bounds
+from kinematics.collision.edge_problem import Problem, Scratch
+from kinematics.collision.pair_bounds import TOLERANCE
 from kinematics.jit.decorators import copy_rows, jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.reaching import APPROACH_M, APPROACH_STEPS, Hand
@@ -23,17 +24,17 @@ WHOLE = np.array([[0.0, 1.0]])
 
 
 @jit_entry
-def meet_at(problem: edge_check.Problem, q: Array, scratch: edge_check.Scratch, met: Flags) -> None:
+def meet_at(problem: Problem, q: Array, scratch: Scratch, met: Flags) -> None:
     """Flag the solids that the arm, or what it holds, touches at q (J,), and whether these touch each other."""
-    edge_check.enter(problem, scratch)
+    edge_problem.enter(problem, scratch)
     forward(problem.chain, q, scratch.poses)
     _meet(problem, -1, scratch, met)
 
 
 @jit_entry
-def meet_hand(hand: Hand, problem: edge_check.Problem, T_world_hand: Array, scratch: edge_check.Scratch, met: Flags) -> None:
+def meet_hand(hand: Hand, problem: Problem, T_world_hand: Array, scratch: Scratch, met: Flags) -> None:
     """Flag the solids that the open hand alone touches on its straight way to T_world_hand (4, 4), wherever the arm is."""
-    edge_check.enter(problem, scratch)
+    edge_problem.enter(problem, scratch)
     T, frame, H = hand.T[0], problem.chain.q_index.shape[0], hand.T_hand_frame
     for k in range(APPROACH_STEPS + 1):
         for r in range(3):
@@ -46,13 +47,13 @@ def meet_hand(hand: Hand, problem: edge_check.Problem, T_world_hand: Array, scra
 
 
 @jit_entry
-def meet_along(problem: edge_check.Problem, way: Array, whole: Array, open_: Flags, scratch: edge_check.Scratch, met: Flags) -> None:
+def meet_along(problem: Problem, way: Array, whole: Array, open_: Flags, scratch: Scratch, met: Flags) -> None:
     """Flag the solids that the arm, or what it holds, touches on straight joint-space edges between the rows of way (n, J), and whether
     these touch each other.
 
     whole: `WHOLE`. open_ (P + B, P + B): scratch for the pairs of bodies that are looked at.
     """
-    edge_check.enter(problem, scratch)
+    edge_problem.enter(problem, scratch)
     B = problem.solid_T.shape[0]
     for k in range(way.shape[0] - 1):
         for b in range(B + 1):
@@ -70,8 +71,8 @@ def meet_along(problem: edge_check.Problem, way: Array, whole: Array, open_: Fla
 
 @jit_entry
 def clear_of(
-    reach: edge_check.Problem, closing: edge_check.Problem, lifting: edge_check.Problem, approach: Array, up: Array, first: int, last: int,
-    T: Array, whole: Array, open_: Flags, scratch: edge_check.Scratch, met: Flags, clear: NDArray[np.bool_],
+    reach: Problem, closing: Problem, lifting: Problem, approach: Array, up: Array, first: int, last: int,
+    T: Array, whole: Array, open_: Flags, scratch: Scratch, met: Flags, clear: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """For each of poses T (R, 4, 4) of the object whose solids are first:last, whether a whole way to another one is clear of it: (R,).
 
@@ -93,11 +94,9 @@ def clear_of(
 
 
 @jit_inline
-def _clear_along(
-    problem: edge_check.Problem, way: Array, first: int, last: int, whole: Array, open_: Flags, scratch: edge_check.Scratch
-) -> bool:
+def _clear_along(problem: Problem, way: Array, first: int, last: int, whole: Array, open_: Flags, scratch: Scratch) -> bool:
     """Whether all edges between the rows of way (n, J) are clear of solids first:last."""
-    edge_check.enter(problem, scratch)
+    edge_problem.enter(problem, scratch)
     for b in range(problem.solid_T.shape[0] + 1):
         _open(problem, b, 1 if first <= b < last else 0, open_)
     free = True
@@ -107,7 +106,7 @@ def _clear_along(
 
 
 @jit_inline
-def _open(problem: edge_check.Problem, b: int, value: int, open_: Flags) -> None:
+def _open(problem: Problem, b: int, value: int, open_: Flags) -> None:
     """Set whether the pairs of the moving bodies and solid b are looked at; with b = B, those of the moving bodies among themselves."""
     B = problem.solid_T.shape[0]
     P = problem.boxes.shape[0] - B
@@ -120,7 +119,7 @@ def _open(problem: edge_check.Problem, b: int, value: int, open_: Flags) -> None
 
 
 @jit_inline
-def _meet(problem: edge_check.Problem, frame: int, scratch: edge_check.Scratch, met: Flags) -> None:
+def _meet(problem: Problem, frame: int, scratch: Scratch, met: Flags) -> None:
     """Flag what is touched by what one frame of the chain carries, -1 for all frames; the frames' poses stand in the scratch.
 
     One frame alone is not held against the rest of the arm, of which nobody knows where it is.
@@ -129,10 +128,10 @@ def _meet(problem: edge_check.Problem, frame: int, scratch: edge_check.Scratch, 
     frames, B = problem.chain.q_index.shape[0] + 1, problem.solid_T.shape[0]
     for n in range(pairs.shape[0]):
         b = pairs[n, 3] - frames if pairs[n, 3] >= frames else B
-        if met[b] or (frame >= 0 and (b == B or pairs[n, 2] != frame)) or edge_check.ball_gap(pairs, boxes, poses, n) > margin:
+        if met[b] or (frame >= 0 and (b == B or pairs[n, 2] != frame)) or pair_bounds.ball_gap(pairs, boxes, poses, n) > margin:
             continue
         high, work, toward = margin * (1 + TOLERANCE), scratch.work, scratch.toward
-        bound = edge_check.pair_bound(
+        bound = pair_bounds.pair_bound(
             pairs, boxes, problem.vertices, problem.groups, poses, work, toward, n, margin, high, np.inf, TOLERANCE
         )
         if bound <= margin:

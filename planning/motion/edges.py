@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from kinematics.chain import Chain
-from kinematics.collision import edge_check
+from kinematics.collision import edge_check, edge_problem
+from kinematics.collision.edge_problem import Problem, Scratch
 from kinematics.collision.geometry import Query, Solids, make_parts, make_solids
 from kinematics.collision.posed_geometry import PosedGeometry
 from kinematics.collision.sphere_check import SphereScratch, edge_open, scratch_for
@@ -32,7 +33,7 @@ class Task(NamedTuple):
     """A motion query, packed twice: exactly, and for the lanes. covered: 0 when there are no covers and the exact test does it all.
     upright: how far what is carried may tilt."""
 
-    exact: edge_check.Problem
+    exact: Problem
     model: SphereModel
     world: SphereWorld
     covered: int
@@ -43,12 +44,12 @@ class Task(NamedTuple):
 class Memory(NamedTuple):
     """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge."""
 
-    exact: edge_check.Scratch
+    exact: Scratch
     lanes: SphereScratch
     pieces: Array
 
 
-def make_task(problem: edge_check.Problem, model: SphereModel | None = None, world: SphereWorld | None = None) -> Task:
+def make_task(problem: Problem, model: SphereModel | None = None, world: SphereWorld | None = None) -> Task:
     """A task with covers, or without."""
     if model is None or world is None:
         solids, _ = make_solids([])
@@ -59,7 +60,7 @@ def make_task(problem: edge_check.Problem, model: SphereModel | None = None, wor
 
 def pose_task(chain: Chain, posed: PosedGeometry, model: SphereModel, solids: Solids, query: Query, margin_m: float) -> Task:
     """A motion query of posed geometry with covers, which `model` packs for the lanes."""
-    return Task(edge_check.pose(chain, posed, solids, query, margin_m), model, make_sphere_world(solids, query), 1, ANY_WAY_UP)
+    return Task(edge_problem.pose(chain, posed, solids, query, margin_m), model, make_sphere_world(solids, query), 1, ANY_WAY_UP)
 
 
 def with_clearance(task: Task, solids_m: Array, own_m: float) -> Task:
@@ -83,11 +84,11 @@ def without_still(task: Task, memory: Memory) -> Task:
     They are looked at here, once for all configurations; their covers overlap, so else every edge would be asked about exactly, all along.
     """
     problem, world, frame = task.exact, task.world, task.model.frame
-    edge_check.enter(problem, memory.exact)
+    edge_problem.enter(problem, memory.exact)
     moving = problem.pairs[:, 2] != problem.pairs[:, 3]
     if moving.all() or not edge_check.still_apart(problem, memory.exact):
         return task
-    problem = edge_check.some_pairs(problem, moving)
+    problem = edge_problem.some_pairs(problem, moving)
     world = world._replace(pairs=world.pairs[frame[world.pairs[:, 0]] != frame[world.pairs[:, 1]]])
     return task._replace(exact=problem, world=world)
 
@@ -96,14 +97,14 @@ def make_memory(task: Task) -> Memory:
     """Memory for one thread; it may serve any number of queries on the same task."""
     chain, parts, solids, pairs = task.exact.chain, len(task.model.frame), len(task.exact.solid_T), len(task.exact.pairs)
     memory = memory_for(chain, parts, solids, pairs)
-    edge_check.enter(task.exact, memory.exact)
+    edge_problem.enter(task.exact, memory.exact)
     return memory
 
 
 def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
     """Memory for one thread, for all tasks with this chain that are no larger; `exact.enter` each of them first."""
     K, J = len(chain.q_index), len(chain.lower)
-    return Memory(edge_check.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)))
+    return Memory(edge_problem.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)))
 
 
 @jit_entry

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinematics.collision import edge_check
+from kinematics.collision import edge_problem
+from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
@@ -107,7 +108,7 @@ class PackedCell:
         check[posed.frame == 0] = 0  # the base stands still: the final check judges it
         for a, b in ignore:
             check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
-        task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
+        task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), MARGIN_M)
         if self.settings.clearance.least_m > 0:
             task = self._with_clearance(task, bodies, self.settings.clearance.least_m)
         if held is not None:
@@ -141,7 +142,7 @@ class PackedCell:
             posed, model, links, pairs, off_m = moving
             check = np.ones((len(links), len(bodies)), np.uint8)
             check[posed.frame == 0] = 0
-            task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), edge_check.MARGIN_M)
+            task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), MARGIN_M)
             known[first, last] = self.keeping(PlanningQuery(task, links + bodies, off_m), self.settings.clearance.least_m)
         return known[first, last]
 
@@ -151,7 +152,7 @@ class PackedCell:
         _, solids, bodies, _, _ = self._standing(poses)
         check = np.repeat(moving.astype(np.uint8)[:, None], len(bodies), 1)
         check[np.ix_([i for i, n in enumerate(links) if n in self.robot.pads], [i for i, n in enumerate(bodies) if n == name])] = 0
-        return ContactQuery(edge_check.pose(self.arm.chain, posed, solids, Query(check, pairs), edge_check.MARGIN_M), links + bodies)
+        return ContactQuery(edge_problem.pose(self.arm.chain, posed, solids, Query(check, pairs), MARGIN_M), links + bodies)
 
     def standing(self, name: str, poses: Mapping[str, Array]) -> tuple[PlacementQuery, ContactQuery]:
         """An object against all that it must stand free of: the walls besides the floor, and the objects at poses."""
@@ -161,7 +162,7 @@ class PackedCell:
         _, solids, bodies, _, _ = self._standing(poses)
         check = np.tile(np.array([b != "floor" for b in bodies], np.uint8), (n, 1))
         query = Query(check, np.zeros((0, 2), np.int64))
-        problem = edge_check.pose(self.arm.chain, posed, solids, query, edge_check.MARGIN_M)
+        problem = edge_problem.pose(self.arm.chain, posed, solids, query, MARGIN_M)
         return PlacementQuery(posed, problem, self.front), ContactQuery(problem, (name,) * n + bodies)
 
     def keeping(self, query: PlanningQuery, clearance_m: float) -> PlanningQuery:
@@ -179,7 +180,7 @@ class PackedCell:
         where a chord has it: when the chords are free by it, the curve keeps clearance_m, and what is carried is as upright as it must be.
         """
         task = self._with_clearance(query.task, query.names[query.parts :], max(clearance_m, self.settings.clearance.least_m), query.off_m)
-        more = max(0.0, within_m - edge_check.MARGIN_M / 2)  # the exact test's proof keeps half the margin besides
+        more = max(0.0, within_m - MARGIN_M / 2)  # the exact test's proof keeps half the margin besides
         exact, world = task.exact, task.world
         exact = exact._replace(clearance=exact.clearance + more)
         if task.covered:
@@ -197,7 +198,7 @@ class PackedCell:
     def enter(self, query: PlanningQuery) -> Memory:
         """The memory, made ready for this situation."""
         if self._entered is not query:
-            edge_check.enter(query.task.exact, self.memory.exact)
+            edge_problem.enter(query.task.exact, self.memory.exact)
             self._entered = query
         return self.memory
 

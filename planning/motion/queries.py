@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinematics.collision import edge_check
+from kinematics.collision import edge_problem
+from kinematics.collision.edge_problem import Problem
 from planning.motion.edges import Task
 from planning.motion.reaching import HANGS_OVER
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
@@ -33,7 +34,7 @@ class PlanningQuery(NamedTuple):
     off_m: float = 0.0
 
     @property
-    def problem(self) -> edge_check.Problem:
+    def problem(self) -> Problem:
         """The same query for the exact test alone."""
         return self.task.exact
 
@@ -53,7 +54,7 @@ class PlanningQuery(NamedTuple):
         first, second = (np.array([n == name for n in names]) for name in (a, b))
         first[P:] = second[:P] = False  # a mover and what stands: their names are of two spaces
         kept = ~(first[problem.pairs[:, 0]] & second[problem.pairs[:, 1]])
-        problem = edge_check.some_pairs(problem, kept)
+        problem = edge_problem.some_pairs(problem, kept)
         check = np.where(first[:P, None] & second[P:], np.uint8(0), world.check)
         return PlanningQuery(task._replace(exact=problem, world=world._replace(check=check)), names, off_m)
 
@@ -61,7 +62,7 @@ class PlanningQuery(NamedTuple):
 class ContactQuery(NamedTuple):
     """A question about single configurations: what may not touch, packed for the exact test alone, with the names behind the indices."""
 
-    problem: edge_check.Problem
+    problem: Problem
     names: tuple[str, ...]
 
 

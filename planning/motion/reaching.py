@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain, Int
-from kinematics.collision import edge_check
+from kinematics.collision import edge_check, edge_problem, pair_bounds
+from kinematics.collision.edge_problem import MARGIN_M, Problem
 from kinematics.collision.posed_geometry import PosedGeometry
 from kinematics.collision.sphere_model import place_body
 from kinematics.inverse import BRISK, descend, make_work
@@ -25,7 +26,7 @@ LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: 
 APPROACH_M = 0.08
 LIFT_M = 0.03
 APPROACH_STEPS, LIFT_STEPS = 8, 3  # waypoints every centimetre: between two of them the hand strays from the line by less than 0.1 mm
-PLACE_GAP_M = 2 * edge_check.MARGIN_M  # what a placed object keeps from all others
+PLACE_GAP_M = 2 * MARGIN_M  # what a placed object keeps from all others
 PLACE_TURNS = (0.0, 0.5, -0.5, 1.0, -1.0)  # how far from its natural bearing the hand may turn where it puts an object down, rad
 OK, REACH, REGION, AT_GRASP, BACKWARDS, FINGERS, LIFTED, UPWARDS = 0, 1, 2, 3, 4, 5, 6, 7
 """How far it got: all is well; no solution of inverse kinematics; the object would not stand free; the arm at the end pose; the straight
@@ -64,7 +65,7 @@ class PlacementQuery(NamedTuple):
     """
 
     body: PosedGeometry
-    problem: edge_check.Problem
+    problem: Problem
     front: Array
 
 
@@ -77,7 +78,7 @@ class PutDown(NamedTuple):
     """
 
     lowering: Task
-    opening: edge_check.Problem
+    opening: Problem
     retreating: Task
     first: int
     last: int
@@ -127,7 +128,7 @@ def hand_touches(hand: Hand, task: Task, T_world_hand: Array, memory: Memory) ->
 @jit_entry
 def hand_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory) -> tuple[int, int]:
     """How far the open hand alone gets in coming to a pose (4, 4), and the pair that touched: no arm can do better. See `ways_in`."""
-    edge_check.enter(reaching.exact, memory.exact)
+    edge_problem.enter(reaching.exact, memory.exact)
     T = hand.T[0]
     copy_rows(T_world_hand, T)
     for k in range(APPROACH_STEPS + 1):
@@ -187,14 +188,14 @@ def lift(hand: Hand, lifting: Task, T_world_hand: Array, q: Array, way: Array, m
 @jit_inline
 def touching(task: Task, q: Array, memory: Memory) -> int:
     """The pair of a task that touches at q (A,), or -1; the memory is made ready for the task."""
-    edge_check.enter(task.exact, memory.exact)
+    edge_problem.enter(task.exact, memory.exact)
     return int(edge_check.first_contact(task.exact, q, memory.exact))
 
 
 @jit_entry
-def fingers(moving: edge_check.Problem, q: Array, memory: Memory) -> int:
+def fingers(moving: Problem, q: Array, memory: Memory) -> int:
     """What touches while the fingers move, the arm being at q (A,): a pair of the problem, which has them at several openings, or -1."""
-    edge_check.enter(moving, memory.exact)
+    edge_problem.enter(moving, memory.exact)
     return int(edge_check.first_contact(moving, q, memory.exact))
 
 
@@ -233,7 +234,7 @@ def _put_down_turned(
         return REGION, touch
     T_hand = hand.T[1]
     hand_at(T_body, p.T_hand_body, T_hand)
-    edge_check.enter(p.lowering.exact, memory.exact)
+    edge_problem.enter(p.lowering.exact, memory.exact)
     touch = hand_touches(hand, p.lowering, T_hand, memory)
     if touch >= 0:
         return LIFTED, touch
@@ -262,7 +263,7 @@ def _put_down_from(hand: Hand, p: PutDown, T_body: Array, T_hand: Array, memory:
     pair = touching(p.retreating, q, memory)
     if pair >= 0:
         return AT_GRASP, pair
-    edge_check.enter(p.lowering.exact, memory.exact)
+    edge_problem.enter(p.lowering.exact, memory.exact)
     free, pair = straight(hand, p.lowering, T_hand, LIFT_M, lower, memory)
     if not free:
         return UPWARDS, pair
@@ -275,7 +276,7 @@ def _put_down_from(hand: Hand, p: PutDown, T_body: Array, T_hand: Array, memory:
     pair = fingers(p.opening, q, memory)
     if pair >= 0:
         return FINGERS, pair
-    edge_check.enter(p.retreating.exact, memory.exact)
+    edge_problem.enter(p.retreating.exact, memory.exact)
     free, pair = straight(hand, p.retreating, T_hand, -APPROACH_M, retreat, memory)
     return (OK if free else BACKWARDS), pair
 
@@ -295,7 +296,7 @@ def put_down_all(
 def stands(s: PlacementQuery, T_body: Array, memory: Memory) -> int:
     """FREE when the object stands free at T_body (4, 4), HANGS_OVER the front edge, or else the pair of its problem that is too close."""
     problem, scratch = s.problem, memory.exact
-    edge_check.enter(problem, scratch)
+    edge_problem.enter(problem, scratch)
     copy_rows(T_body, scratch.poses[0])
     v, least = s.body.vertices, np.inf
     for i in range(v.shape[1]):
@@ -307,8 +308,8 @@ def stands(s: PlacementQuery, T_body: Array, memory: Memory) -> int:
         return HANGS_OVER
     pairs, boxes, vertices, groups, poses = problem.pairs, problem.boxes, problem.vertices, problem.groups, scratch.poses
     for n in range(pairs.shape[0]):
-        if edge_check.ball_gap(pairs, boxes, poses, n) < PLACE_GAP_M:
-            bound = edge_check.pair_bound(
+        if pair_bounds.ball_gap(pairs, boxes, poses, n) < PLACE_GAP_M:
+            bound = pair_bounds.pair_bound(
                 pairs, boxes, vertices, groups, poses, scratch.work, scratch.toward, n, PLACE_GAP_M, 1.02 * PLACE_GAP_M, np.inf, 0.02
             )
             if bound < PLACE_GAP_M:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
-from kinematics.collision import edge_check
+from kinematics.collision import edge_problem
+from kinematics.collision.edge_problem import MARGIN_M, Problem
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed
 from kinematics.collision.robot_model import bare_geometry
@@ -20,7 +21,7 @@ from planning.motion.contacts import WHOLE, Flags, clear_of
 from planning.motion.edges import Task, make_task
 from planning.motion.workcell import Workcell
 
-WayProblems = tuple[edge_check.Problem, edge_check.Problem, edge_check.Problem]
+WayProblems = tuple[Problem, Problem, Problem]
 """What is asked about a way's approach, its closing fingers and its lift."""
 
 
@@ -69,7 +70,7 @@ class SpotQueries:
         self.solids = stock._replace(T=stock.T.copy())
         self._rows = {name: [i for i, n in enumerate(names) if n == name] for name in names}
         self._walls = [i for body in cell.walls for i in self._rows[body.name]]
-        self._memo: dict[tuple[object, ...], edge_check.Problem] = {}
+        self._memo: dict[tuple[object, ...], Problem] = {}
         self._asked: dict[int, _Asked] = {}  # by spots
         self._placed = 0  # the spots that were asked about last
         n = len(self.arm.links) + max(*map(len, self._rows.values()), len(FINGERS_AT) * len(self.arm.fingers)) + len(names)
@@ -116,23 +117,23 @@ class SpotQueries:
     def met_walls(self, flags: Flags) -> bool:
         return bool(flags[self._walls].any() or flags[-1])
 
-    def reach(self, opened: float) -> edge_check.Problem:
+    def reach(self, opened: float) -> Problem:
         """The empty hand, fingers at a gripper value, among everything."""
         return self._made(("reach", opened), lambda: self._pose(self.arm.posed(opened), self.arm.self_pairs))
 
-    def closing(self, opened: float, closed: float) -> edge_check.Problem:
+    def closing(self, opened: float, closed: float) -> Problem:
         """The fingers alone at several gripper values on their way."""
 
-        def make() -> edge_check.Problem:
+        def make() -> Problem:
             posed, _, pairs, moving = self.arm.moving_fingers(opened, closed)
             return self._pose(posed, pairs, np.repeat(moving.astype(np.uint8)[:, None], len(self.solids.T), 1))
 
         return self._made(("closing", opened, closed), make)
 
-    def lifting(self, name: str, closed: float, T_hand_body: Array) -> edge_check.Problem:
+    def lifting(self, name: str, closed: float, T_hand_body: Array) -> Problem:
         """An object in the closed hand; it may touch the pads and the floor."""
 
-        def make() -> edge_check.Problem:
+        def make() -> Problem:
             links = self.arm.links
             held_object = self.arm.in_hand(bare_geometry(self.cell.scene.body(name).shape), T_hand_body)
             posed, P = join_posed(self.arm.posed(closed), held_object), len(links)
@@ -144,12 +145,12 @@ class SpotQueries:
 
         return self._made(("lifting", name, closed, T_hand_body.tobytes()), make)
 
-    def _pose(self, posed: PosedGeometry, pairs: Int, check: Flags | None = None) -> edge_check.Problem:
+    def _pose(self, posed: PosedGeometry, pairs: Int, check: Flags | None = None) -> Problem:
         check = np.ones((len(posed.frame), len(self.solids.T)), np.uint8) if check is None else check
         check[posed.frame == 0] = 0  # the base stands still
-        return edge_check.pose(self.arm.chain, posed, self.solids, Query(check, pairs), edge_check.MARGIN_M)
+        return edge_problem.pose(self.arm.chain, posed, self.solids, Query(check, pairs), MARGIN_M)
 
-    def _made(self, key: tuple[object, ...], make: Callable[[], edge_check.Problem]) -> edge_check.Problem:
+    def _made(self, key: tuple[object, ...], make: Callable[[], Problem]) -> Problem:
         if key not in self._memo:
             self._memo[key] = make()
         return self._memo[key]
@@ -161,4 +162,4 @@ def _nothing(arm: Arm) -> Task:
     solids, _ = make_solids([])
     query = Query(np.zeros((len(arm.links), 0), np.uint8), np.zeros((0, 2), np.int64))
     hand = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
-    return make_task(edge_check.pose(arm.chain, hand, solids, query, edge_check.MARGIN_M))
+    return make_task(edge_problem.pose(arm.chain, hand, solids, query, MARGIN_M))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinematics.chain import Chain, forward
-from kinematics.collision.edge_check import Scratch
+from kinematics.collision.edge_problem import Scratch
 from kinematics.collision.motion_bounds import until
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.jit.record import record

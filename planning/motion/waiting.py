@@ -9,7 +9,8 @@ from itertools import chain, product
 import numpy as np
 
 from kinematics import inverse
-from kinematics.collision import edge_check
+from kinematics.collision import edge_check, edge_problem
+from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.robots.joints import beyond_limits
 from kinematics.robots.start import start_q
@@ -59,8 +60,8 @@ def _find_waiting(arm: Arm, cabinet: Cabinet, looks: Array) -> Iterator[Array]:
     posed = arm.posed(float(arm.robot.home[arm.robot.gripper_joint]))
     check = np.ones((len(posed.frame), len(names)), np.uint8)
     check[posed.frame == 0] = 0
-    problem = edge_check.pose(arm.chain, posed, solids, Query(check, arm.self_pairs), edge_check.MARGIN_M)
-    scratch = edge_check.make_scratch(problem)
+    problem = edge_problem.pose(arm.chain, posed, solids, Query(check, arm.self_pairs), MARGIN_M)
+    scratch = edge_problem.make_scratch(problem)
     _, width, height = cabinet.size_m
     home = arm.robot.arm_q(arm.robot.home)
     for back, z, y, yaw in product((0.08, 0.16), (0.5, 0.9, 0.2), (0.0, 0.25, -0.25, 0.5, -0.5), (0.0, 0.6, -0.6, 1.2, -1.2)):

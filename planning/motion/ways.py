@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.collision import edge_check
+from kinematics.collision.edge_problem import Problem
 from kinematics.scene import Grasp
 from kinematics.transforms import Array, inverse
 from planning.grasps import open_width
@@ -90,7 +90,7 @@ class _Grip:
     opened: float
     closed: float
     alone: PlanningQuery
-    reach: edge_check.Problem
+    reach: Problem
 
 
 class Reach:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from kinematics.collision.edge_check import MARGIN_M, enter, first_in_contact, make_scratch, pose
+from kinematics.collision.edge_check import first_in_contact
+from kinematics.collision.edge_problem import MARGIN_M, enter, make_scratch, pose
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.scene import Body
 from kinematics.shapes import Box

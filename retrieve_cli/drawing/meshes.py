@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from kinematics.shapes import ConvexMesh, Shape
 
 if TYPE_CHECKING:
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
 MOST_FACES = 40_000
 """A finer mesh is drawn simplified."""
@@ -26,7 +26,7 @@ def look_of(shape: Shape, parts: bool = False) -> Shape | Mesh:
 def _surface(file: str, scale: float) -> Mesh | None:
     from kinematics.meshes.decomposition import simplified
     from kinematics.meshes.surface import read_surface
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
     try:
         surface = simplified(read_surface(Path(file), scale), MOST_FACES)

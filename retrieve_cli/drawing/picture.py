@@ -24,7 +24,7 @@ from planning.plan import Motion, Move, Plan
 from retrieve_cli.drawing.meshes import look_of
 
 if TYPE_CHECKING:
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
 Colour = tuple[float, float, float]
 EMPTY_COLOUR: Colour = (0.44, 0.48, 0.54)
@@ -323,7 +323,8 @@ VIEWS = tuple((azimuth, elevation) for elevation in (32, 42) for azimuth in (-52
 def best_view(film: Film) -> Array:
     """T_world_camera (4, 4): of a few three-quarter views into the open front, the one that shows most of the target."""
     from perception.camera import pinhole
-    from perception.rendering.raycast import raycast, surfaces
+    from perception.rendering.raycast import raycast
+    from perception.rendering.surfaces import surfaces
 
     state = film.state_at(0.0)
     bodies = film.bodies(state)

@@ -31,7 +31,7 @@ def write_portrait(robot: Robot, out: Path) -> None:
     """
     from kinematics.shapes import ConvexMesh
     from perception.camera import pinhole
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
     poses = robot.link_poses(robot.home)
     items = [Item(Mesh(piece.vertices, piece.faces), poses[piece.link], piece.colour, gloss=0.3) for piece in visuals(robot)]

@@ -69,7 +69,8 @@ def _save(image: Image, file: Path) -> None:
 def time_of_best_sight(film: Film) -> float:
     """When the hand's camera sees most of the target, all of it and upright if it ever does, before the hand takes it."""
     from perception.camera import realsense_d435i
-    from perception.rendering.raycast import moved, raycast, surfaces
+    from perception.rendering.raycast import raycast
+    from perception.rendering.surfaces import moved, surfaces
 
     camera, small = film.robot.tree.index["camera"], realsense_d435i(160, 120)
     taken = next((s.start_s for s in film.stretches if s.motion.held and s.motion.held.body == film.scene.target), film.length_s)
@@ -95,7 +96,8 @@ def time_of_best_sight(film: Film) -> float:
 def time_of_best_carry(film: Film, T_world_camera: Array) -> tuple[float, int]:
     """When a camera sees most of an object that is carried out of the way, and in which move that is. There must be one."""
     from perception.camera import pinhole
-    from perception.rendering.raycast import raycast, surfaces
+    from perception.rendering.raycast import raycast
+    from perception.rendering.surfaces import surfaces
 
     small = pinhole(320, round(320 / ASPECT), 2 * float(np.arctan(HALF_WIDTH)))
     best, when = -1, (0.0, 0)
@@ -140,7 +142,7 @@ def hand_view(film: Film, time_s: float = 0.0) -> Image:
 
 def items(film: Film, state: State, without: str = "") -> list[Item]:
     """The solids: cabinet, obstacles, objects and arm, but for one link."""
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
     scene = film.scene
     walls = scene.cabinet.walls()

@@ -11,7 +11,7 @@ from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
 from kinematics.transforms import Array
 
 if TYPE_CHECKING:
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
 Colour = tuple[float, float, float]
 Command = dict[str, Any]
@@ -19,7 +19,7 @@ Int = NDArray[np.int64]
 
 
 def solid(path: str, shape: Shape | Mesh, colour: Colour, opacity: float = 1.0, *, through: bool = False) -> list[Command]:
-    from perception.rendering.raycast import Mesh
+    from perception.rendering.surfaces import Mesh
 
     match shape:
         case Box():
@@ -125,8 +125,8 @@ def flat(vertices: Array, faces: Int) -> tuple[Array, Array, Int]:
 
 def creased(vertices: Array, faces: Int, crease_rad: float = 0.6) -> tuple[Array, Array, Int]:
     """Vertices, normals and faces of a mesh, smooth but for edges sharper than a crease: there each side has vertices of its own."""
-    from perception.rendering.raycast import Mesh, surfaces
     from perception.rendering.smooth_normals import corner_normals
+    from perception.rendering.surfaces import Mesh, surfaces
 
     normals = corner_normals(surfaces([Mesh(vertices, faces)], np.eye(4)[None]), np.array([crease_rad])).reshape(-1, 3)
     leaning = np.round(normals * 60).astype(np.int64) + 60
@@ -137,7 +137,7 @@ def creased(vertices: Array, faces: Int, crease_rad: float = 0.6) -> tuple[Array
 
 def _hull(points: Array) -> tuple[Array, Int]:
     """Vertices and faces, counter-clockwise from outside, of the convex hull of points (N, 3)."""
-    from perception.rendering.raycast import hull_faces
+    from perception.rendering.surfaces import hull_faces
 
     return hull_faces(points)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinematics.scene import Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, apply, rotation_from_wxyz, transform
-from perception.rendering.raycast import Mesh
+from perception.rendering.surfaces import Mesh
 from retrieve_cli.drawing.picture import Colour, Film, outline
 
 VIEW_COLOUR: Colour = (0.25, 0.36, 0.58)

@@ -21,7 +21,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene
 from perception.camera import pinhole
 from perception.mapping.voxels import unknown_voxels
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 from planning.io.scene_documents import scene_from_json
 from planning.motion.pick_place import Motions
 from planning.motion.rrt_connect import plan, reach

@@ -16,7 +16,8 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from perception.camera import Intrinsics, cloud, look_at
 from perception.frames import Frame, read_frames, write_frames, write_ply
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 
 CAMERA = Intrinsics(80, 60, 70.0, 71.0, 38.5, 30.0)
 NAMES = ("box_0", "can_1")

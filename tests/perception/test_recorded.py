@@ -17,7 +17,8 @@ from perception.camera import look_at, realsense_d435i
 from perception.frames import Frame, read_frames, write_frames
 from perception.mapping.voxels import FREE, unknown_voxels
 from perception.recorded import misfit, trusted
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 
 CAMERA = realsense_d435i(320, 240)
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.5, 0.0, 0.1]), 0.03)

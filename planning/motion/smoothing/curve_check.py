@@ -6,12 +6,12 @@ it. When the chords keep that distance from everything, the curve touches nothin
 
 from __future__ import annotations
 
-from kinematics.collision import edge_check
+from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
 from planning.motion.edges import Memory, Task, connects
 
-WITHIN_M = edge_check.MARGIN_M / 2
+WITHIN_M = MARGIN_M / 2
 
 
 @jit_entry

@@ -11,8 +11,11 @@ from test_edge_check import frames_at, packed, pair_distance
 from test_kernel_properties import Cell, cell_of
 
 from kinematics.chain import Int, forward
-from kinematics.collision import edge_check, sphere_check
-from kinematics.collision.edge_check import TOLERANCE, config_free, edge_contact, make_scratch, path_clearance
+from kinematics.collision import sphere_check
+from kinematics.collision.edge_check import config_free, edge_contact
+from kinematics.collision.edge_problem import MARGIN_M, make_scratch
+from kinematics.collision.pair_bounds import TOLERANCE
+from kinematics.collision.path_clearance import path_clearance
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
 from planning.motion.edges import LARGEST_CLEARANCE_M, Task, connects, with_clearance
@@ -57,7 +60,7 @@ def test_the_kernel_s_free_keeps_the_clearance_and_its_touching_falls_short(robo
     assert (said == sphere_check.FREE).sum() > 5
     assert (said == sphere_check.TOUCHES).sum() > 40
     exact = np.array([config_free(task.exact, q, cell.memory.exact) for q in Q])
-    margin = edge_check.MARGIN_M
+    margin = MARGIN_M
     assert (short[exact] <= FCL_M - margin).all()
     assert (short[~exact] >= -margin - TOLERANCE * (clearance_m + 2 * margin) - FCL_M).all()
 

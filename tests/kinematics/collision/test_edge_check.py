@@ -11,22 +11,13 @@ from scipy.spatial import ConvexHull
 from small_queries import make_problem
 
 from kinematics.chain import Chain, forward
-from kinematics.collision.edge_check import (
-    TOLERANCE,
-    Problem,
-    Scratch,
-    config_clearance,
-    config_free,
-    edge_contact,
-    edge_free,
-    first_contact,
-    make_scratch,
-    pair_bound,
-    pieces_free,
-)
+from kinematics.collision.edge_check import config_free, edge_contact, edge_free, first_contact, pieces_free
+from kinematics.collision.edge_problem import Problem, Scratch, make_scratch
 from kinematics.collision.geometry import Parts, Query, make_parts, make_solids
 from kinematics.collision.gjk import distance, make_work
 from kinematics.collision.motion_bounds import begin_edge, safe_interval, twists
+from kinematics.collision.pair_bounds import TOLERANCE, pair_bound
+from kinematics.collision.path_clearance import config_clearance
 from kinematics.collision.posed_geometry import make_posed_geometry
 from kinematics.jit.decorators import jit_entry
 from kinematics.scene import Body

@@ -12,7 +12,8 @@ from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import apply, inverse, rotation_about, transform
 from perception.camera import DepthNoise, cloud, look_at, realsense_d435i
 from perception.mapping.voxels import FREE, OCCUPIED, UNKNOWN, Voxels, unknown_voxels
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 
 CAMERA = realsense_d435i(320, 180)
 CABINET = Cabinet(np.array([0.5, 0.7, 0.45]), transform(rotation_about((0, 0, 1), 0.3), [0.3, 0.1, 0.2]), 0.03)

@@ -15,7 +15,8 @@ from perception.objects.footprint import upright_solid
 from perception.objects.prepared_frames import prepare
 from perception.objects.ray_fit import BOX, CYLINDER, distance, hit, slid
 from perception.objects.segment import object_pixels
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 
 CAMERA = realsense_d435i(640, 360)
 SKIN_M = 0.0012  # so far an object may stand out of its solid, or the solid out of the object, anywhere

@@ -17,7 +17,8 @@ from perception.mapping.voxels import FREE, unknown_voxels
 from perception.objects.clustering import cluster_instances
 from perception.objects.prepared_frames import axial_noise, prepare
 from perception.objects.segment import grown, iou, match, segment, standing_box
-from perception.rendering.raycast import raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import surfaces
 
 CAMERA = realsense_d435i(320, 240)
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.3, 0.0, 0.1]), 0.03)

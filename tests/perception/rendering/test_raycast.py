@@ -13,8 +13,9 @@ from kinematics.transforms import Array, inverse, rotation_about, transform
 from perception.camera import Intrinsics, cloud, look_at, points_in_camera, ray_directions, realsense_d435i
 from perception.rendering.lighting import Studio
 from perception.rendering.polylines import Polyline
-from perception.rendering.raycast import Mesh, Surfaces, join, moved, raycast, surfaces
+from perception.rendering.raycast import raycast
 from perception.rendering.shading import Item, shade
+from perception.rendering.surfaces import Mesh, Surfaces, join, moved, surfaces
 
 CAMERA = realsense_d435i(160, 120)
 

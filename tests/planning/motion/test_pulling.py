@@ -9,7 +9,8 @@ import pytest
 from small_queries import make_problem
 
 from kinematics.chain import Chain, forward
-from kinematics.collision.edge_check import Problem, config_free, make_scratch
+from kinematics.collision.edge_check import config_free
+from kinematics.collision.edge_problem import Problem, make_scratch
 from kinematics.collision.geometry import Query, make_parts, make_solids
 from kinematics.inverse import make_work as make_descent
 from kinematics.jit.decorators import jit_entry

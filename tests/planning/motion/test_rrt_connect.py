@@ -9,7 +9,8 @@ import pytest
 from small_queries import make_problem
 
 from kinematics.chain import Chain
-from kinematics.collision.edge_check import Problem, config_free, edge_free, make_scratch
+from kinematics.collision.edge_check import config_free, edge_free
+from kinematics.collision.edge_problem import Problem, make_scratch
 from kinematics.collision.geometry import Query, make_parts, make_solids
 from kinematics.collision.gjk import distance, make_work
 from kinematics.robots.robot import Robot

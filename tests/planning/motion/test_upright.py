@@ -9,7 +9,7 @@ import pytest
 from test_sphere_check import random_chain
 
 from kinematics.chain import Chain, forward
-from kinematics.collision.edge_check import Scratch, scratch_for
+from kinematics.collision.edge_problem import Scratch, scratch_for
 from kinematics.jit.decorators import jit_entry
 from kinematics.robots.robot import Robot, load
 from kinematics.transforms import Array, transform

@@ -17,7 +17,8 @@ from perception.camera import DepthNoise, look_at, realsense_d435i
 from perception.frames import Frame
 from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
 from perception.objects.footprint import upright_solid
-from perception.rendering.raycast import moved, raycast, surfaces
+from perception.rendering.raycast import raycast
+from perception.rendering.surfaces import moved, surfaces
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth, synthetic_camera
 from planning.motion.pick_place import Motions
 from planning.motion.verify import verify

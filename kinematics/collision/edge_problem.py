@@ -1,0 +1,183 @@
+"""One motion query for the exact check, packed flat for compiled code: what moves, what it may not touch, and one thread's memory.
+
+A pair is two bodies that may not touch: part and part, or part and solid.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.chain import Chain, Int
+from kinematics.collision.geometry import HULL, Query, Solids
+from kinematics.collision.posed_geometry import PosedGeometry
+from kinematics.jit.decorators import copy_rows, jit_entry
+from kinematics.jit.record import record
+from kinematics.transforms import Array
+
+MARGIN_M = 5e-4
+"""Bodies closer than this, beyond the clearance that is asked for, count as touching; half of it is what a certified edge keeps everywhere
+besides."""
+
+
+@record
+class Problem(NamedTuple):
+    """What moves, what it may not touch, and how fast. Bodies are the P parts, then the B solids.
+
+    boxes (P + B, 7): half sizes and centre of the box around each body along its own axes (a box's and a cylinder's sizes), radius of the
+    ball about the same centre. vertices (3, N), groups (4, ·): of all bodies, see `vertex_groups.grouped`. pairs (M, 9): the two bodies,
+    the first one a part; their two rows of `Scratch.poses`; the second one's kind; the first one's and the second one's range of vertices.
+    reach (M, K): metres that one body of the pair moves at most, relative to the other, per unit of each joint.
+    weight (J,): the same for the arm as a whole, never 0. solid_T (B, 4, 4).
+    clearance (M,): how far each pair is to stay apart, in metres. A pair counts as touching when it is not further apart than
+    clearance + margin_m, and a certified edge keeps at least clearance + margin_m / 2.
+    """
+
+    chain: Chain
+    boxes: Array
+    vertices: Array
+    groups: Array
+    pairs: Int
+    reach: Array
+    weight: Array
+    solid_T: Array
+    margin_m: float
+    clearance: Array
+
+
+@record
+class Scratch(NamedTuple):
+    """One thread's memory for one `Problem`.
+
+    poses (K + 1 + B, 4, 4): the chain's frames, then the solids. work (8, 4) and toward (M, 3): GJK's, and each pair's last direction.
+    q (J,). Of the edge at hand rate (K,), motion (M,), bend (M,) and twist (K + 1, 6), see motion_bounds.py.
+    spans (2, ·, 2), lists (2, ·, 2) and pool (2, ·): intervals of the edge that are undecided, where in the pool their undecided pairs are
+    listed, and those lists; this level's and the next one's.
+    counts (4,): configurations looked at, pairs that came to GJK, edges, edges found free. where (1,): how far along the last blocked edge.
+    """
+
+    poses: Array
+    work: Array
+    toward: Array
+    q: Array
+    rate: Array
+    motion: Array
+    bend: Array
+    twist: Array
+    spans: Array
+    lists: Int
+    pool: Int
+    counts: Int
+    where: Array
+
+
+def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margin_m: float) -> Problem:
+    """Pack one motion query of posed geometry: the problem that `edge_free` and the others solve."""
+    P, B = len(posed.frame), len(solids.kind)
+    if query.check.shape != (P, B):
+        raise ValueError(f"check {query.check.shape} must say of {P} parts and {B} solids which are asked about")
+    if len(query.pairs) and not (query.pairs.min() >= 0 and query.pairs.max() < P):
+        raise ValueError(f"pairs name parts from {query.pairs.min()} to {query.pairs.max()}, and there are {P}")
+    count, J, K = int(np.count_nonzero(query.check)) + len(query.pairs), len(chain.lower), len(chain.q_index)
+    problem = Problem(
+        chain,
+        np.concatenate([posed.boxes, solids.boxes]),
+        np.concatenate([posed.vertices, solids.points], 1),
+        np.concatenate([posed.groups, solids.groups], 1),
+        np.empty((count, 9), np.int64),
+        np.zeros((count, K)),
+        np.zeros(J),
+        solids.T,
+        margin_m,
+        np.zeros(count),
+    )
+    _fill(posed, solids, query, problem, np.empty((count, 4), np.int64))
+    return problem
+
+
+@jit_entry
+def _fill(posed: PosedGeometry, solids: Solids, query: Query, problem: Problem, listed: Int) -> None:
+    """Fill in pairs, reach and weight. listed (M, 4), scratch: the two bodies of each pair; the one that the joints move which do not
+    carry both, and the frame from which on they do."""
+    P, n = posed.frame.shape[0], 0
+    for p in range(P):
+        for b in range(solids.kind.shape[0]):
+            if query.check[p, b]:
+                listed[n, 0], listed[n, 1], listed[n, 2], listed[n, 3] = p, P + b, p, 0
+                n += 1
+    for i in range(query.pairs.shape[0]):
+        a, b = query.pairs[i, 0], query.pairs[i, 1]
+        listed[n, 0], listed[n, 1] = a, b
+        listed[n, 2], listed[n, 3] = a if posed.frame[a] >= posed.frame[b] else b, min(posed.frame[a], posed.frame[b])
+        n += 1
+    chain, weight, pairs, frames = problem.chain, problem.weight, problem.pairs, problem.chain.q_index.shape[0] + 1
+    n = 0
+    for frame in range(frames - 1, -1, -1):  # the hand collides most often
+        for i in range(listed.shape[0]):
+            a, b, moved = listed[i, 0], listed[i, 1], listed[i, 2]
+            if posed.frame[moved] != frame:
+                continue
+            solid, before = b - P, posed.start[P]
+            pairs[n, 0], pairs[n, 1], pairs[n, 2] = a, b, posed.frame[a]
+            pairs[n, 5], pairs[n, 6] = posed.start[a], posed.start[a + 1]
+            if solid >= 0:
+                pairs[n, 3], pairs[n, 4] = frames + solid, solids.kind[solid]
+                pairs[n, 7], pairs[n, 8] = before + solids.point_start[solid], before + solids.point_start[solid + 1]
+            else:
+                pairs[n, 3], pairs[n, 4], pairs[n, 7], pairs[n, 8] = posed.frame[b], HULL, posed.start[b], posed.start[b + 1]
+            for k in range(listed[i, 3], frame):
+                problem.reach[n, k] = posed.reach[k, moved]
+            n += 1
+    for k in range(frames - 1):
+        far = 0.0
+        for p in range(P):
+            far = max(far, posed.reach[k, p])
+        weight[chain.q_index[k]] += far * abs(chain.scale[k]) if P else 1.0
+    most = 0.0
+    for j in range(weight.shape[0]):
+        most = max(most, weight[j])
+    for j in range(weight.shape[0]):
+        weight[j] = max(weight[j], max(1e-9, 0.02 * most))
+
+
+def some_pairs(problem: Problem, kept: NDArray[np.bool_]) -> Problem:
+    """The same problem with some of its pairs alone, kept (M,)."""
+    return problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept], clearance=problem.clearance[kept])
+
+
+def make_scratch(problem: Problem) -> Scratch:
+    """Memory for one thread; it may serve any number of queries on the same problem."""
+    scratch = scratch_for(len(problem.chain.q_index), len(problem.chain.lower), len(problem.solid_T), len(problem.pairs))
+    enter(problem, scratch)
+    return scratch
+
+
+def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scratch:
+    """Memory for one thread, for all problems that are no larger than this; `enter` each of them first."""
+    return Scratch(
+        np.zeros((joints + 1 + solids, 4, 4)),
+        np.zeros((8, 4)),
+        np.zeros((pairs, 3)),
+        np.zeros(coordinates),
+        np.zeros(joints),
+        np.zeros(pairs),
+        np.zeros(pairs),
+        np.zeros((joints + 1, 6)),
+        np.zeros((2, 2048, 2)),
+        np.zeros((2, 2048, 2), np.int64),
+        np.zeros((2, 16384 + 64 * pairs), np.int64),
+        np.zeros(4, np.int64),
+        np.zeros(1),
+    )
+
+
+@jit_entry
+def enter(problem: Problem, scratch: Scratch) -> None:
+    """Make a scratch that served another problem, as large as this one or larger, as good as new for this one."""
+    frames, n = problem.chain.q_index.shape[0] + 1, problem.pairs.shape[0]
+    for b in range(problem.solid_T.shape[0]):
+        copy_rows(problem.solid_T[b], scratch.poses[frames + b])
+    for i in range(n):
+        scratch.toward[i, 0] = scratch.toward[i, 1] = scratch.toward[i, 2] = 0.0

@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from perception.camera import DepthNoise
 from perception.frames import write_frames

@@ -161,7 +161,7 @@ def read_scene(file: Path) -> None:
     for _, scene in read_scenes(file):
         if len(scene.objects) < 20:
             from kinematics.errors import blame
-            from kinematics.robots.robot import from_ref
+            from kinematics.robots.load import from_ref
             from planning.motion.pick_place import Motions
 
             with blame("scene"):
@@ -181,11 +181,11 @@ def read_plan(file: Path) -> None:
 
 def read_urdf(file: Path) -> None:
     from kinematics.errors import blame
-    from kinematics.robots import robot
+    from kinematics.robots.load import forget, load
 
-    robot._load.cache_clear()  # the file of this name is another one each time
+    forget()  # the file of this name is another one each time
     with blame("robots", OSError, RuntimeError):
-        robot.load(str(file), "tcp")
+        load(str(file), "tcp")
 
 
 def read_mesh(file: Path) -> None:

@@ -33,7 +33,8 @@ from kinematics.collision.edge_check import config_free
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import hull_solid
 from kinematics.collision.geometry import BOX, CYLINDER, Solids, make_solids
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Held, RobotRef, Scene, State
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, apply, inverse, transform

@@ -27,7 +27,8 @@ import mujoco
 import numpy as np
 
 from kinematics.quintic_spline import evaluate, hermite
-from kinematics.robots.robot import Robot, from_ref
+from kinematics.robots.load import from_ref
+from kinematics.robots.robot import Robot
 from kinematics.robots.tree import FIXED, SLIDES
 from kinematics.scene import Body, Scene
 from kinematics.shapes import Box, Cylinder, convex_parts

@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.robots.robot import Robot, from_ref
+from kinematics.robots.load import from_ref
+from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from planning import read_plans, read_scenes
 from planning.grasps import PITCHES, Sampling

@@ -109,7 +109,7 @@ def one(name: str, n: int, seed: int) -> Row:
         return Row(name, package, None, "–", 0, n, 0.0, f"{package} is not installed")
     start = time.process_time()
     try:
-        from kinematics.robots.robot import load
+        from kinematics.robots.load import load
 
         robot = load(str(urdf))
     except ValueError as e:

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.robots.robot import load
+from kinematics.robots.load import load
 from kinematics.scene import Cabinet, RobotRef, Scene, object_box
 from kinematics.transforms import Array
 from perception.camera import DepthNoise, look_at, realsense_d435i

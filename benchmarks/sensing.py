@@ -14,7 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
 from perception.mapping.voxels import unknown_voxels

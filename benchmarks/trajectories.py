@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from kinematics.quintic_spline import evaluate
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import Array, transform
 from planning.motion.carry import Done

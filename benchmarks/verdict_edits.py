@@ -24,7 +24,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import sampled_hold as truth
 
-from kinematics.robots.robot import Robot, installed, load
+from kinematics.robots.load import load
+from kinematics.robots.named import installed
+from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, RobotRef, Scene
 from kinematics.shapes import Box, bounds
 from kinematics.transforms import Array, inverse, rotation_about, transform

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from kinematics.errors import InputError, RetrieveError
-    from kinematics.robots.robot import Robot, load, named_robots
+    from kinematics.robots.load import load
+    from kinematics.robots.named import named_robots
+    from kinematics.robots.robot import Robot
     from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, State
     from kinematics.shapes import Box, ConvexMesh, Cylinder
 
@@ -44,9 +46,9 @@ _WHERE = {
     "RobotRef": "kinematics.scene",
     "Scene": "kinematics.scene",
     "State": "kinematics.scene",
-    "load": "kinematics.robots.robot",
+    "load": "kinematics.robots.load",
     "load_mesh": "kinematics.meshes.load",
-    "named_robots": "kinematics.robots.robot",
+    "named_robots": "kinematics.robots.named",
 }
 
 

@@ -1,6 +1,6 @@
 """The arm as a chain of moving joints in flat arrays, and its compiled forward kinematics.
 
-A `Chain` moves frames: frame 0 is the world, frame k + 1 the one that joint k moves. `kinematics.robots.robot` builds it from a URDF.
+A `Chain` moves frames: frame 0 is the world, frame k + 1 the one that joint k moves. `Robot.chain` builds it from a URDF.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.robots.robot import Robot, from_ref, load
+from kinematics.robots.load import from_ref, load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from perception.observation import is_seen
 from planning.io import files

@@ -58,7 +58,7 @@ def _hard_scene(seed: int, file: Path) -> Film:
 
     Raises: ValueError when there is none.
     """
-    from kinematics.robots.robot import load
+    from kinematics.robots.load import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
     from planning.library import plan_scene

@@ -41,7 +41,7 @@ def run(
     resume: bool = False,
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
-    from kinematics.robots.robot import load
+    from kinematics.robots.load import load
     from planning.scene_generation import load_spec
 
     announce_first_run()
@@ -73,7 +73,7 @@ def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
 
 def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
     """Scene number `index` of a seed. Raises: InputError when the spec asks for what the robot can't do."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from planning.scene_generation import NoScene, generate
 
     thrown = Counter[str]()
@@ -97,7 +97,7 @@ def spec_hash(spec: Spec) -> str:
 
 def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:
     """How scenes name a robot that was loaded, with its base where it stands."""
-    from kinematics.robots.robot import named_robots
+    from kinematics.robots.named import named_robots
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
 

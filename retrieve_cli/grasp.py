@@ -37,7 +37,7 @@ def run(
     with scene_writer(out) as write:
         for where, scene in read_scenes(scenes, "grasp", on_mesh=mesh_progress):
             with blame(where):
-                from kinematics.robots.robot import from_ref
+                from kinematics.robots.load import from_ref
 
                 arm = from_ref(scene.robot, on_step=say)
                 if source is None or convention is None:
@@ -56,7 +56,7 @@ def run(
 
 def imported(scene: Scene, source: Path, convention: str, frame: str, most: int) -> Proposals:
     """The grasps of a file that hold the scene's target. Raises: InputError, ValueError."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from planning.grasp_import import onto_target
     from planning.io.grasp_files import read_grasps
 

@@ -117,7 +117,7 @@ def run(
 
 def label_item(job: Job, item: Item) -> list[Row]:
     """The rows of one scene. Raises: InputError when it can't be made, or the robot can't stand before it."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from planning.learning.states import rows, varied_scene
     from planning.scene_generation import NoScene
 
@@ -152,7 +152,7 @@ def _made(
     spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool
 ) -> tuple[dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
     """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn."""
-    from kinematics.robots.robot import load
+    from kinematics.robots.load import load
     from planning.learning.states import Variety
     from planning.scene_generation import load_spec
 

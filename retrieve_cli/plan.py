@@ -264,7 +264,7 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
 
 def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     """The plan of one scene. Raises: InputError, beginning with `where`, when the scene can't be meant: its robot, its target, its x_g."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from planning import library
     from planning.learning.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
@@ -297,7 +297,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     """The plan of one scene of which nothing is known at first. Raises: InputError like `plan_scene`, and for a robot without a camera."""
     import numpy as np
 
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from perception.camera import DepthNoise
     from planning import library
     from planning.learning.model import once_loaded
@@ -403,7 +403,7 @@ def _overridden(line: SceneLine, robot: str | None, hand_frame: str | None, grip
 
 def other_robot(scene: RobotRef, robot: str | None, hand_frame: str | None, gripper_joint: str | None, where: str) -> RobotRef:
     """The robot to plan with: another one, or the scene's own URDF with another hand frame or gripper joint. Raises InputError."""
-    from kinematics.robots.robot import named_robots
+    from kinematics.robots.named import named_robots
     from kinematics.scene import RobotRef
 
     if robot is None and scene.urdf is not None:

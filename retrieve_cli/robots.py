@@ -28,7 +28,8 @@ def run(
     as_json: bool,
 ) -> None:
     """List the robots, or tell about one; write its URDF or a picture when asked."""
-    from kinematics.robots.robot import load, named_robots
+    from kinematics.robots.load import load
+    from kinematics.robots.named import named_robots
 
     if name is None:
         asked = next((word for word, value in (("--urdf", urdf), ("--png", png), ("--hand-frame", hand_frame)) if value is not None), None)
@@ -63,13 +64,13 @@ def run(
 
 
 def _installed(name: str) -> bool:
-    from kinematics.robots.robot import installed
+    from kinematics.robots.named import installed
 
     return installed(name)
 
 
 def _missing(name: str) -> dict[str, Any]:
-    from kinematics.robots.robot import named_robots
+    from kinematics.robots.named import named_robots
 
     entry = named_robots()[name]
     install = f"pip install 'retrieve[{entry['extra']}]'" if "extra" in entry else None
@@ -80,7 +81,7 @@ def about(arm: Robot, own: bool) -> dict[str, Any]:
     """What was understood of a robot, as JSON has it; lengths in metres, angles in radians."""
     import numpy as np
 
-    from kinematics.robots.robot import named_robots
+    from kinematics.robots.named import named_robots
     from planning.io.documents import pose_to_json
 
     entry = {} if own else {"package": named_robots()[arm.name]["distribution"]}
@@ -122,7 +123,8 @@ def _finite(value: float) -> float | None:
 
 def _list(as_json: bool) -> None:
     """All named robots."""
-    from kinematics.robots.robot import load, named_robots
+    from kinematics.robots.load import load
+    from kinematics.robots.named import named_robots
 
     rows = [about(load(name), own=False) if _installed(name) else _missing(name) for name in named_robots()]
     if as_json:

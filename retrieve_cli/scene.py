@@ -96,7 +96,7 @@ def _words(said: dict[str, Any], where: str) -> Words:
 
 
 def _load(said: dict[str, Any], where: str) -> Robot:
-    from kinematics.robots.robot import load
+    from kinematics.robots.load import load
 
     with blame(where):
         return load(said.get("robot") or "ur5e", said.get("hand_frame"), said.get("gripper_joint"), on_step=say)
@@ -115,7 +115,7 @@ def _settled(scene: Scene, where: str) -> Scene:
 
 def _with_grasp(where: str, scene: Scene) -> Scene:
     """The scene with x_g proposed; without it, which is said, where no grasp can be used."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from planning.grasp_proposals import propose, with_grasps
     from retrieve_cli.grasp import tell
 

@@ -49,7 +49,7 @@ def run(
     """
     import numpy as np
 
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from perception.belief import believe, region_flags
     from perception.frames import write_frames, write_ply
     from perception.objects.prepared_frames import axial_noise

@@ -80,7 +80,7 @@ def _write_page(film: Film, out: Path, *, plots: bool = False) -> None:
 
 def _film(scene: Scene, plan: Plan | None, parts: bool = False) -> Film:
     """Raises ValueError when the robot can't be loaded, or the plan is not for it."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from retrieve_cli.drawing.picture import Film
 
     film = Film(from_ref(scene.robot, on_step=say), scene, plan, parts)

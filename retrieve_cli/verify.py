@@ -78,7 +78,7 @@ def by_id(file: Path, noise_m: float) -> Mapping[str, Scene]:
 
 def judged(settings: Settings, as_json: bool, item: Item) -> tuple[str, bool]:
     """What is printed of a plan, and whether it is false. Raises: InputError when the scene's robot can't be loaded."""
-    from kinematics.robots.robot import from_ref
+    from kinematics.robots.load import from_ref
     from planning.verdict import examine
 
     where, scene, plan = item

@@ -10,7 +10,7 @@ from retrieve_cli.terminal import announce_first_run, progress, say
 
 def run(*, robots: list[str]) -> None:
     """Warm up for some robots, by default for every named one whose package is installed. Raises InputError for unknown ones."""
-    from kinematics.robots.robot import installed, named_robots
+    from kinematics.robots.named import installed, named_robots
 
     table = named_robots()
     wanted = [choose("robot", name, table) for name in robots] or [name for name in table if installed(name)]
@@ -52,7 +52,7 @@ def _draw() -> None:
 
 def warm(name: str) -> None:
     """Cover a robot, generate a scene for it, plan and verify it, and look at it: all that is compiled or derived once is used."""
-    from kinematics.robots.robot import load
+    from kinematics.robots.load import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
     from perception.rendering.synthetic_camera import synthetic_camera

@@ -13,7 +13,9 @@ import pytest
 from hypothesis import settings
 
 from kinematics.inverse import descend, make_seeds, make_work, solve
-from kinematics.robots.robot import Robot, installed, load, named_robots
+from kinematics.robots.load import load
+from kinematics.robots.named import installed, named_robots
+from kinematics.robots.robot import Robot
 from kinematics.transforms import transform, wxyz_from_rotation
 
 settings.register_profile("repeatable", derandomize=True, database=None, deadline=None)

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from documents import SCHEMAS
 
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, object_box
 from kinematics.transforms import transform
 from planning.io.files import read_plans, read_scenes

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from kinematics.robots.robot import named_robots
+from kinematics.robots.named import named_robots
 from planning.scene_generation import SPECS
 from retrieve_cli.__main__ import OURS
 

@@ -30,7 +30,9 @@ from second_engine import (
     walls,
 )
 
-from kinematics.robots.robot import Robot, installed, load
+from kinematics.robots.load import load
+from kinematics.robots.named import installed
+from kinematics.robots.robot import Robot
 from kinematics.scene import WALLS, Cabinet
 from kinematics.shapes import Box
 from kinematics.transforms import rotation_about, transform

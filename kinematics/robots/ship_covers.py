@@ -8,7 +8,8 @@ import zipfile
 import numpy as np
 
 from kinematics.collision import cover_levels
-from kinematics.robots.robot import load, named_robots
+from kinematics.robots.load import load
+from kinematics.robots.named import named_robots
 from kinematics.transforms import Array
 
 EPOCH = (1980, 1, 1, 0, 0, 0)

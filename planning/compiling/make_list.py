@@ -41,7 +41,7 @@ def recorded() -> list[Ahead]:
 
 
 def _plan_some() -> None:
-    from kinematics.robots.robot import load
+    from kinematics.robots.load import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
     from planning.library import plan_scene

@@ -14,7 +14,8 @@ from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
 from kinematics.mount import standing_still
-from kinematics.robots.robot import Robot, check_names
+from kinematics.robots.names import check_names
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array
@@ -45,7 +46,7 @@ class PackedCell:
     """A robot, a scene's cabinet and shapes, and other obstacles. Poses, what is held and how far the hand is open come with each query.
 
     obstacles: space that was not seen yet, from which no distance is kept. Raises: ValueError when two things have one name, see
-    `kinematics.robots.robot.check_names`; and for objects that may hardly lean at all.
+    `kinematics.robots.names.check_names`; and for objects that may hardly lean at all.
     """
 
     def __init__(self, robot: Robot, scene: Scene, obstacles: Sequence[Body], settings: MotionSettings) -> None:

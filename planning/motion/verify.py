@@ -14,7 +14,8 @@ from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.fcl_check import Verdict
 from kinematics.quintic_spline import extremes
 from kinematics.robots.joints import WITHIN
-from kinematics.robots.robot import Robot, check_names
+from kinematics.robots.names import check_names
+from kinematics.robots.robot import Robot
 from kinematics.robots.start import start_q
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array, angle_between, inverse

@@ -9,7 +9,8 @@ import pytest
 
 from kinematics.collision.fcl_check import Verdict
 from kinematics.mount import MOUNT, mount, standing_still
-from kinematics.robots.robot import Robot, check_names
+from kinematics.robots.names import check_names
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
 from kinematics.shapes import Box, bounds
 from kinematics.transforms import Array, rotation_about, transform

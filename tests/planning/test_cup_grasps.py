@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import rotation_about, transform

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from kinematics.robots.robot import installed, named_robots
+from kinematics.robots.named import installed, named_robots
 from kinematics.transforms import rotation_from_wxyz, transform
 from retrieve_cli import warmup
 from retrieve_cli.schema import KINDS

@@ -12,7 +12,8 @@ import documents
 import numpy as np
 import pytest
 
-from kinematics.robots.robot import Robot, named_robots
+from kinematics.robots.named import named_robots
+from kinematics.robots.robot import Robot
 from planning.policies import POLICIES
 from planning.scene_generation import SPECS
 from retrieve_cli.__main__ import main

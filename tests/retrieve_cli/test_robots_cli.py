@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.robots.robot import from_ref, load
+from kinematics.robots.load import from_ref, load
 from planning.fitting import fit
 from planning.motion.pick_place import Motions
 from planning.scene_generation import NoScene, load_spec

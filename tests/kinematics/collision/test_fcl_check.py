@@ -14,7 +14,8 @@ from second_engine import walls as walls_of_coal
 
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import Contact, always_touching, depth, hull_solid, overlapping, shape_solids
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, State
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners, prism
 from kinematics.transforms import Array, rotation_about, transform

@@ -11,7 +11,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from kinematics.collision import cover_grid, cover_levels, sphere_cover
-from kinematics.robots.robot import load
+from kinematics.robots.load import load
 from kinematics.shapes import box_corners, prism
 from kinematics.transforms import apply, rotation_about, transform
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from kinematics.robots.hand_model import NoGripper
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, rotation_from_wxyz, rotation_rpy, transform
 
 ROLL = (0.4, -0.9, 1.7)  # how the palm's frame lies to the wrist, so that nothing is along an axis by chance

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from kinematics.robots.limits import ACCELERATION_S, GRIPPER_ACCELERATION_S, GRIPPER_JERK_S, JERK_S, VELOCITY, read_limits
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 
 JOINTS = ("turn", "up", "out", "grip")
 

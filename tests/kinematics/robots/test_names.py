@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from conftest import Handmade
 
-from kinematics.robots.robot import Robot, check_names, forget, load
+from kinematics.robots.load import forget, load
+from kinematics.robots.names import check_names
+from kinematics.robots.robot import Robot
 from kinematics.scene import WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import transform

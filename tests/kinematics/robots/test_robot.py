@@ -19,7 +19,9 @@ from second_engine import Arm, nearest
 from kinematics.chain import forward
 from kinematics.collision.fcl_check import Verdict
 from kinematics.robots.batched_fk import Forward
-from kinematics.robots.robot import Robot, forget, load, named_robots
+from kinematics.robots.load import forget, load
+from kinematics.robots.named import named_robots
+from kinematics.robots.robot import Robot
 from kinematics.scene import Cabinet, RobotRef, Scene, State
 from kinematics.transforms import inverse, rotation_about, transform
 
@@ -84,7 +86,7 @@ def test_jacobian_of_links_apart(robot: Robot) -> None:
 
 
 def test_torch_is_not_imported_before_it_is_needed() -> None:
-    code = "import sys, kinematics.robots.batched_fk, kinematics.robots.robot; assert 'torch' not in sys.modules"
+    code = "import sys, kinematics.robots.batched_fk, kinematics.robots.load; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -260,7 +262,7 @@ def test_unknown_robots() -> None:
 
 
 def test_a_missing_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    from kinematics.robots import robot as module
+    from kinematics.robots import load as module
 
     table = {**named_robots(), "ghost": {**named_robots()["panda"], "distribution": "no-such-distribution"}}
     monkeypatch.setattr(module, "named_robots", lambda: table)

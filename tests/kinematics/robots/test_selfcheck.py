@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from kinematics import cache
-from kinematics.robots import robot as robots
-from kinematics.robots.robot import Robot, load, named_robots
+from kinematics.robots import assemble
+from kinematics.robots.load import forget, load
+from kinematics.robots.named import named_robots
+from kinematics.robots.robot import Robot
 from kinematics.robots.selfcheck import check_kinematics
 
 
@@ -20,10 +22,10 @@ def test_named_robots_agree_and_are_the_ones_that_were_checked(robot: Robot, mon
     stored = {}
     monkeypatch.setattr(cache, "load", lambda _: None)
     monkeypatch.setattr(cache, "store", lambda _, data: stored.update(data))
-    monkeypatch.setattr(robots, "check_kinematics", lambda _: pytest.fail("the fingerprint in robots.toml is out of date"))
-    robots._load.cache_clear()
+    monkeypatch.setattr(assemble, "check_kinematics", lambda _: pytest.fail("the fingerprint in robots.toml is out of date"))
+    forget()
     load(robot.name)
-    assert robots.fingerprint(stored) == named_robots()[robot.name]["checked_kinematics"]
+    assert assemble.fingerprint(stored) == named_robots()[robot.name]["checked_kinematics"]
 
 
 @pytest.mark.parametrize(
@@ -51,9 +53,9 @@ def _moved(T: np.ndarray, i: int, by: float) -> np.ndarray:
 def test_a_new_urdf_is_compared_once(toy_urdf: Callable[..., Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     asked: list[str] = []
-    monkeypatch.setattr(robots, "check_kinematics", lambda robot: asked.append(robot.name))
+    monkeypatch.setattr(assemble, "check_kinematics", lambda robot: asked.append(robot.name))
     file = str(toy_urdf())
     for _ in range(2):
-        robots._load.cache_clear()
+        forget()
         load(file, "tcp")
     assert asked == [file]

@@ -13,7 +13,8 @@ from lxml import etree
 from kinematics.robots.derive import read_description
 from kinematics.robots.fixed_joints import freeze
 from kinematics.robots.hand_model import NoGripper
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.robots.tree import Tree
 from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import Box, Cylinder, Shape

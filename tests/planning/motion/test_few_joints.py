@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from kinematics import inverse
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, angle_between, rotation_about, transform

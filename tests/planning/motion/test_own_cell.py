@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from kinematics.collision.fcl_check import Verdict
-from kinematics.robots.robot import Robot, from_ref, load
+from kinematics.robots.load import from_ref, load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene, State
 from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import rotation_about, transform

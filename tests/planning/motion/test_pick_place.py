@@ -13,7 +13,8 @@ from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import apart
 from kinematics.collision.posed_geometry import make_posed_geometry
 from kinematics.collision.robot_model import RobotCollisionModel
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform

@@ -10,7 +10,8 @@ from conftest import Handmade
 
 from kinematics.collision.fcl_check import Verdict
 from kinematics.quintic_spline import evaluate
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.shapes import bounds
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json

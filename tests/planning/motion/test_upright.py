@@ -11,7 +11,8 @@ from test_sphere_check import random_chain
 from kinematics.chain import Chain, forward
 from kinematics.collision.edge_problem import Scratch, scratch_for
 from kinematics.jit.decorators import jit_entry
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, transform
 from planning.motion.upright import (
     ANY_WAY_UP,

@@ -16,7 +16,8 @@ from conftest import TOY
 from fakes import observation
 
 from kinematics.collision.robot_model import RobotCollisionModel
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp
 from kinematics.transforms import Array, transform
 from perception.observation import Observation

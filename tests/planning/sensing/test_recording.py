@@ -11,7 +11,7 @@ import pytest
 from test_segment import box, can, photograph, placed, without_masks
 
 from kinematics.errors import InputError
-from kinematics.robots.robot import load
+from kinematics.robots.load import load
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State, object_box
 from kinematics.transforms import transform
 from perception.camera import realsense_d435i

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from conftest import random_q
 
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.transforms import rotation_about, transform
 from planning.verdict.arm import poses, read
 from planning.verdict.hand import hand_of, in_hand

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from conftest import SIDEWAYS
 
-from kinematics.robots.robot import Robot, installed, load
+from kinematics.robots.load import load
+from kinematics.robots.named import installed
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform

@@ -11,7 +11,8 @@ import pytest
 import test_second_engine as spoilers
 from conftest import SIDEWAYS, Handmade, Json, make_plan, pose
 
-from kinematics.robots.robot import Robot, load
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Held
 from kinematics.shapes import Box
 from kinematics.transforms import rotation_about, transform

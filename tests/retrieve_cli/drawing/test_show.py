@@ -21,7 +21,7 @@ import pytest
 import umsgpack
 from PIL import Image
 
-from kinematics.robots.robot import from_ref
+from kinematics.robots.load import from_ref
 from kinematics.transforms import rotation_from_wxyz
 from perception.rendering.colours import TARGET_COLOUR
 from planning.io.files import read_plans, read_scenes

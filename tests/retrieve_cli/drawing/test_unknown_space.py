@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import umsgpack
 
-from kinematics.robots.robot import from_ref
+from kinematics.robots.load import from_ref
 from kinematics.scene import Scene
 from kinematics.transforms import apply, inverse, transform, wxyz_from_rotation
 from perception.camera import look_at

@@ -38,7 +38,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Held, RobotRef, Scene, State
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, apply, inverse, transform
-from planning.grasps import UP, open_width
+from planning.grasping.finger_grasps import open_width
+from planning.grasping.hand_poses import UP
 from planning.motion.queries import PlanningQuery
 from planning.motion.reaching import APPROACH_M, LIFT_M
 from planning.motion.rrt_connect import plan

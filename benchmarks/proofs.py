@@ -30,7 +30,7 @@ from kinematics.robots.load import from_ref
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from planning import read_plans, read_scenes
-from planning.grasps import PITCHES, Sampling
+from planning.grasping.sampling import PITCHES, Sampling
 from planning.motion.pick_place import Done, Motions
 from planning.motion.picking import Picking, PickSettings, sampled_grasps
 from planning.motion.settings import UNCONSTRAINED

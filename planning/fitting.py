@@ -17,7 +17,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, apply, rotation_about, transform
-from planning.grasps import SPARE_M, UP
+from planning.grasping.finger_grasps import SPARE_M
+from planning.grasping.hand_poses import UP
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED

@@ -10,7 +10,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.transforms import Array, apply, inverse
 from planning.grasp_proposals import Proposals, rank
-from planning.grasps import line_contacts
+from planning.grasping.line_contacts import line_contacts
 from planning.io.grasp_files import ReadGrasps
 
 

@@ -18,8 +18,9 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array
-from planning.cup_grasps import grasps_on
-from planning.grasps import FRICTION_ANGLE, line_contacts
+from planning.grasping.cup_grasps import grasps_on
+from planning.grasping.finger_grasps import FRICTION_ANGLE
+from planning.grasping.line_contacts import line_contacts
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp
 

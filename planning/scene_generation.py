@@ -21,8 +21,9 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
-from planning.cup_grasps import grasps_on
-from planning.grasps import SPARE_M, UP, lowest_of, set_back
+from planning.grasping.cup_grasps import grasps_on
+from planning.grasping.finger_grasps import SPARE_M
+from planning.grasping.hand_poses import UP, lowest_of, set_back
 from planning.motion.arm import arm_at
 from planning.motion.pick_place import Motions
 from planning.motion.picking import headings_of

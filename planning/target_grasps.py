@@ -10,7 +10,7 @@ from itertools import chain
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
-from planning.grasps import USUAL, Sampling
+from planning.grasping.sampling import USUAL, Sampling
 from planning.motion.picking import sampled_grasps
 from planning.verdict import judge_grasp
 

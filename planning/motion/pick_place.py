@@ -22,7 +22,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene, State, object_box
 from kinematics.transforms import Array, inverse
 from perception.objects.settle import LOWEST_M, stands_on
-from planning.grasps import Sampling
+from planning.grasping.sampling import Sampling
 from planning.motion import waiting
 from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList

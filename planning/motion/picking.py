@@ -13,8 +13,9 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Grasp, Held, Scene
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, rotation_about, transform
-from planning.cup_grasps import grasps_on
-from planning.grasps import DENSE, USUAL, Headings, Sampling, open_width
+from planning.grasping.cup_grasps import grasps_on
+from planning.grasping.finger_grasps import open_width
+from planning.grasping.sampling import DENSE, USUAL, Headings, Sampling
 from planning.motion import queries, reaching
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.lazy_list import LazyList

@@ -14,7 +14,7 @@ import numpy as np
 from kinematics.collision.edge_problem import Problem
 from kinematics.scene import Grasp
 from kinematics.transforms import Array, inverse
-from planning.grasps import open_width
+from planning.grasping.finger_grasps import open_width
 from planning.motion import reaching
 from planning.motion.contacts import WHOLE, Flags, meet_along, meet_at, meet_hand
 from planning.motion.queries import PlanningQuery

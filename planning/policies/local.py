@@ -13,7 +13,7 @@ from kinematics.scene import Body
 from kinematics.shapes import Box
 from kinematics.transforms import Array, transform
 from perception.observation import Observation
-from planning.grasps import open_width
+from planning.grasping.finger_grasps import open_width
 from planning.motion.pick_place import Motions
 from planning.policies.regions import free_regions
 

@@ -22,7 +22,8 @@ from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.transforms import Array, apply, transform
 from perception.belief import Belief
 from perception.mapping.voxels import Voxels
-from planning.grasps import open_width, pad_of, sample_grasps
+from planning.grasping.finger_grasps import open_width, sample_grasps
+from planning.grasping.pads import pad_of
 from planning.motion.reaching import APPROACH_M, LARGEST_TURN, LIFT_M
 from planning.motion.workcell import Workcell
 from planning.sensing.look_around import unknown_mask

@@ -26,7 +26,8 @@ from perception.objects.pieces import upright_pieces
 from perception.objects.prepared_frames import prepare
 from perception.objects.segment import object_points
 from perception.objects.settle import MOST_M, settled
-from planning.grasps import pad_of, sample_grasps
+from planning.grasping.finger_grasps import sample_grasps
+from planning.grasping.pads import pad_of
 from planning.motion.pick_place import Motions
 from planning.sensing.unseen_space import unseen_space
 from planning.verdict import judge_grasp

@@ -14,7 +14,7 @@ from kinematics.scene import Grasp, RobotRef, Scene
 from kinematics.transforms import transform
 from planning import plan_scene, verify_plan
 from planning.grasp_proposals import propose
-from planning.grasps import DENSE, USUAL
+from planning.grasping.sampling import DENSE, USUAL
 from planning.io.results import scene_writer
 from planning.motion.pick_place import Motions
 from planning.plan import SCENE

@@ -11,7 +11,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, angle_between, rotation_about, transform
-from planning.grasps import LOWEST_M, lowest_of, usual_lowest
+from planning.grasping.hand_poses import LOWEST_M, lowest_of, usual_lowest
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions

@@ -18,7 +18,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
-from planning.grasps import open_width, sample_grasps
+from planning.grasping.finger_grasps import open_width, sample_grasps
 from planning.learning.brief_look import BriefLook
 from planning.motion import reaching, workcell
 from planning.motion.arm import FINGERS_AT, Arm

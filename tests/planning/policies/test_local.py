@@ -21,7 +21,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp
 from kinematics.transforms import Array, transform
 from perception.observation import Observation
-from planning.grasps import open_width
+from planning.grasping.finger_grasps import open_width
 from planning.policies.local import SAMPLES, Line, Lines, make_local_object, make_local_region
 from planning.policies.regions import free_regions
 

@@ -17,7 +17,10 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform
-from planning.grasps import USUAL, Headings, Lowest, Sampling, hand_looking, lowest_of, pad_of, sample_grasps, usual_lowest
+from planning.grasping.finger_grasps import sample_grasps
+from planning.grasping.hand_poses import Lowest, hand_looking, lowest_of, usual_lowest
+from planning.grasping.pads import pad_of
+from planning.grasping.sampling import USUAL, Headings, Sampling
 
 EDGE_M = 0.001  # what a cup keeps from the edges of what it holds
 SAG_M = 0.0002  # by which a curved face may fall away below a cup's lip

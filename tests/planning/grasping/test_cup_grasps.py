@@ -12,7 +12,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import rotation_about, transform
-from planning.cup_grasps import EDGE_M, grasps_on
+from planning.grasping.cup_grasps import EDGE_M, grasps_on
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp, judge_motions

@@ -13,24 +13,12 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
-from planning import grasps
-from planning.grasps import (
-    BEHIND_M,
-    BELOW_TOP_M,
-    CLEARANCE_M,
-    FRICTION_ANGLE,
-    LEAST_BITE_M,
-    LOWEST_M,
-    MESH_FRICTION_ANGLE,
-    PITCHES,
-    closing_directions,
-    line_contacts,
-    open_width,
-    pad_of,
-    sample_grasps,
-    set_back,
-    usual_lowest,
-)
+from planning.grasping import finger_grasps, hand_poses
+from planning.grasping.finger_grasps import CLEARANCE_M, FRICTION_ANGLE, MESH_FRICTION_ANGLE, closing_directions, open_width, sample_grasps
+from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, set_back, usual_lowest
+from planning.grasping.line_contacts import line_contacts
+from planning.grasping.pads import pad_of
+from planning.grasping.sampling import PITCHES
 from planning.motion.picking import sampled_grasps
 from planning.verdict import judge_grasp
 
@@ -54,7 +42,7 @@ def test_the_numbers() -> None:
     assert (CLEARANCE_M, BELOW_TOP_M, BEHIND_M, LEAST_BITE_M) == (0.010, 0.015, 0.005, 0.010)
     assert {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)} == PITCHES
     assert LOWEST_M == {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
-    assert grasps.UP.tolist() == [0.0, 0.0, 1.0]
+    assert hand_poses.UP.tolist() == [0.0, 0.0, 1.0]
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ lines
@@ -282,14 +270,14 @@ def test_the_height_of_a_grasp_from_the_side(kind: str) -> None:
     """A share of the body's height, but no lower than the hand fits over the floor; none where that is too near the top."""
     lowest = 0.5 + usual_lowest(kind, 0.0)
     assert lowest == 0.5 + LOWEST_M[kind]
-    assert grasps._level(kind, 0.5, 0.7, lowest, 0.6) == pytest.approx(0.62)
-    assert grasps._level(kind, 0.5, 0.7, lowest, 0.85) == pytest.approx(0.67)
-    assert grasps._level(kind, 0.5, 0.58, lowest, 0.1) == pytest.approx(lowest)
+    assert hand_poses.height_of(kind, 0.5, 0.7, lowest, 0.6) == pytest.approx(0.62)
+    assert hand_poses.height_of(kind, 0.5, 0.7, lowest, 0.85) == pytest.approx(0.67)
+    assert hand_poses.height_of(kind, 0.5, 0.58, lowest, 0.1) == pytest.approx(lowest)
     top = lowest + BELOW_TOP_M
-    assert grasps._level(kind, 0.45, top + 1e-5, lowest, 0.1) == pytest.approx(lowest)
-    assert grasps._level(kind, 0.45, top - 1e-5, lowest, 0.1) is None
-    assert grasps._level(kind, 0.6, 0.7, lowest, 0.6) == pytest.approx(0.66)  # what stands on something is higher above the floor
-    assert grasps._level(kind, 0.0, 1.0, 0.0, 1 / 3) == 0.333333  # rounded, so that hands from both sides meet in one line
+    assert hand_poses.height_of(kind, 0.45, top + 1e-5, lowest, 0.1) == pytest.approx(lowest)
+    assert hand_poses.height_of(kind, 0.45, top - 1e-5, lowest, 0.1) is None
+    assert hand_poses.height_of(kind, 0.6, 0.7, lowest, 0.6) == pytest.approx(0.66)  # what stands on something is higher above the floor
+    assert hand_poses.height_of(kind, 0.0, 1.0, 0.0, 1 / 3) == 0.333333  # rounded, so that hands from both sides meet in one line
 
 
 def test_what_is_low_may_be_held_nearer_to_its_top() -> None:
@@ -297,30 +285,30 @@ def test_what_is_low_may_be_held_nearer_to_its_top() -> None:
     lowest = LOWEST_M["diagonal"]
     height = lowest / 0.7
     assert 0.3 * height < BELOW_TOP_M
-    assert grasps._level("diagonal", 0.0, height + 1e-5, lowest, 0.1) == pytest.approx(lowest)
-    assert grasps._level("diagonal", 0.0, height - 1e-5, lowest, 0.1) is None
-    assert grasps._level("diagonal", 0.2, 0.2 + height + 1e-5, 0.2 + lowest, 0.1) == pytest.approx(0.2 + lowest)
+    assert hand_poses.height_of("diagonal", 0.0, height + 1e-5, lowest, 0.1) == pytest.approx(lowest)
+    assert hand_poses.height_of("diagonal", 0.0, height - 1e-5, lowest, 0.1) is None
+    assert hand_poses.height_of("diagonal", 0.2, 0.2 + height + 1e-5, 0.2 + lowest, 0.1) == pytest.approx(0.2 + lowest)
 
 
 def test_the_height_of_a_grasp_from_above() -> None:
     """2 cm below the top, whatever the share."""
     lowest = 0.5 + LOWEST_M["downward"]
     for share in (0.6, 0.85):
-        assert grasps._level("downward", 0.5, 0.7, lowest, share) == pytest.approx(0.68)
-    assert grasps._level("downward", 0.5, 0.53, lowest, 0.6) == pytest.approx(0.515)
-    assert grasps._level("downward", 0.5, 0.52, lowest, 0.6) is None
+        assert hand_poses.height_of("downward", 0.5, 0.7, lowest, share) == pytest.approx(0.68)
+    assert hand_poses.height_of("downward", 0.5, 0.53, lowest, 0.6) == pytest.approx(0.515)
+    assert hand_poses.height_of("downward", 0.5, 0.52, lowest, 0.6) is None
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- the hand
 
 
 def test_a_level_hand_closes_level_and_keeps_its_camera_up() -> None:
-    R = grasps._level_hand(X, 0.0)
+    R = hand_poses.level_hand(X, 0.0)
     assert np.allclose(R[:, 2], X)
     assert np.allclose(R[:, 0], Z)
     for ahead in (X, Y, np.array([0.6, -0.8, 0.0])):
         for pitch in (0.0, np.pi / 6, np.pi / 3):
-            R = grasps._level_hand(ahead, pitch)
+            R = hand_poses.level_hand(ahead, pitch)
             assert np.allclose(R.T @ R, np.eye(3))
             assert np.linalg.det(R) == pytest.approx(1.0)
             assert np.allclose(R[:, 2], np.cos(pitch) * ahead - np.sin(pitch) * Z)
@@ -331,7 +319,7 @@ def test_a_level_hand_closes_level_and_keeps_its_camera_up() -> None:
 def test_a_hand_from_above_turns_its_camera_back() -> None:
     """Its x points against the way a level hand would look: out of the cabinet."""
     for ahead in (X, Y, np.array([0.6, -0.8, 0.0])):
-        R = grasps._level_hand(ahead, np.pi / 2)
+        R = hand_poses.level_hand(ahead, np.pi / 2)
         assert np.allclose(R[:, 2], -Z)
         assert np.allclose(R[:, 0], -ahead)
         assert np.linalg.det(R) == pytest.approx(1.0)
@@ -443,7 +431,7 @@ def test_pads_close_on_a_skew_side_only_within_the_friction_cone() -> None:
 
 def test_normals_at_the_edge_of_the_friction_cone_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without friction just those along the closing direction are left."""
-    monkeypatch.setattr(grasps, "FRICTION_ANGLE", 0.0)
+    monkeypatch.setattr(finger_grasps, "FRICTION_ANGLE", 0.0)
     assert {abs(looks(g)[0]) for g in found_on(BOX, "horizontal")} == {round(np.pi / 2, 6)}
 
 

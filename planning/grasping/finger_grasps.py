@@ -1,0 +1,237 @@
+"""Grasps of two fingers: antipodal pairs of points on a shape, approached horizontally, diagonally or from above.
+
+A line through the shape along the closing direction gives two contact points; it is a grasp when both surface normals lie within the
+friction cone about the line and the gripper opens wide enough. The closing direction is always horizontal, so that an object keeps its
+upright pose when the hand holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from kinematics.robots.gripper import Opening
+from kinematics.scene import Body, Grasp
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
+from kinematics.transforms import Array, transform
+from planning.grasping.hand_poses import BEHIND_M, STEEP, Lowest, height_of, level_hand, set_back_pitched, usual_lowest
+from planning.grasping.line_contacts import Contact, line_contacts
+from planning.grasping.pads import Pad, under_pads
+from planning.grasping.sampling import USUAL, Headings, Sampling
+
+FRICTION_ANGLE = np.radians(10)
+MESH_FRICTION_ANGLE = np.radians(20)  # smooth meshes face the fingers in no line exactly; friction of 0.5 holds 26.6°
+SET_BACKS = (1.0, 0.5, 0.0)  # shares of how far a mesh, taken for a box, is set back: the first that holds; what is round needs less
+BESIDE = (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)  # where meshes are crossed beside their middle: shares of how far they reach there
+MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
+CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
+SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
+
+
+def closing_directions(shape: Shape, T: Array, sampling: Sampling = USUAL) -> list[float]:
+    """Yaw angles in [0, π) of horizontal directions along which the fingers may close: a box's faces, elsewhere all round."""
+    match shape:
+        case Box():
+            axes = T[:3, :3].T
+            yaws = [float(np.arctan2(a[1], a[0])) for a in axes if abs(a[2]) < 0.2]
+        case _:
+            yaws = list(np.arange(sampling.yaws) * np.pi / sampling.yaws)
+    return sorted({round(y % np.pi, 6) % round(np.pi, 6) for y in yaws})
+
+
+def sample_grasps(
+    body: Body,
+    opening: Opening,
+    approaches: Sequence[str],
+    floor_z: float,
+    toward: float,
+    sampling: Sampling = USUAL,
+    pad: Pad | None = None,
+    headings: Headings | None = None,
+    lowest: Lowest = usual_lowest,
+) -> Iterator[Grasp]:
+    """Antipodal grasps on a body, the most natural first: along the bearing `toward` (yaw in rad), flat before steep.
+
+    opening: the gripper's table; approaches: parts of `kinematics.scene.APPROACHES`; floor_z: the height that the body stands on, world.
+    pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines. headings: how an arm of
+    few joints looks at what has no faces, besides the yaws that are sampled. lowest: how low the pads may be.
+    On a mesh those follow that meet it less squarely, or beside its middle, or that are set back less than its box would be: the pads may
+    meet an edge there, or the palm the mesh.
+    The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
+    """
+    if opening.round_only and not isinstance(body.shape, Cylinder):
+        return
+    candidates = _Candidates(body, opening, tuple(approaches), floor_z, toward, sampling, lowest)
+    headed = [] if headings is None or isinstance(body.shape, Box) else candidates.headed(headings)
+    ranked = sorted([*headed, *candidates.all_round()], key=lambda c: c.rank)
+    hits: dict[tuple[float, float, float], Contact | None] = {}
+    left = []
+    for c in ranked:
+        grasp = _antipodal(body, opening, _crossed(body, c.point, c.u, 0.0, hits), c, pad, FRICTION_ANGLE)
+        if grasp is not None:
+            yield grasp
+        elif isinstance(body.shape, ConvexMesh):
+            left.append(c)
+    for c in left:
+        grasp = _less_squarely(body, opening, c, pad, hits)
+        if grasp is not None:
+            yield grasp
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A hand that may close. rank: the smaller the more natural; point (3,): between the pads; u (3,): along which; R (3, 3): the
+    hand's; extent: the body's, see `hand_poses.set_back_pitched`; back_m: how much nearer to the hand than it must be."""
+
+    rank: float
+    point: Array
+    u: Array
+    R: Array
+    extent: tuple[float, float, float]
+    back_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """All hands that are asked about; see `sample_grasps`."""
+
+    body: Body
+    opening: Opening
+    approaches: tuple[str, ...]
+    floor_z: float
+    toward: float
+    sampling: Sampling
+    lowest: Lowest
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """The body's lowest and highest corner (3,), world."""
+        return bounds(self.body.shape, self.body.T_world_body)
+
+    @cached_property
+    def kinds(self) -> list[tuple[str, float]]:
+        """Approaches and their pitches."""
+        return [(kind, pitch) for kind in self.approaches for pitch in self.sampling.pitches[kind]]
+
+    def headed(self, headings: Headings) -> Iterator[_Candidate]:
+        """Hands that look where an arm of few joints can take them."""
+        body, (low, high) = self.body, self.bounds
+        middle, there = (low + high) / 2, np.array([np.cos(self.toward), np.sin(self.toward), 0.0])
+        for kind, pitch in self.kinds:
+            for order, z in enumerate(self._heights(kind, pitch, self._width(self.toward + np.pi / 2))):
+                T = transform(level_hand(there, pitch), [middle[0], middle[1], z])
+                through = line_contacts(body.shape, body.T_world_body, T[:3, 3], T[:3, 1])
+                for R in [] if through is None else headings(T, through.leave - through.enter):
+                    level = np.array([-R[1, 1], R[0, 1], 0.0])
+                    yield from self._hand(R, level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)), R[:, 1], pitch, order, z)
+
+    def all_round(self) -> Iterator[_Candidate]:
+        """Hands from both sides of every closing direction."""
+        for yaw in closing_directions(self.body.shape, self.body.T_world_body, self.sampling):
+            width, u = self._width(yaw), np.array([np.cos(yaw), np.sin(yaw), 0.0])
+            for kind, pitch in self.kinds:
+                heights = self._heights(kind, pitch, width)
+                for side in (1.0, -1.0):
+                    ahead = side * np.array([-u[1], u[0], 0.0])
+                    R = level_hand(ahead, pitch)
+                    for order, z in enumerate(heights):
+                        yield from self._hand(R, ahead, u, pitch, order, z)
+
+    def _hand(self, R: Array, ahead: Array, u: Array, pitch: float, order: int, z: float) -> Iterator[_Candidate]:
+        """A hand R (3, 3) that looks along `ahead` (3,), level but for its pitch, and closes along u (3,), as deep as is asked for."""
+        low, high = self.bounds
+        middle = (low + high) / 2
+        turn = abs((np.arctan2(ahead[1], ahead[0]) - self.toward + np.pi) % (2 * np.pi) - np.pi)
+        point, extent = np.array([middle[0], middle[1], z]), (half_along(self.body, ahead), float(high[2] - z), pitch)
+        for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
+            yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back)
+
+    def _width(self, yaw: float) -> float:
+        """How wide the body is along a closing direction, m."""
+        return 2 * half_along(self.body, [np.cos(yaw), np.sin(yaw), 0.0])
+
+    def _heights(self, kind: str, pitch: float, width: float) -> list[float]:
+        """Heights of the pads, world."""
+        shape, (low, high) = self.body.shape, self.bounds
+        room = max(self.opening.depth_at(width) - BEHIND_M, 0.0)
+        # a round body is no wider than a line where the knuckles are: its top alone has to fit before them
+        least = high[2] - room / np.sin(pitch) if kind == "diagonal" and isinstance(shape, Cylinder) else -np.inf
+        floor = self.floor_z + self.lowest(kind, pitch)
+        usual = (height_of(kind, low[2], high[2], floor, share, least) for share in self.sampling.heights)
+        heights = sorted({z for z in usual if z is not None})
+        if isinstance(shape, ConvexMesh):
+            kind, floor = ("diagonal", self.floor_z + self.lowest("diagonal", pitch)) if kind == "downward" else (kind, floor)
+            more = (height_of(kind, low[2], high[2], floor, share) for share in MESH_HEIGHTS)
+            heights += [z for z in dict.fromkeys(more) if z is not None and z not in heights]
+        return heights
+
+
+def half_along(body: Body, direction: Array | Sequence[float]) -> float:
+    """Half of how far a body's own box extends along a unit direction (3,), world, in metres."""
+    return float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ direction))
+
+
+def _less_squarely(
+    body: Body, opening: Opening, c: _Candidate, pad: Pad | None, hits: dict[tuple[float, float, float], Contact | None]
+) -> Grasp | None:
+    """A mesh's grasp by a candidate that does not meet it squarely in its middle: beside it, or set back less."""
+    reach, above, pitch = c.extent
+    level = np.array([-c.u[1], c.u[0], 0.0])
+    wide = half_along(body, level)
+    lines = [(beside, _crossed(body, c.point, c.u, beside, hits)) for beside in (share * wide for share in (0.0, *BESIDE))]
+    for (beside, hit), share in product(sorted(lines, key=lambda line: _skew(line[1], c.u)), SET_BACKS):
+        around = (reach + beside * float(np.sign(level @ c.R[:, 2])), above, pitch)
+        there = replace(c, point=c.point + beside * level, extent=around)
+        grasp = _antipodal(body, opening, hit, there, pad, MESH_FRICTION_ANGLE, share)
+        if grasp is not None:
+            return grasp
+    return None
+
+
+def _crossed(body: Body, point: Array, u: Array, beside: float, hits: dict[tuple[float, float, float], Contact | None]) -> Contact | None:
+    """Where the line along u that passes so far beside a point meets the body, remembered: hands from both sides, and of all pitches, close
+    along it."""
+    line = (float(u[0]), float(point[2]), beside)
+    if line not in hits:
+        hits[line] = line_contacts(body.shape, body.T_world_body, point + beside * np.array([-u[1], u[0], 0.0]) if beside else point, u)
+    return hits[line]
+
+
+def _skew(hit: Contact | None, u: Array) -> float:
+    """The larger angle, in rad, between a line along u and the surface's normals where it enters and leaves; π where it misses."""
+    return np.pi if hit is None else float(np.arccos(np.clip(min(-hit.enter_normal @ u, hit.leave_normal @ u), -1, 1)))
+
+
+def _antipodal(
+    body: Body, opening: Opening, hit: Contact | None, c: _Candidate, pad: Pad | None, friction_angle: float, share: float = 1.0
+) -> Grasp | None:
+    """The grasp with the pads' centre on the line through a candidate's point along u, which meets the body so, or where that is too deep,
+    nearer to the hand; or None. pad: see `sample_grasps`. friction_angle: between the line and the surface's normals at most. share: of how
+    far the pads are set back."""
+    if hit is None:
+        return None
+    point, u = c.point, c.u
+    back = 0.0 if isinstance(body.shape, Cylinder) else set_back_pitched(*c.extent, hit.leave - hit.enter, opening, c.back_m)
+    if back > 0.0:
+        point = point - share * back * c.R[:, 2]
+        hit = line_contacts(body.shape, body.T_world_body, point, u)
+    cone = np.cos(friction_angle)
+    if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
+        return None
+    enter, leave = hit.enter, hit.leave
+    if pad is not None and isinstance(body.shape, ConvexMesh):
+        enter, leave = under_pads(body.shape, body.T_world_body, hit, point, u, c.R, pad)
+    width = leave - enter
+    if width + SPARE_M > opening.max_m:
+        return None
+    centre = point + 0.5 * (enter + leave) * u
+    return Grasp(transform(c.R, opening.hand_position(centre, c.R, width)), float(width))
+
+
+def open_width(width_m: float, opening: Opening) -> float:
+    """How wide the fingers are before they close on an object of this width."""
+    return float(min(width_m + 2 * CLEARANCE_M, opening.max_m))

@@ -1,0 +1,84 @@
+"""How large a finger's pad is, and where two pads first meet a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.shapes import ConvexMesh
+from kinematics.transforms import Array, apply, inverse
+from planning.grasping.line_contacts import Contact, line_contacts
+
+PAD_FACE_M = 0.001  # corners of a finger this near to its innermost one belong to the pad
+PAD_REACH_M = 0.025  # and no further than this from the pads' middle, along the approach
+
+
+@dataclass(frozen=True)
+class Pad:
+    """How large a flat pad is: half its width along the hand's x, and from where to where along z, from the pads' middle; metres."""
+
+    half_x_m: float
+    low_z_m: float
+    high_z_m: float
+
+
+@lru_cache(maxsize=16)
+def pad_of(robot: Robot) -> Pad:
+    """The face that closes, of the finger on the hand's left, half open: of its link that is innermost between the fingertips."""
+    width = robot.opening.max_m / 2
+    q = robot.home.copy()
+    q[robot.gripper_joint] = robot.opening.value_at(width)
+    poses = robot.link_poses(q)
+    T_hand, middle = inverse(poses["hand"]), (0.0, robot.opening.pad_y_at(width), robot.opening.pad_z_at(width))
+    faces = []
+    for hull in (h for h in robot.hulls if h.link in robot.fingers):
+        points = apply(T_hand @ poses[hull.link], hull.vertices) - middle
+        inner = float(points[:, 1].min())
+        face = points[points[:, 1] <= inner + PAD_FACE_M]
+        if inner > 0 and face[:, 2].min() < PAD_REACH_M and face[:, 2].max() > -PAD_REACH_M:
+            faces.append((inner, face))
+    if not faces:
+        return Pad(0.0, 0.0, 0.0)
+    _, face = min(faces, key=lambda f: f[0])
+    x, z = np.abs(face[:, 0]).max(), np.clip(face[:, 2], -PAD_REACH_M, PAD_REACH_M)
+    return Pad(float(x), float(min(z.min(), 0.0)), float(max(z.max(), 0.0)))
+
+
+def under_pads(shape: ConvexMesh, T: Array, hit: Contact, point: Array, u: Array, R: Array, pad: Pad) -> tuple[float, float]:
+    """Where flat pads first meet a mesh (enter, leave) along the line through `point` along u: before the line itself where facets or bumps
+    beside it reach further. What of a part lies between the pads ends where its edges do, or enter, or where the pads' corners meet it."""
+    reached = [hit.enter, hit.leave]
+    for x, z in product((-pad.half_x_m, pad.half_x_m), (pad.low_z_m, pad.high_z_m)):
+        corner = line_contacts(shape, T, point + x * R[:, 0] + z * R[:, 2], u)
+        if corner is not None:
+            reached += [corner.enter, corner.leave]
+    axes = np.stack([R[:, 0], R[:, 2], u], -1)
+    low, high = np.array([-pad.half_x_m, pad.low_z_m]), np.array([pad.half_x_m, pad.high_z_m])
+    for a, b in _edges(shape):
+        p, q = ((end @ T[:3, :3].T + T[:3, 3] - point) @ axes for end in (a, b))
+        along = q - p
+        with np.errstate(divide="ignore", invalid="ignore"):  # an edge along a side of the pad is never in or out by it: inf, or nan
+            sides = np.stack([(low - p[:, :2]) / along[:, :2], (high - p[:, :2]) / along[:, :2]])
+        begins = np.fmax(np.fmin.reduce(sides).max(1), 0.0)
+        ends = np.fmin(np.fmax.reduce(sides).min(1), 1.0)
+        beside = ((along[:, :2] == 0) & ((p[:, :2] < low) | (p[:, :2] > high))).any(1)
+        some = (begins <= ends) & ~beside
+        reached += [*(p[some, 2] + begins[some] * along[some, 2]), *(p[some, 2] + ends[some] * along[some, 2])]
+    return float(min(reached)), float(max(reached))
+
+
+@lru_cache(maxsize=64)
+def _edges(shape: ConvexMesh) -> tuple[tuple[Array, Array], ...]:
+    """Both ends (E, 3) of the edges of each part's hull."""
+    from scipy.spatial import ConvexHull
+
+    found = []
+    for part in shape.parts:
+        faces = ConvexHull(part).simplices
+        edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+        found.append((part[edges[:, 0]], part[edges[:, 1]]))
+    return tuple(found)

@@ -1,0 +1,32 @@
+"""How many grasps are sampled, and from where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kinematics.transforms import Array
+
+PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
+Headings = Callable[[Array, float], Sequence[Array]]
+"""Where an arm of few joints can take a hand: with the middle between its pads at T (4, 4) when it is open by a width (m), but turned about
+the vertical, or by half a turn about its z. The rotations (3, 3) that it then has."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
+    than the middle, or than the gripper's depth lets it, a box may be taken. heights: of the pads, in shares of the object's. pitches: by
+    approach, in rad."""
+
+    yaws: int = 12
+    backs_m: tuple[float, ...] = (0.0,)
+    heights: tuple[float, ...] = (0.6, 0.85)
+    pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
+
+
+USUAL = Sampling()
+DENSE = Sampling(36, (0.0, 0.01, 0.02), (0.3, 0.45, 0.6, 0.72, 0.85, 0.95), {**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)})
+"""All of the usual ones and many more: where a grasp that was not sampled would matter, as for proofs that there is none."""

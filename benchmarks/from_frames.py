@@ -36,6 +36,7 @@ from planning.sensing.world import SimulatedWorld
 from planning.statistics import wilson
 from retrieve_cli.gen import run as gen
 from retrieve_cli.plan import run as plan
+from retrieve_cli.plan_job import Job
 from retrieve_cli.sense import run as sense
 
 LIMITS = Limits(share=0.999, least=0.0003, views=16)
@@ -75,11 +76,7 @@ def carried_out(robot: Robot, truth: Scene, seen: Scene, made: Plan) -> Plan:
 
 def planned(scenes: Path, out: Path, policy: str, unseen: str = "solid") -> list[Plan]:
     """The plans of a file of scenes, which are also written to `out`."""
-    given = {
-        "rule": "deep", "seed": 0, "iterations": None, "time_budget_s": None, "max_moves": 5, "robot": None, "hand_frame": None,
-        "gripper_joint": None, "html": None, "strict": False,
-    }  # fmt: skip
-    plan(scenes=scenes, out=out, policy=policy, unseen=unseen, **given)  # type: ignore[arg-type]
+    plan(Job(policy, unseen=unseen), scenes=scenes, out=out)
     return [made for _, made in read_plans(out)]
 
 

@@ -24,7 +24,8 @@ import numpy as np
 import planning.retrieval as retrieval
 from planning.io.files import read_scene_lines
 from planning.motion.pick_place import Motions
-from retrieve_cli.plan import Job, plan_scene
+from retrieve_cli.plan_job import Job
+from retrieve_cli.plan_line import plan_scene
 
 STAGES = ("choosing", "motions", "quickest", "trajectories", "verify", "verdict", "clearance", "travel", "rest")
 

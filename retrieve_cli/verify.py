@@ -13,7 +13,7 @@ from kinematics.errors import InputError, blame
 from planning.io.files import read_plans, read_scenes
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
-from retrieve_cli.plan import other_robot
+from retrieve_cli.other_robot import other_robot
 from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say
 
 if TYPE_CHECKING:

@@ -106,44 +106,48 @@ def plan(
 ) -> Job:
     """Plan moves and motions that take the target out, or say why there are none."""
     from retrieve_cli import plan as command
+    from retrieve_cli.plan_job import Job as PlanJob
 
-    return partial(
-        command.run,
-        scenes=scenes,
+    job = PlanJob(
         policy=policy,
         rule=rule.value,
         seed=seed,
         iterations=iterations,
         time_budget_s=time_budget_s,
         max_moves=max_moves,
-        robot=robot,
-        hand_frame=hand_frame,
-        gripper_joint=gripper_joint,
-        model=model,
+        model=str(model) if model else None,
         sense=sense,
-        world=world,
         noise=noise,
         by=by.value,
         target_box=target_box,
-        grasp=grasp.value,
-        clearance_mm=clearance,
-        clearance_least_mm=clearance_least,
-        max_tilt_deg=max_tilt,
+        fail_fast=fail_fast,
         speed=speed,
         hand_speed=hand_speed,
         slow_below_mm=slow_below,
-        limits=limits,
+        limits=str(limits) if limits else None,
         unseen=unseen,
+        clearance_mm=clearance,
+        clearance_least_mm=clearance_least,
+        max_tilt_deg=max_tilt,
+        grasp=grasp.value,
+        world=world,
+    )
+    return partial(
+        command.run,
+        job,
+        scenes=scenes,
+        out=out,
+        robot=robot,
+        hand_frame=hand_frame,
+        gripper_joint=gripper_joint,
         html=html,
         strict=strict,
-        resume=resume,
-        fail_fast=fail_fast,
-        quiet=quiet,
-        pose_noise_mm=pose_noise_mm,
-        out=out,
         workers=workers,
         engine=engine.value,
         address=address,
+        resume=resume,
+        pose_noise_mm=pose_noise_mm,
+        quiet=quiet,
     )
 
 

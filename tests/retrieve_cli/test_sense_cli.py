@@ -12,6 +12,7 @@ import pytest
 from kinematics.errors import InputError
 from planning.io.scene_documents import scene_from_json
 from retrieve_cli.plan import run as plan
+from retrieve_cli.plan_job import Job
 from retrieve_cli.sense import parse_box, run
 
 
@@ -90,10 +91,7 @@ def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         sensed(scenes, tmp_path / "c.jsonl", from_views=tmp_path / "nowhere")
     with pytest.raises(InputError, match="--noise is for --sense"):
-        plan(
-            scenes=scenes, policy="local", rule="deep", seed=0, iterations=None, time_budget_s=None, max_moves=5, robot=None,
-            hand_frame=None, gripper_joint=None, html=None, strict=False, out=None, noise=True,
-        )  # fmt: skip
+        plan(Job("local", noise=True), scenes=scenes, out=None)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.sensing.recording import box_at_pixel
 from planning.sensing.unseen_space import unseen_space
-from retrieve_cli.plan import plan_scene
+from retrieve_cli.plan_line import plan_scene
 from retrieve_cli.sense import parse_pixel, run
 
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.3, 0.0, 0.1]), 0.03)
@@ -62,7 +62,7 @@ def sensed(scenes: Path, folder: Path, out: Path, **more: object) -> Scene:
 def test_frames_become_bodies_a_target_and_a_grasp_that_can_be_planned_on(
     recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path
 ) -> None:
-    from retrieve_cli.plan import Job
+    from retrieve_cli.plan_job import Job
 
     true = object_box(placed(BODIES, CABINET)[0])
     scene = sensed(blank(tmp_path / "a.jsonl", target_box=true), recording[0], tmp_path / "b.jsonl")

@@ -1,0 +1,158 @@
+"""The plan of one line of a scene file: of a scene that is known, or of one that is looked at first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kinematics.errors import InputError, blame
+from planning.io.files import UNREADABLE, SceneLine
+from planning.plan import SCENE, Plan
+from retrieve_cli.plan_job import Job, motion_settings, pace
+from retrieve_cli.sense import parse_box
+from retrieve_cli.terminal import say
+from retrieve_cli.worlds import as_it_is, own_world
+
+if TYPE_CHECKING:
+    from kinematics.robots.robot import Robot
+    from kinematics.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What became of a line: its plan, its scene if it has one, and what is wrong with it if it can't be meant."""
+
+    plan: Plan
+    scene: Scene | None
+    error: str = ""
+
+
+def plan_line(job: Job, line: SceneLine) -> Answer:
+    """The plan of a line, or one that failed at stage `scene`. Raises: InputError for such a line when the job is to fail fast."""
+    from planning.retrieval import Rule, failed
+
+    error = line.error
+    if line.scene is not None:
+        try:
+            return Answer(plan_scene(job, line.where, line.scene), line.scene)
+        except InputError as e:
+            error = str(e)
+    if job.fail_fast:
+        raise InputError(error)
+    robot = line.scene.robot.name if line.scene is not None else None
+    policy = job.policy or _default_policy(robot or "ur5e", job.model)
+    return Answer(failed(line.id, error.removeprefix(f"{line.where}: "), name=policy, rule=Rule(job.rule)), line.scene, error)
+
+
+def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
+    """The plan of one scene. Raises: InputError, beginning with `where`, when the scene can't be meant: its robot, its target, its x_g."""
+    from kinematics.robots.load import from_ref
+    from planning import library
+    from planning.learning.model import once_loaded
+    from planning.motion.pick_place import ITERATIONS
+
+    if job.sense:
+        return sense_and_plan(job, where, scene)
+    with blame(where, *UNREADABLE):
+        arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
+        plan = library.plan_scene(
+            scene,
+            job.policy or _default_policy(arm.name, job.model),
+            model=once_loaded(job.model) if job.model else None,
+            rule=job.rule,
+            seed=job.seed,
+            max_moves=job.max_moves,
+            iterations=job.iterations or ITERATIONS,
+            time_budget_s=job.time_budget_s,
+            robot=arm,
+            settings=motion_settings(job),
+            pace=pace(job),
+            grasp=job.grasp,
+            unseen_is_solid=job.unseen == "solid",
+        )
+    if plan.reason is not None and plan.reason.stage == SCENE:
+        raise InputError(f"{where}: {plan.reason.detail}")
+    return plan
+
+
+def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
+    """The plan of one scene of which nothing is known at first. Raises: InputError like `plan_scene`, and for a robot without a camera."""
+    import numpy as np
+
+    from kinematics.robots.load import from_ref
+    from perception.camera import DepthNoise
+    from planning import library
+    from planning.learning.model import once_loaded
+    from planning.motion.pick_place import ITERATIONS
+    from planning.policies import make_policy
+    from planning.retrieval import Rule
+    from planning.sensing.retrieve import retrieve_unseen
+    from planning.sensing.world import SimulatedWorld, World
+    from planning.target_grasps import GraspChoice, check_choice
+    from planning.verdict import judge_grasp
+
+    with blame(where, *UNREADABLE):
+        arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
+        choice = GraspChoice(job.grasp)
+        check_choice(scene, choice)
+        if choice is GraspChoice.GIVEN and (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
+            raise ValueError(f"grasp: {wrong}")
+        name = job.policy or _default_policy(arm.name, job.model)
+        model = once_loaded(job.model) if job.model else None
+        rng, model_noise = np.random.default_rng([job.seed, library.STAGE, scene.random_word]), DepthNoise()
+        world: World
+        if job.world is None:
+            world = simulated = SimulatedWorld(arm, scene, rng, model_noise if job.noise else None, job.by)
+        else:
+            world, simulated = own_world(job.world, scene, arm), None
+            scene = as_it_is(world, scene, arm)
+        return retrieve_unseen(
+            world,
+            arm,
+            scene,
+            lambda motions: make_policy(name, motions, model=model, max_moves=job.max_moves),
+            truth=simulated,
+            by=job.by if job.world is None else None,
+            noise_1m_m=model_noise.axial_1m_m if job.noise or job.world else 0.0,
+            name=name,
+            rule=Rule(job.rule),
+            max_moves=job.max_moves,
+            iterations=job.iterations or ITERATIONS,
+            time_budget_s=job.time_budget_s,
+            target_box=scene.target_box if job.target_box is None else parse_box(job.target_box, "plan"),
+            settings=motion_settings(job),
+            pace=pace(job),
+            grasp=choice,
+            rng=rng,
+        )
+
+
+def _default_policy(robot: str, model: str | None) -> str:
+    """The policy when none is asked for: the networks, or for a robot without them the look ahead alone, which is said."""
+    from planning.learning.model import once_loaded
+    from planning.library import default_policy
+
+    policy = default_policy(robot, once_loaded(model) if model else None)
+    if policy != "neural":
+        _say_once(
+            f"no networks ship for the robot {robot}: planning with --policy {policy} "
+            "(networks of your own: retrieve label, retrieve train)"
+        )
+    return policy
+
+
+_say_once = lru_cache(say)
+
+
+@lru_cache(maxsize=16)
+def _with_limits(robot: Robot, file: str | None) -> Robot:
+    """The robot with a file's limits of speed; what nobody knows about them is said once. Raises: ValueError, see `read_limits`."""
+    from kinematics.robots.limits import read_limits
+
+    if file is not None:
+        robot = replace(robot, limits=read_limits(Path(file), robot.joint_names, robot.limits))
+    if robot.limits.assumed:
+        _say_once(f"robot {robot.name}: not known, and assumed: {robot.limits.assumed} (--limits FILE says better)")
+    return robot

@@ -126,7 +126,7 @@ class BroadPhase:
             if len(self._finger_posed) == KEPT:
                 self._finger_posed.pop(next(iter(self._finger_posed)))  # the oldest
             which = np.flatnonzero(self._fingers)
-            self._finger_posed[gripper] = self.robot_collision_model.posed_links(which, self._finger_pieces, gripper)
+            self._finger_posed[gripper] = self.robot_collision_model.posed_links(which, self._finger_pieces, [gripper])
         return self._finger_posed[gripper], self._finger_links
 
     def moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -22,6 +23,12 @@ OPENINGS = 128  # gripper values for which the posed geometry is kept: some five
 def link_covers(robot: Robot) -> tuple[Levels, ...]:
     """The covers of a robot's link hulls, in the links' frames; computed once and cached on disk."""
     return tuple(levels(hull.vertices) for hull in robot.hulls)
+
+
+@lru_cache(maxsize=16)
+def _link_pieces(robot: Robot) -> GeometryModel:
+    """The link hulls and their covers, wherever the robot stands."""
+    return make_geometry_model([hull.vertices for hull in robot.hulls], link_covers(robot))
 
 
 def shape_covers(shape: Shape) -> tuple[Levels, ...]:
@@ -54,7 +61,7 @@ class RobotCollisionModel:
         self.robot, self.T_world_base = robot, T_world_base
         self.chain = robot.chain(T_world_base)
         self.links = tuple(hull.link for hull in robot.hulls)
-        self.pieces = make_geometry_model([hull.vertices for hull in robot.hulls], link_covers(robot))
+        self.pieces = _link_pieces(robot)
         self._carriers = robot.carriers(T_world_base)
         self._link = np.array([robot.tree.index[link] for link in self.links])
         frames, T = self._carried(float(robot.home[robot.gripper_joint]))
@@ -85,10 +92,11 @@ class RobotCollisionModel:
             known[gripper] = posed, posed_sphere_model(self.chain, posed)
         return known[gripper]
 
-    def posed_links(self, which: Int, pieces: GeometryModel, gripper: float) -> PosedGeometry:
-        """Some of the link hulls alone, which (n,) of them, given as pieces, with the fingers at a gripper value."""
-        frames, T = self._carried(gripper)
-        return pose_geometry(self.chain, pieces, frames[self._link[which]], T[self._link[which]])
+    def posed_links(self, which: Int, pieces: GeometryModel, openings: Sequence[float]) -> PosedGeometry:
+        """Some of the link hulls alone, which (n,) of them, at each of some gripper values. pieces: they, as often as there are values."""
+        frames, T = zip(*(self._carried(gripper) for gripper in openings), strict=True)
+        links = self._link[which]
+        return pose_geometry(self.chain, pieces, np.concatenate([f[links] for f in frames]), np.concatenate([t[links] for t in T]))
 
     def in_hand(self, pieces: GeometryModel, T_hand_body: Array) -> PosedGeometry:
         """A held object, alone."""

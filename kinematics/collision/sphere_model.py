@@ -144,6 +144,15 @@ def make_sphere_world(solids: Solids, query: Query) -> SphereWorld:
     return world
 
 
+def world_elsewhere(world: SphereWorld, solids: Solids) -> SphereWorld:
+    """The same question with the same solids at other poses."""
+    other = world._replace(
+        R=np.empty_like(world.R), p=np.empty_like(world.p), ball=np.empty_like(world.ball), slack=np.empty_like(world.slack)
+    )
+    _place_all(other, solids.T, solids.boxes)
+    return other
+
+
 @jit_entry
 def _place_all(world: SphereWorld, T: Array, boxes: Array) -> None:
     for b in range(T.shape[0]):

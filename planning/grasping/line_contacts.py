@@ -10,6 +10,9 @@ import numpy as np
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, inverse
 
+PARALLEL = 1e-12
+"""A direction with no more of a normal in it does not meet the plane."""
+
 
 @dataclass(frozen=True, eq=False)
 class Contact:
@@ -27,8 +30,7 @@ def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Co
     o, d = T_object[:3, :3] @ origin + T_object[:3, 3], T_object[:3, :3] @ direction
     match shape:
         case Box():
-            planes = np.concatenate([np.eye(3), -np.eye(3)])
-            hits = [_through_planes(planes, np.tile(shape.half, 2), o, d)]
+            hits = [_through_box(shape.half, o, d)]
         case Cylinder():
             hits = [_through_cylinder(shape, o, d)]
         case ConvexMesh():
@@ -48,9 +50,26 @@ def _planes(shape: ConvexMesh) -> tuple[Array, ...]:
     return tuple(planes_of(part) for part in shape.parts)
 
 
+def _through_box(half: Array, o: Array, d: Array) -> Contact | None:
+    """As `_through_planes`, for a cuboid about the origin: one axis after the other."""
+    enter, leave, first, last = -np.inf, np.inf, (0, 0.0), (0, 0.0)
+    for axis, (h, at, speed) in enumerate(zip(half.tolist(), o.tolist(), d.tolist())):
+        if abs(speed) < PARALLEL:
+            if abs(at) > h:
+                return None
+            continue
+        sign = 1.0 if speed > 0 else -1.0
+        s_in, s_out = (-sign * h - at) / speed, (sign * h - at) / speed
+        if s_in > enter:
+            enter, first = s_in, (axis, -sign)
+        if s_out < leave:
+            leave, last = s_out, (axis, sign)
+    return Contact(enter, leave, first[1] * np.eye(3)[first[0]], last[1] * np.eye(3)[last[0]]) if enter < leave else None
+
+
 def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Contact | None:
     speed, gap = normals @ d, offsets - normals @ o
-    along = np.abs(speed) < 1e-12
+    along = np.abs(speed) < PARALLEL
     if np.any(along & (gap < 0)):
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -61,7 +80,7 @@ def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Conta
 
 
 def _through_cylinder(shape: Cylinder, o: Array, d: Array) -> Contact | None:
-    caps = _through_planes(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, shape.height_m / 2), o, d)
+    caps = _through_box(np.array([np.inf, np.inf, shape.height_m / 2]), o, d)
     if caps is None:
         return None
     a, b, c = d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - shape.radius_m**2

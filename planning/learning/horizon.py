@@ -58,7 +58,7 @@ def shortens(motions: Motions, state: State, view: View, horizon: Horizon, name:
     if horizon.moves < 1:
         return dict.fromkeys(regions, NOT_ASKED)
     poses = state.poses
-    there = np.array([motions.place_pose(name, poses[name], region) for region in regions]).reshape(-1, 4, 4)
+    there = motions.place_poses(name, poses[name], regions)
     beside, shorter = _Beside(view, name, there), np.zeros(len(regions), np.bool_)
     for plan in horizon.plans:
         if name in plan.firsts and not shorter.all():

@@ -184,12 +184,14 @@ def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, out: F32) 
         for a in range(i0, i1 + 1):
             dx = (a + 0.5) * cx - x
             left = r * r - dx * dx
+            if left < 0.0:
+                continue
+            row = out[np.uint64(a)]
             for b in range(j0, j1 + 1):
                 dy = (b + 0.5) * cy - y
                 rest = left - dy * dy
-                high = z - out[a, b]
-                if rest >= 0.0 and (high <= 0.0 or rest > high * high):  # z - √rest < out, without the root where it is not
-                    out[a, b] = z - np.sqrt(rest)
+                new = np.float32(z - np.sqrt(max(rest, 0.0))) if rest >= 0.0 else np.float32(np.inf)
+                row[np.uint64(b)] = min(row[np.uint64(b)], new)  # without a branch: the root costs less than a wrong guess
 
 
 @njit(cache=True, nogil=True)

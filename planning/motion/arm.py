@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kinematics import inverse
 from kinematics.chain import Int, forward
-from kinematics.collision.posed_geometry import PosedGeometry, join_posed, make_geometry_model
+from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
 from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, link_covers, robot_collision_model
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
@@ -56,8 +56,6 @@ class Arm(RobotCollisionModel):
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
         self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))
-        hulls, covers = [robot.hulls[i].vertices for i in self.fingers], [link_covers(robot)[i] for i in self.fingers]
-        self._finger_pieces = make_geometry_model(hulls, covers)
         self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
         self._any_opening: dict[tuple[float, float], AnyOpening | None] = {}
 
@@ -86,7 +84,7 @@ class Arm(RobotCollisionModel):
         if not len(self.fingers):  # a suction cup
             posed, links, _ = self._at_all([last])
             return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, self.self_pairs, 0.0)
-        fingers = [self.posed_links(self.fingers, self._finger_pieces, g).vertices for g in np.linspace(first, last, MOST_OPENINGS)]
+        fingers = [self.posed_fingers([g]).vertices for g in np.linspace(first, last, MOST_OPENINGS).tolist()]
         steps = [float(np.linalg.norm(b - a, axis=0).max()) for a, b in pairwise(fingers)]
         parts = int(np.ceil(sum(steps) / APART_M))
         if parts >= MOST_OPENINGS:
@@ -102,13 +100,18 @@ class Arm(RobotCollisionModel):
         *others, last = openings
         own, posed, links = self.fingers, self.posed(last), self.links
         pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
-        for gripper in others:
-            posed = join_posed(posed, self.posed_links(own, self._finger_pieces, gripper))
+        if others:
+            posed = join_posed(posed, self.posed_fingers(others))
+        for _ in others:
             copies = np.arange(len(self.links))
             copies[own] = len(links) + np.arange(len(own))
             links += tuple(self.links[i] for i in own)
             pairs.append(copies[pairs[0]])
         return posed, links, np.concatenate(pairs)
+
+    def posed_fingers(self, openings: Sequence[float]) -> PosedGeometry:
+        """The fingers alone, at each of some gripper values."""
+        return self.posed_links(self.fingers, finger_pieces(self.robot, len(openings)), openings)
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
@@ -125,6 +128,13 @@ class Arm(RobotCollisionModel):
         """How far x is turned about the vertical from T_world_x (4, 4) at an arm's configuration q (A,), rad."""
         R = (self.hand_pose(q) @ T_hand_x)[:3, :3] @ T_world_x[:3, :3].T
         return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
+
+
+@lru_cache(maxsize=16)
+def finger_pieces(robot: Robot, times: int) -> GeometryModel:
+    """The links that move with the gripper's joint, so many times: each time they may stand elsewhere."""
+    own = [i for i, hull in enumerate(robot.hulls) if hull.link in robot.fingers] * times
+    return make_geometry_model([robot.hulls[i].vertices for i in own], [link_covers(robot)[i] for i in own])
 
 
 def arm_at(robot: Robot, T_world_base: Array) -> Arm:

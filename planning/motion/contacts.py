@@ -24,8 +24,14 @@ WHOLE = np.array([[0.0, 1.0]])
 
 
 @jit_entry
-def meet_at(problem: Problem, q: Array, scratch: Scratch, met: Flags) -> None:
-    """Flag the solids that the arm, or what it holds, touches at q (J,), and whether these touch each other."""
+def meet_at(problem: Problem, Q: Array, scratch: Scratch, met: Flags) -> None:
+    """Flag the solids that the arm, or what it holds, touches at each of Q (N, J), and whether these touch each other: met (N, B + 1)."""
+    for i in range(Q.shape[0]):
+        _meet_at(problem, Q[i], scratch, met[i])
+
+
+@jit_inline
+def _meet_at(problem: Problem, q: Array, scratch: Scratch, met: Flags) -> None:
     edge_problem.enter(problem, scratch)
     forward(problem.chain, q, scratch.poses)
     _meet(problem, -1, scratch, met)
@@ -86,7 +92,7 @@ def clear_of(
         if clear[r]:
             for b in range(met.shape[0]):
                 met[b] = 0 if first <= b < last else 1
-            meet_at(closing, approach[approach.shape[0] - 1], scratch, met)
+            _meet_at(closing, approach[approach.shape[0] - 1], scratch, met)
             for b in range(first, last):
                 clear[r] = clear[r] and met[b] == 0
         if clear[r]:

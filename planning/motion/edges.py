@@ -17,7 +17,7 @@ from kinematics.collision.edge_problem import Problem, Scratch
 from kinematics.collision.geometry import Query, Solids, make_parts, make_solids
 from kinematics.collision.posed_geometry import PosedGeometry
 from kinematics.collision.sphere_check import SphereScratch, edge_open, scratch_for
-from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sphere_model, make_sphere_world
+from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sphere_model, make_sphere_world, world_elsewhere
 from kinematics.jit.decorators import jit_entry
 from kinematics.jit.record import record
 from kinematics.transforms import Array
@@ -61,6 +61,11 @@ def make_task(problem: Problem, model: SphereModel | None = None, world: SphereW
 def pose_task(chain: Chain, posed: PosedGeometry, model: SphereModel, solids: Solids, query: Query, margin_m: float) -> Task:
     """A motion query of posed geometry with covers, which `model` packs for the lanes."""
     return Task(edge_problem.pose(chain, posed, solids, query, margin_m), model, make_sphere_world(solids, query), 1, ANY_WAY_UP)
+
+
+def task_elsewhere(task: Task, solids: Solids) -> Task:
+    """The same task with the same solids at other poses: only these are packed again."""
+    return task._replace(exact=task.exact._replace(solid_T=solids.T), world=world_elsewhere(task.world, solids))
 
 
 def with_clearance(task: Task, solids_m: Array, own_m: float) -> Task:

@@ -20,12 +20,13 @@ from kinematics.scene import Body, Held, Scene
 from kinematics.shapes import convex_parts
 from kinematics.transforms import Array
 from planning.motion.arm import MOST_OPENINGS, arm_at
-from planning.motion.edges import Memory, Task, memory_for, pose_task, with_clearance, without_still
+from planning.motion.edges import Memory, Task, memory_for, pose_task, task_elsewhere, with_clearance, without_still
 from planning.motion.queries import ContactQuery, PlanningQuery
 from planning.motion.reaching import PlacementQuery
 from planning.motion.settings import LEAST_TILT_DEG, MotionSettings, tilt_limit_deg
 from planning.motion.upright import Upright, make_upright
 
+ELSEWHERE_KEPT = 256  # queries of an empty hand, by its opening and by what stands
 KEPT = 16  # sets of poses for which the packed bodies are kept
 CLEAR_KEPT = 64  # queries that ask for a clearance
 
@@ -62,6 +63,7 @@ class PackedCell:
         self.walls = [*standing_still(scene), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects])
         self._bodies: dict[int, _Bodies] = {}
+        self._elsewhere: dict[tuple[float, tuple[str, ...]], PlanningQuery] = {}  # of an empty hand among the same objects at some poses
         self._clear: dict[tuple[int, float], tuple[PlanningQuery, PlanningQuery]] = {}  # told by identity, so the queries are kept, too
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
         fingers = MOST_OPENINGS * len(self.arm.fingers)
@@ -94,8 +96,27 @@ class PackedCell:
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
         _, solids, bodies, known, _ = self._standing(poses)
-        if not ignore and (gripper, held) in known:
-            return known[gripper, held]
+        if ignore:
+            return self._pack(solids, bodies, gripper, held, ignore)
+        if (gripper, held) not in known:
+            empty = held is None
+            known[gripper, held] = self._empty_hand(solids, bodies, gripper) if empty else self._pack(solids, bodies, gripper, held)
+        return known[gripper, held]
+
+    def _empty_hand(self, solids: Solids, bodies: tuple[str, ...], gripper: float) -> PlanningQuery:
+        """The query of an empty hand: of the same bodies elsewhere only the poses are packed again, for the arm is the same."""
+        if (gripper, bodies) in self._elsewhere:
+            query = self._elsewhere[gripper, bodies]
+            return query._replace(task=task_elsewhere(query.task, solids))
+        if len(self._elsewhere) == ELSEWHERE_KEPT:
+            self._elsewhere.pop(next(iter(self._elsewhere)))  # the oldest
+        query = self._elsewhere[gripper, bodies] = self._pack(solids, bodies, gripper, None)
+        return query
+
+    def _pack(
+        self, solids: Solids, bodies: tuple[str, ...], gripper: float, held: Held | None, ignore: Collection[tuple[str, str]] = ()
+    ) -> PlanningQuery:
+        """See `problem`; of bodies that stand as these solids do."""
         (posed, model), links = self.arm.packed(gripper), self.arm.links
         pairs = self.arm.self_pairs
         if held is not None:
@@ -114,10 +135,7 @@ class PackedCell:
             task = self._with_clearance(task, bodies, self.settings.clearance.least_m)
         if held is not None:
             task, self._entered = without_still(task, self.memory)._replace(upright=self._upright(held)), None
-        query = PlanningQuery(task, links + bodies)
-        if not ignore:
-            known[gripper, held] = query
-        return query
+        return PlanningQuery(task, links + bodies)
 
     def without(self, poses: Mapping[str, Array], name: str) -> dict[str, Array]:
         """The poses of the objects besides one: for the same poses the same ones, so that what was packed for them is found again."""

@@ -157,10 +157,15 @@ class Motions:
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         """Where an object stands in a region: its own orientation, its box's middle over the cell's centre, its bottom on the floor."""
-        indices("regions", region, self.scene.regions_n**2)
-        T = np.empty((4, 4))
-        place_on_floor(bare_geometry(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, self.scene.regions()[region], T)
-        return T
+        return np.asarray(self.place_poses(name, T_from, [region])[0])
+
+    def place_poses(self, name: str, T_from: Array, regions: Sequence[int]) -> Array:
+        """The same for several regions (R, 4, 4)."""
+        at, T = indices("regions", regions, self.scene.regions_n**2), np.empty((4, 4))
+        place_on_floor(bare_geometry(self.scene.body(name).shape).vertices, T_from[:3, :3], 0.0, np.zeros(3), T)
+        out = np.repeat(T[None], len(at), 0)
+        out[:, :3, 3] += self.scene.regions()[at]
+        return out
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         """Take the target out with one of its grasps, x_g alone as a rule: the paper's indicator I, and the way out of the cabinet."""

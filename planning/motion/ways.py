@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -122,14 +123,21 @@ class Reach:
         def test(flags: Flags) -> None:
             meet_hand(cell.hand, grip.reach, grip.grasp.T_world_hand, cell.memory.exact, flags)
 
-        def split() -> Iterator[Way]:
-            return (self._at_grasp(grip, q) for q in cell.ik(grip.grasp.T_world_hand, tries=self.ik_tries))
+        return Way(HAND, self._asked(test), lambda: self._at_grasp(grip), number)
 
-        return Way(HAND, self._asked(test), split, number)
+    def _at_grasp(self, grip: _Grip) -> Iterator[Way]:
+        """The arm's solutions for a grasp; what one of them is asked, all are asked at once, for they are asked about the same spots."""
+        solutions, said = self.cell.ik(grip.grasp.T_world_hand, tries=self.ik_tries), dict[int, list[int]]()
 
-    def _at_grasp(self, grip: _Grip, q: Array) -> Way:
-        memory = self.cell.memory
-        return Way(GRASP, self._asked(lambda flags: meet_at(grip.reach, q, memory.exact, flags)), lambda: self._way_in(grip, q))
+        def test(spots: int, i: int) -> int:
+            if spots not in said:
+                flags = self.queries.ask(spots)[None].repeat(len(solutions), 0)
+                meet_at(grip.reach, solutions, self.cell.memory.exact, flags)
+                self.cell.forget()
+                said[spots] = [self.queries.met(spots, row) for row in flags]
+            return said[spots][i]
+
+        return (Way(GRASP, partial(test, i=i), partial(self._way_in, grip, q)) for i, q in enumerate(solutions))
 
     def _way_in(self, grip: _Grip, q: Array) -> Iterator[Way]:
         """The straight way to the grasp, if the arm can follow it and the walls leave it free."""
@@ -155,7 +163,7 @@ class Reach:
         lifting = queries.lifting(self.name, grip.closed, inverse(T_hand) @ self.T)
 
         def hold(flags: Flags) -> None:
-            meet_at(closing, q, scratch, flags)
+            meet_at(closing, approach[-1:], scratch, flags[None])
             meet_along(lifting, up, WHOLE, queries.open, scratch, flags)
 
         walls = queries.ask_walls()

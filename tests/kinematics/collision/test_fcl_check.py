@@ -13,7 +13,7 @@ from second_engine import depth as depth_of_coal
 from second_engine import walls as walls_of_coal
 
 from kinematics.collision.fcl_check import Verdict
-from kinematics.collision.fcl_solids import Contact, always_touching, depth, hull_solid, overlapping, shape_solids
+from kinematics.collision.fcl_solids import Contact, always_touching, apart, depth, gap, hull_solid, overlapping, shape_solids
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, State
@@ -253,3 +253,21 @@ def test_hulls_without_faces() -> None:
         assert depth(block, ball.move(transform(p=[0.0, 0.0, 0.304]))) == pytest.approx(0.001, abs=1e-6)
         assert depth(block, ball.move(transform(p=[0.0, 0.0, 0.3051]))) is None
         assert depth(block, ball.move(transform(p=[0.0, 0.1, 0.1]))) is not None
+
+
+def test_bodies_are_apart_just_when_fcl_says_so() -> None:
+    """The look at the boxes around them may answer only what FCL would answer."""
+    rng, said = np.random.default_rng(8), []
+    for _ in range(300):
+        a, b = (
+            Body(
+                name,
+                Box(rng.uniform(0.02, 0.3, 3)) if rng.random() < 0.5 else Cylinder(*rng.uniform(0.02, 0.15, 2).tolist()),
+                transform(rotation_about(rng.normal(size=3), rng.uniform(0, 3)), rng.uniform(-0.2, 0.2, 3)),
+            )
+            for name in ("a", "b")
+        )
+        first, second = (shape_solids(body.name, body.shape)[0].move(body.T_world_body) for body in (a, b))
+        said.append(apart(a, [b], 0.01))
+        assert said[-1] == (gap(first, second, 0.01) >= 0.01)
+    assert 50 < sum(said) < 250

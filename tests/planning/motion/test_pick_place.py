@@ -229,7 +229,7 @@ def test_closing_fingers_are_looked_at_every_few_millimetres(name: str) -> None:
     robot = load(name)
     arm = Arm(robot, transform())
     opened, closed = robot.opening.value_at(robot.opening.max_m), robot.opening.closing_value(robot.opening.max_m - 0.02)
-    looks = [arm.posed_links(arm.fingers, arm._finger_pieces, opened + s * (closed - opened)).vertices for s in (0.0, *FINGERS_AT)]
+    looks = [arm.posed_fingers([opened + s * (closed - opened)]).vertices for s in (0.0, *FINGERS_AT)]
     apart = [np.linalg.norm(b - a, axis=0).max() for a, b in pairwise(looks)]
     assert FINGERS_AT[-1] == 1.0
     assert max(apart) < 0.003

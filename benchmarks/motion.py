@@ -255,14 +255,14 @@ def checks_per_s(question: Question) -> tuple[Json, Array]:
         times = []
         for _ in range(5):
             began = peers.clock()
-            sphere_check.configs_free(task.model, task.world, q, memory.lanes)
+            sphere_check.configs_free(task.model, task.world, q, memory.spheres)
             times.append(peers.clock() - began)
         return len(q) / min(times)
 
     rates = {"checks_per_s": rate(edges), "random": rate(anywhere)}
     few = edges[:64000]
     began = peers.clock()
-    verdicts = sphere_check.configs_free(task.model, task.world, few, memory.lanes)
+    verdicts = sphere_check.configs_free(task.model, task.world, few, memory.spheres)
     unsure = np.flatnonzero(verdicts == sphere_check.UNDECIDED)
     touching = [not config_free(task.exact, few[i], memory.exact) for i in unsure]
     rates["exact"] = len(few) / (peers.clock() - began)

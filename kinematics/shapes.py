@@ -25,6 +25,7 @@ class Box:
 
     @cached_property
     def half(self) -> Array:
+        """Half sizes (3,), m."""
         return np.asarray(self.size_m, float) / 2
 
 
@@ -37,6 +38,7 @@ class Cylinder:
 
     @property
     def half(self) -> Array:
+        """Half sizes (3,) of the box around it, m."""
         return np.array([self.radius_m, self.radius_m, self.height_m / 2])
 
 

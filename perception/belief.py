@@ -41,6 +41,7 @@ class Belief:
     frames: tuple[Frame, ...] = ()
 
     def body(self, name: str) -> Body | None:
+        """The believed body of a name; None where there is none."""
         return next((b for b in self.bodies if b.name == name), None)
 
 

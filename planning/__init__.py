@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from kinematics.lazy_face import lazily
 
 if TYPE_CHECKING:
     from planning.library import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans
@@ -55,9 +56,4 @@ _WHERE = {
     "write_plans": "planning.library",
 }
 
-
-def __getattr__(name: str) -> object:
-    """What `__all__` offers is imported when it is first asked for, so that importing the package costs nothing."""
-    if name in _WHERE:
-        return getattr(import_module(_WHERE[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazily(__name__, _WHERE)

@@ -46,6 +46,7 @@ class RelaxedPlan:
 
     @property
     def length(self) -> int:
+        """How many objects go."""
         return len(self.order)
 
 

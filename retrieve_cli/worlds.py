@@ -49,6 +49,7 @@ class OwnWorld:
         return stopped  # type: ignore[no-any-return]
 
     def where(self) -> Mapping[str, float]:
+        """Where the arm's joints (J,) and what is held are, as the user's world says."""
         return self._asked("where", Mapping)  # type: ignore[no-any-return]
 
     def _asked(self, method: str, kind: Any, *given: object) -> Any:

@@ -71,7 +71,7 @@ class BroadPhase:
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
         self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
         self._scratch: Scratch | None = None
-        self._lanes: tuple[int, int, int, SphereScratch] | None = None
+        self._spheres: tuple[int, int, int, SphereScratch] | None = None
         self._finger_posed: dict[float, PosedGeometry] = {}
         self._judged: dict[tuple[tuple[str, ...], tuple[str, ...]], NDArray[np.bool_]] = {}
         self._finger_links = tuple(link for link, finger in zip(self.robot_collision_model.links, self._fingers) if finger)
@@ -101,7 +101,7 @@ class BroadPhase:
             judge[:] = False
         pairs = np.argwhere(judge[:, :P])
         world = world._replace(check=judge[:, P:].astype(np.uint8), pairs=pairs.astype(np.uint64, order="C"))
-        rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), self._lane_scratch(model, world))
+        rows, which = open_pairs(model, world, np.ascontiguousarray(self.robot.arm_q(q)), self._sphere_scratch(model, world))
         B = len(bodies)
         against = which < P * B  # else part against part
         a, b = which // max(B, 1), P + which % max(B, 1)
@@ -149,7 +149,7 @@ class BroadPhase:
         return solids, names
 
     def _standing(self, poses: Mapping[str, Array]) -> tuple[Solids, SphereWorld, tuple[str, ...]]:
-        """The same, packed for the lanes, too, without a question about it."""
+        """The same, packed for the sphere check, too, without a question about it."""
         at = self._fixtures + [(i, T) for name, T in poses.items() for i in self._of[name]]
         which, T = np.array([i for i, _ in at], np.int64), np.array([T for _, T in at])
         key = which.tobytes() + T.tobytes()
@@ -161,12 +161,12 @@ class BroadPhase:
             self._placed[key] = solids, make_sphere_world(solids, nothing)
         return *self._placed[key], tuple(self._owners[i] for i, _ in at)
 
-    def _lane_scratch(self, model: SphereModel, world: SphereWorld) -> SphereScratch:
-        """Memory for the lanes, the same for one question after the other."""
+    def _sphere_scratch(self, model: SphereModel, world: SphereWorld) -> SphereScratch:
+        """Memory for the sphere check, the same for one question after the other."""
         parts, solids, pairs = len(model.frame), len(world.kind), len(world.pairs)
-        known = self._lanes
+        known = self._spheres
         if known is None or known[0] < parts or known[1] < solids or known[2] < pairs:
-            self._lanes = known = parts, solids, 2 * pairs, scratch_for(len(model.T), parts, solids, 2 * pairs)
+            self._spheres = known = parts, solids, 2 * pairs, scratch_for(len(model.T), parts, solids, 2 * pairs)
         return known[3]
 
     def scratch(self, problem: Problem) -> Scratch:

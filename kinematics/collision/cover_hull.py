@@ -26,6 +26,7 @@ class Solid(NamedTuple):
 
 
 def convex_solid(vertices: Array) -> Solid:
+    """The convex hull of vertices (V, 3), m. Raises: ValueError when they are not finite, or their hull has no volume."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.asarray(vertices, float)

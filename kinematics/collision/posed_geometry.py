@@ -1,7 +1,7 @@
 """What moves with the arm, put together in microseconds: link hulls with the fingers at any opening, and an object in the hand.
 
-`Pieces` and `Covers` are made once, each piece in a frame of its own; a `Rig` has them all in the frames of the chain. Only rigid
-transforms lie between the two, so that nothing has to be sorted, covered or read from disk again when the fingers move.
+A `GeometryModel` is made once, each piece in a frame of its own; a `PosedGeometry` has them all in the frames of the chain. Only
+rigid transforms lie between the two, so that nothing has to be sorted, covered or read from disk again when the fingers move.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class GeometryModel(NamedTuple):
 
 @record
 class PosedGeometry(NamedTuple):
-    """P pieces in the frames that carry them, frame (P,). vertices, groups, start and the covers are as in `Pieces`.
+    """P pieces in the frames that carry them, frame (P,). vertices, groups, start and the covers are as in `GeometryModel`.
 
     boxes (P, 7): half sizes and middle of the box around each along its frame's axes, radius of the ball about that middle.
     reach (K, P): see `_reach`.

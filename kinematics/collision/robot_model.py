@@ -80,7 +80,7 @@ class RobotCollisionModel:
         return self.packed(gripper)[0]
 
     def packed(self, gripper: float) -> tuple[PosedGeometry, SphereModel]:
-        """The same, and packed for the lanes."""
+        """The same, and packed for the sphere check."""
         known = self._posed
         if gripper not in known:
             if len(known) == OPENINGS:

@@ -180,6 +180,7 @@ def near_ball(x: Lanes, y: Lanes, z: Lanes, balls: F32, i: U64, r: Real) -> Mask
 
 @forced_inline
 def squared_distance(x: Lanes, y: Lanes, z: Lanes, balls: F32, i: U64) -> Lanes:
+    """From (x, y, z) to the centre of ball i, m²."""
     u, v, t = x - balls[i, 0], y - balls[i, 1], z - balls[i, 2]
     return u * u + v * v + t * t
 

@@ -1,8 +1,8 @@
 """A numba compiler for functions that only compiled code calls.
 
 Numba emits machine code for every compiled function together with all that it calls. For a function that is always a part of others this
-is done once more in each of its callers, all the way up, and most of that code never runs. With `pipeline_class=Inlay` a function stops at
-LLVM's intermediate form; machine code is emitted for what is called from Python, whole, once.
+is done once more in each of its callers, all the way up, and most of that code never runs. With `pipeline_class=BitcodeCompiler` a function
+stops at LLVM's intermediate form; machine code is emitted for what is called from Python, whole, once.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _DeclareFunction(_Pass):  # type: ignore[misc]
 
 
 class BitcodeCompiler(_Compiler):  # type: ignore[misc]
-    """The compiler, for `njit(pipeline_class=Inlay, no_cpython_wrapper=True)`."""
+    """The compiler, for `njit(pipeline_class=BitcodeCompiler, no_cpython_wrapper=True)`."""
 
     def define_pipelines(self) -> Any:
         state = self.state

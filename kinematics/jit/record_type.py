@@ -34,6 +34,7 @@ class RecordType(types.Type):
 
     @property
     def key(self) -> Any:
+        """What tells this type from others."""
         return self.cls, self.fields
 
     def place(self, name: str) -> tuple[Any, int]:

@@ -52,6 +52,7 @@ class Opening:
 
     @property
     def max_m(self) -> float:
+        """How wide the fingers open, m."""
         return float(self.width_m[-1])
 
     def value_at(self, width_m: float) -> float:

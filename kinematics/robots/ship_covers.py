@@ -22,6 +22,7 @@ def hulls() -> list[Array]:
 
 
 def main() -> None:
+    """Derive the covers of the named robots' hulls and write the file that ships."""
     made = dict(cover_levels.derived(vertices) for vertices in hulls())
     with zipfile.ZipFile(cover_levels.SHIPPED, "w", zipfile.ZIP_DEFLATED) as out:
         for name in sorted(made):

@@ -48,6 +48,7 @@ class Tree:
 
     @cached_property
     def index(self) -> dict[str, int]:
+        """Each link's place, by name."""
         return {name: i for i, name in enumerate(self.names)}
 
     @cached_property

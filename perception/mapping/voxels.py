@@ -43,6 +43,7 @@ class Voxels:
 
     @cached_property
     def step(self) -> Array:
+        """A voxel's sizes (3,), m."""
         return np.asarray(self.cabinet.size_m / self.state.shape, float)
 
     @cached_property
@@ -57,6 +58,7 @@ class Voxels:
 
     @property
     def voxel_m3(self) -> float:
+        """A voxel's volume, m³."""
         return float(np.prod(self.step))
 
     def fuse(

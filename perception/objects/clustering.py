@@ -65,7 +65,7 @@ def group(cells: Cells, seen: Witness) -> NDArray[np.int32]:
     bodies = [(now[a], now[b]) for a, b in parted if now[a] != now[b]]
     label = merging.parts_joined(cells, patches, closed, bodies)
     label = merging.occluded_joined(cells, patches, label, seen)
-    label = merging.crumbs_absorbed(cells, label)
+    label = merging.fragments_absorbed(cells, label)
     return _from_the_front(cells.points, label)
 
 

@@ -39,7 +39,10 @@ def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
 
 
 def outline_of(points: Array) -> Array:
-    """The corners (K, 2) of the convex hull, counter-clockwise (Andrew's monotone chain on the outermost point of every direction)."""
+    """The corners (K, 2) of the convex hull of points (N, 2), counter-clockwise.
+
+    Andrew's monotone chain on the outermost point of every direction.
+    """
     extreme = points[_outermost(points)]
     order = extreme[np.lexsort((extreme[:, 1], extreme[:, 0]))]
     chains = []

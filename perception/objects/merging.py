@@ -1,6 +1,6 @@
 """What belongs to one object although a concave edge, a gap or another object divides it.
 
-A vessel shows its outside, its inside and its bottom; a drill has a handle; a box behind a post shows two parts; a sensor leaves crumbs.
+A vessel shows its outside, its inside and its bottom; a drill has a handle; a box behind a post shows two parts; a sensor leaves fragments.
 Each rule here joins one such kind, and says by which trace it knows it. Clusters are labels (C,) of cells, 0, 1, …, in the cabinet's frame.
 """
 
@@ -259,7 +259,7 @@ def _shared(patches: Patches, a: Int, b: Int) -> float:
     return min(shares)
 
 
-def crumbs_absorbed(cells: Cells, label: Int) -> Int:
+def fragments_absorbed(cells: Cells, label: Int) -> Int:
     """What is small and near to a much larger cluster is a part of it; what is very small and near to any, of that."""
     for most, share, reach in ((CRUMB_CELLS, CRUMB_SHARE, CRUMB_GAP_M), (STRAY_CELLS, 1.0, STRAY_GAP_M)):
         for s in np.argsort(np.bincount(label), kind="stable"):

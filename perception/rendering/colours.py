@@ -28,6 +28,7 @@ WALL_COLOUR: Colour = (0.62, 0.70, 0.80)
 
 
 def linear(srgb: Array) -> Array:
+    """Linear light of sRGB values, 0 to 1 (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
@@ -38,4 +39,5 @@ def roll_off(x: Float32) -> Float32:
 
 
 def encode(x: Float32) -> Float32:
+    """The sRGB values of linear light, 0 to 1: the inverse of `linear`."""
     return np.asarray(np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055), np.float32)

@@ -40,6 +40,7 @@ def _bounds(P: Array, half: Array, fx: float, fy: float, cx: float, cy: float, w
 
 @njit(cache=True, nogil=True)
 def clamp_to_image(u0: float, u1: float, v0: float, v1: float, width: int, height: int) -> tuple[int, int, int, int]:
+    """First and last column and row within the image of what reaches from u0 to u1 and from v0 to v1, pixels."""
     return (
         int(np.ceil(min(max(u0, 0.0), float(width)))),
         int(np.floor(max(min(u1, width - 1.0), -1.0))),
@@ -65,6 +66,7 @@ def _slab(P: Array, half: float, axis: int, fx: float, fy: float, cx: float, cy:
 
 @njit(cache=True, nogil=True)
 def draw_box(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids) -> None:
+    """Draw solid k, a box of half sizes half (3,) at P (3, 4) in the camera frame, into w (H, W) and primitive (H, W)."""
     height, width = w.shape
     planes, upper, lower = np.empty((2, 4)), np.empty((6, 3)), np.empty((6, 3))
     n_upper, n_lower = 0, 0

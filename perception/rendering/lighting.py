@@ -185,6 +185,7 @@ def points_seen(
 
 @njit(cache=True, nogil=True)
 def scatter(places: Int, sums: Float32, factor: np.float32, column: int, light: Float32) -> None:
+    """Write factor · sums (2, N) to columns column and column + 1 of the light's rows places (N,)."""
     flat = light.reshape(-1, 4)
     for i in range(sums.shape[1]):
         flat[places[i], column], flat[places[i], column + 1] = factor * sums[0, i], factor * sums[1, i]

@@ -101,6 +101,7 @@ def plan_from_json(document: Any, where: str = "plan") -> Plan:
 
 
 def plan_from_node(node: Node) -> Plan:
+    """See `plan_from_json`; every value is checked. Raises: ValueError that says where."""
     version = expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")

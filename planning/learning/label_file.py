@@ -64,6 +64,7 @@ class Manifest:
 
     @property
     def rows(self) -> int:
+        """How many rows all shards have."""
         return sum(shard.rows for shard in self.shards)
 
 

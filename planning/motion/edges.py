@@ -30,7 +30,7 @@ _TOUCHES, _EVERYTHING = -1, -2
 
 @record
 class Task(NamedTuple):
-    """A motion query, packed twice: exactly, and for the lanes. covered: 0 when there are no covers and the exact test does it all.
+    """A motion query, packed twice: exactly, and for the sphere check. covered: 0 when there are no covers and the exact test does it all.
     upright: how far what is carried may tilt."""
 
     exact: Problem
@@ -45,7 +45,7 @@ class Memory(NamedTuple):
     """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge."""
 
     exact: Scratch
-    lanes: SphereScratch
+    spheres: SphereScratch
     pieces: Array
 
 
@@ -59,7 +59,7 @@ def make_task(problem: Problem, model: SphereModel | None = None, world: SphereW
 
 
 def pose_task(chain: Chain, posed: PosedGeometry, model: SphereModel, solids: Solids, query: Query, margin_m: float) -> Task:
-    """A motion query of posed geometry with covers, which `model` packs for the lanes."""
+    """A motion query of posed geometry with covers, which `model` packs for the sphere check."""
     return Task(edge_problem.pose(chain, posed, solids, query, margin_m), model, make_sphere_world(solids, query), 1, ANY_WAY_UP)
 
 
@@ -119,14 +119,14 @@ def connects(task: Task, qa: Array, qb: Array, memory: Memory) -> bool:
         return False
     if not task.covered:
         return bool(edge_check.edge_free(task.exact, qa, qb, memory.exact))
-    n = edge_open(task.model, task.world, qa, qb, memory.lanes, memory.pieces)
+    n = edge_open(task.model, task.world, qa, qb, memory.spheres, memory.pieces)
     if n == 0:
         return True
     if n == _TOUCHES:
         return False
     if n == _EVERYTHING:
         return bool(edge_check.edge_free(task.exact, qa, qb, memory.exact))
-    return bool(edge_check.pieces_free(task.exact, qa, qb, memory.pieces, n, memory.lanes.left, memory.exact))
+    return bool(edge_check.pieces_free(task.exact, qa, qb, memory.pieces, n, memory.spheres.left, memory.exact))
 
 
 @jit_entry

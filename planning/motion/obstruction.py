@@ -97,6 +97,7 @@ class View:
     stage: int = WHOLE_WAY
 
     def free(self, name: str, standing: frozenset[str]) -> bool:
+        """Whether an object can be picked while only `standing`, itself and the target stand."""
         return self.ways.free(self.spots[name], self._present(name, standing), self.stage)
 
     def blockers(self, name: str, standing: frozenset[str]) -> list[frozenset[str]]:

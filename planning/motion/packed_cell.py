@@ -215,7 +215,7 @@ class PackedCell:
         return with_clearance(task, solids + off_m, min(clearance_m, self.settings.clearance.own_m) + off_m)
 
     def enter(self, query: PlanningQuery) -> Memory:
-        """The memory, made ready for this situation."""
+        """The memory, made ready for this query."""
         if self._entered is not query:
             edge_problem.enter(query.task.exact, self.memory.exact)
             self._entered = query

@@ -186,13 +186,13 @@ class _Failures:
             self.furthest, self._got_to = Blocked("ik", "hand", self._name, detail="the grasp is out of reach"), 1
 
     def note(self, code: int, query: PlanningQuery | ContactQuery, pair: int) -> None:
-        """One got as far as a code of `reaching`, where a pair of the situation touched."""
+        """One got as far as a code of `reaching`, where a pair of the query touched."""
         if 1 + code >= self._got_to:
             self.furthest, self._got_to = queries.blocked(STAGES[code], query, pair, self._name), 1 + code
 
 
 class _OpenHand:
-    """The hand before it closes on an object of some width: gripper values, the situation while it is open, and those while the fingers
+    """The hand before it closes on an object of some width: gripper values, the query while it is open, and those while the fingers
     move."""
 
     def __init__(self, cell: Workcell, poses: Mapping[str, Array], name: str, width_m: float) -> None:

@@ -43,7 +43,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class ReleaseQuery:
-    """The hand once an object stands: the situations while it opens and when it is open, and the object among the others. It is the same
+    """The hand once an object stands: the queries while it opens and when it is open, and the object among the others. It is the same
     for all picks with the same gripper values."""
 
     opening: ContactQuery
@@ -152,7 +152,7 @@ class Placing:
         return np.asarray(np.arctan2(bearing[..., 1], bearing[..., 0]) - np.arctan2(ahead[1], ahead[0]))
 
     def _seen_at(self, code: int) -> PlanningQuery | ContactQuery:
-        """The situation in which `reaching.put_down` got to say a code."""
+        """The query of which `reaching.put_down` got to say a code."""
         match code:
             case reaching.AT_GRASP | reaching.BACKWARDS:
                 return self.release_query.open

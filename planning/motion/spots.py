@@ -115,6 +115,7 @@ class SpotQueries:
         return flags
 
     def met_walls(self, flags: Flags) -> bool:
+        """Whether the answer to `ask_walls` is that something was met."""
         return bool(flags[self._walls].any() or flags[-1])
 
     def reach(self, opened: float) -> Problem:

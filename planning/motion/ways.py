@@ -60,12 +60,14 @@ class Way:
     _parts: list[Way] | None = None
 
     def blockers(self, present: int) -> int:
+        """Which spots of `present` block this way; each is asked about once."""
         if missing := present & ~self.known:
             self.met |= self.test(missing)
             self.known |= missing
         return self.met & present
 
     def parts(self) -> list[Way]:
+        """The ways of the next stage that this one begins; found when asked for."""
         if self._parts is None:
             self._parts = list(self.split())
             for part in self._parts:  # what blocks a way early blocks it for good

@@ -55,6 +55,7 @@ class Workcell(PackedCell):
 
     @property
     def home_arm(self) -> Array:
+        """The arm's joints (A,) where its robot waits."""
         return self.robot.arm_q(self.robot.home)
 
     def free_along(self, query: PlanningQuery, path: Array) -> bool:

@@ -41,6 +41,7 @@ class Course:
 
     @property
     def where(self) -> str:
+        """The motion's number, for complaints."""
         return f"motion {self.number}"
 
     @cached_property

@@ -64,6 +64,7 @@ class Hand:
 
     @property
     def max_width_m(self) -> float:
+        """How far the pads come apart, m."""
         return float(self.widths[-1])
 
     def width(self, values: Array) -> Array:

@@ -116,6 +116,7 @@ class Film:
 
     @property
     def length_s(self) -> float:
+        """How long the film is, s."""
         return self.stretches[-1].end_s if self.stretches else 0.0
 
     @cached_property

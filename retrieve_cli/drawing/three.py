@@ -19,6 +19,7 @@ Int = NDArray[np.int64]
 
 
 def solid(path: str, shape: Shape | Mesh, colour: Colour, opacity: float = 1.0, *, through: bool = False) -> list[Command]:
+    """Commands that show a shape in its own frame; a mesh of several parts takes one each."""
     from perception.rendering.surfaces import Mesh
 
     match shape:
@@ -77,6 +78,7 @@ def lines(path: str, polylines: list[Array], colour: Colour, opacity: float = 1.
 
 
 def three_object(path: str, kind: str, geometry: Command, material: Command, matrix: list[float]) -> Command:
+    """An object of three.js with one geometry and one material; matrix (16,): its pose, column by column."""
     ids = {"geometry": f"g {path}", "material": f"m {path}"}
     return {
         "type": "set_object",
@@ -100,14 +102,17 @@ def packed(values: Any, kind: str, items: int) -> Command:
 
 
 def place(path: str, T: Array) -> Command:
+    """Put what is shown at a path at pose T (4, 4) in its parent."""
     return {"type": "set_transform", "path": path, "matrix": [float(x) for x in T.T.ravel()]}
 
 
 def set_property(path: str, name: str, value: Any) -> Command:
+    """Set a property of what is shown at a path."""
     return {"type": "set_property", "path": path, "property": name, "value": value}
 
 
 def hex_colour(colour: Colour) -> int:
+    """An sRGB colour, 0 to 1 each, as 0xRRGGBB."""
     r, g, b = (round(255 * c) for c in colour)
     return r << 16 | g << 8 | b
 
@@ -158,6 +163,7 @@ def _cylinder_mesh(radius: float, height: float, sides: int = 64) -> tuple[Array
 
 
 def annulus(inner: float, outer: float, sides: int = 96) -> tuple[Array, Array, Int]:
+    """A flat ring about z between two radii, m: vertices (V, 3), normals (V, 3), faces (F, 3)."""
     angle = 2 * np.pi * np.arange(sides) / sides
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], -1)
     i = np.arange(sides)

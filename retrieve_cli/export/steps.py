@@ -36,6 +36,7 @@ class ArmStep:
 
     @property
     def spline(self) -> QuinticSpline:
+        """The trajectory: a quintic Hermite spline through the rows."""
         return hermite(self.t_s, self.q, self.qd, self.qdd)
 
     def sampled(self, rate_hz: float) -> tuple[Array, Array, Array, Array]:

@@ -34,10 +34,12 @@ class Panel:
         self.left, self.right, self.low, self.high = left + LEFT, left + width - RIGHT, low, high
 
     def x(self, value: float) -> float:
+        """A value's place on the page, from the left."""
         return self.left + (self.right - self.left) * (value - self.low) / (self.high - self.low)
 
     @staticmethod
     def y(share: float) -> float:
+        """The place on the page of a share of 1, from the top."""
         return TOP + HEIGHT * (1 - share)
 
 

@@ -53,7 +53,7 @@ def test_the_kernel_s_free_keeps_the_clearance_and_its_touching_falls_short(robo
     cell = cell_of(robot)
     task = keeping(cell, clearance_m)
     Q = cell.random(400, 11)
-    said = sphere_check.configs_free(task.model, task.world, Q, cell.memory.lanes)
+    said = sphere_check.configs_free(task.model, task.world, Q, cell.memory.spheres)
     short = np.array([shortfall(cell, q, clearance_m) for q in Q])
     assert (short[said == sphere_check.FREE] <= FCL_M).all()
     assert (short[said == sphere_check.TOUCHES] >= -FCL_M).all()
@@ -74,7 +74,7 @@ def test_more_clearance_frees_nothing(robot: Robot) -> None:
     Q = cell.random(2000, 12)
 
     def answers(task: Task) -> Int:
-        return np.concatenate([sphere_check.configs_free(task.model, task.world, q[None], cell.memory.lanes) for q in Q])
+        return np.concatenate([sphere_check.configs_free(task.model, task.world, q[None], cell.memory.spheres) for q in Q])
 
     before = answers(cell.task)
     for i, (clearance_m, own_m) in enumerate(((0.0, 0.0), (0.002, 0.0), (0.002, 0.001), (0.01, 0.002))):

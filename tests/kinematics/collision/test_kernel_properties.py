@@ -92,7 +92,7 @@ def cell_of(robot: Robot) -> Cell:
 def test_free_is_free_and_touching_touches(robot: Robot) -> None:
     cell = cell_of(robot)
     Q = cell.random(SAMPLES, 1)
-    said = sphere_check.configs_free(cell.task.model, cell.task.world, Q, cell.memory.lanes)
+    said = sphere_check.configs_free(cell.task.model, cell.task.world, Q, cell.memory.spheres)
     by_fcl = np.array([said[i] != sphere_check.UNDECIDED and cell.touches(q) for i, q in enumerate(Q)])
     assert not (by_fcl & (said == sphere_check.FREE)).any(), Q[by_fcl & (said == sphere_check.FREE)]
     assert not (~by_fcl & (said == sphere_check.TOUCHES)).any(), Q[~by_fcl & (said == sphere_check.TOUCHES)]
@@ -103,7 +103,7 @@ def test_free_is_free_and_touching_touches(robot: Robot) -> None:
 def test_exact_free_is_free_where_the_covers_leave_it_open(robot: Robot) -> None:
     cell = cell_of(robot)
     Q = cell.random(SAMPLES, 2)
-    open_ = Q[sphere_check.configs_free(cell.task.model, cell.task.world, Q, cell.memory.lanes) == sphere_check.UNDECIDED]
+    open_ = Q[sphere_check.configs_free(cell.task.model, cell.task.world, Q, cell.memory.spheres) == sphere_check.UNDECIDED]
     assert len(open_) > 0
     for q in open_:
         assert not (edge_check.config_free(cell.task.exact, q, cell.memory.exact) and cell.touches(q)), q

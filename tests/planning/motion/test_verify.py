@@ -65,12 +65,12 @@ def test_pairs_that_are_not_open_are_apart(robot: Robot) -> None:
     """By FCL; and a configuration is free for the kernel just when none of its pairs is open."""
     cell = cell_of(robot)
     Q, world = cell.random(1003, 6), cell.task.world
-    rows, which = sphere_check.open_pairs(cell.task.model, world, Q, cell.memory.lanes)
+    rows, which = sphere_check.open_pairs(cell.task.model, world, Q, cell.memory.spheres)
     P, B = world.check.shape
     assert (np.diff(rows * (P * B + len(world.pairs)) + which) > 0).all()
     free = np.ones(len(Q), bool)
     free[rows] = False
-    assert np.array_equal(free, sphere_check.configs_free(cell.task.model, world, Q, cell.memory.lanes) == sphere_check.FREE)
+    assert np.array_equal(free, sphere_check.configs_free(cell.task.model, world, Q, cell.memory.spheres) == sphere_check.FREE)
     number = {(i, P + b): i * B + b for i in range(P) for b in range(B)} | {tuple(p): P * B + k for k, p in enumerate(world.pairs.tolist())}
     left_open, apart = set(zip(rows.tolist(), which.tolist())), 0
     for n, q in enumerate(Q[:200]):
@@ -88,12 +88,12 @@ def test_refused_joint_values_leave_every_pair_open(ur5e: Robot) -> None:
     cell = cell_of(ur5e)
     Q, world = np.tile(ur5e.arm_q(ur5e.home), (20, 1)), cell.task.world
     Q[3, 2], Q[17, 0] = np.nan, 100.0
-    rows, _ = sphere_check.open_pairs(cell.task.model, world, Q, cell.memory.lanes)
+    rows, _ = sphere_check.open_pairs(cell.task.model, world, Q, cell.memory.spheres)
     counts = np.bincount(rows, minlength=20)
     assert counts[[3, 17]].tolist() == [np.count_nonzero(world.check) + len(world.pairs)] * 2
     assert (np.delete(counts, [3, 17]) == counts[0]).all()
     assert counts[0] < 10
-    assert all(not len(x) for x in sphere_check.open_pairs(cell.task.model, world, Q[:0], cell.memory.lanes))
+    assert all(not len(x) for x in sphere_check.open_pairs(cell.task.model, world, Q[:0], cell.memory.spheres))
 
 
 # ------------------------------------------------------------------------------------------------------------------- covers and FCL as one

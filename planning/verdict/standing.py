@@ -34,11 +34,16 @@ class Placed:
 @dataclass(frozen=True, eq=False)
 class Stand:
     """What a body stands on: names of those that it touches from above; gap_m to the nearest of these, or to the floor; negative when it is
-    that deep in it; carried: whether its centre of mass lies over the support."""
+    that deep in it; off_m: how far, seen from above, its centre of mass is from the support."""
 
     on: tuple[str, ...]
     gap_m: float
-    carried: bool
+    off_m: float
+
+    @property
+    def carried(self) -> bool:
+        """Whether the centre of mass lies over the support."""
+        return self.off_m < OVER_M
 
 
 def placed(name: str, shape: Shape, T_world_body: Array, cabinet: Cabinet) -> Placed:
@@ -56,7 +61,7 @@ def stand(body: Placed, others: Sequence[Placed], cabinet: Cabinet, within_m: fl
     if abs(bottom) <= within_m and (floor[0] <= body.low[:2]).all() and (floor[2] >= body.high[:2]).all():
         corners = np.concatenate([p.vertices for p in body.parts])
         if polygons.contains(polygons.hull(corners[corners[:, 2] <= bottom + within_m, :2]), centre):
-            return Stand(("floor",), bottom, True)  # as nearly all do
+            return Stand(("floor",), bottom, 0.0)  # as nearly all do
     feet = polygons.hull(np.concatenate([section_below(p, bottom + within_m) for p in body.parts]))
     near = [o for o in others if (o.low <= body.high + within_m).all() and (o.high >= body.low - within_m).all()]
     patches = [("floor", bottom, polygons.clip(feet, floor))] if abs(bottom) <= within_m else []
@@ -70,11 +75,11 @@ def stand(body: Placed, others: Sequence[Placed], cabinet: Cabinet, within_m: fl
     on = tuple(dict.fromkeys(name for name, _, _ in patches))
     gap = min((g for _, g, _ in patches), key=abs, default=bottom)
     support = [patch for _, _, patch in patches]
-    if _over(support, centre):
-        return Stand(on, gap, True)
+    if (off := _off(support, centre)) < OVER_M:
+        return Stand(on, gap, off)
     leans = _leaning(body, near, within_m)
     support += [patch for _, patch in leans if len(patch)]
-    return Stand(tuple(dict.fromkeys([*on, *(name for name, _ in leans)])), gap, _over(support, centre))
+    return Stand(tuple(dict.fromkeys([*on, *(name for name, _ in leans)])), gap, _off(support, centre))
 
 
 def _floor(cabinet: Cabinet) -> Array:
@@ -86,15 +91,15 @@ def _floor(cabinet: Cabinet) -> Array:
 _FLIP = np.diag([1.0, 1.0, -1.0, 1.0])  # upside down: a reflection, which does for outlines seen along z
 
 
-def _over(patches: Sequence[Array], centre: Array) -> bool:
-    """Whether a point (2,) lies over the hull of patches."""
-    if not patches:
-        return False
-    outline = polygons.hull(np.concatenate(patches))
-    if len(outline) < 3 or polygons.contains(outline, centre):
-        return len(outline) > 2
+def _off(patches: Sequence[Array], centre: Array) -> float:
+    """How far a point (2,) is from the hull of patches, in m."""
+    outline = polygons.hull(np.concatenate(patches)) if patches else np.zeros((0, 2))
+    if polygons.contains(outline, centre):
+        return 0.0
+    if not len(outline):
+        return np.inf
     here, there = polygons.nearest(centre[None], outline)
-    return float(np.linalg.norm(here - there)) < OVER_M
+    return max(float(np.linalg.norm(here - there)), OVER_M if len(outline) < 3 else 0.0)  # nothing stands on a line
 
 
 def _leaning(body: Placed, near: Sequence[Placed], within_m: float) -> list[tuple[str, Array]]:

@@ -14,7 +14,7 @@ from conftest import SIDEWAYS, Handmade, Json, make_plan, pose
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Held
-from kinematics.shapes import Box
+from kinematics.shapes import Box, ConvexMesh
 from kinematics.transforms import rotation_about, transform
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
@@ -209,7 +209,6 @@ def _nobody_moved(_: Json, plan: Json) -> None:
         (_x_g_turned, "grasp", "from the grasp that was asked for"),
         (_another_width, "grasp", "stops 3.0 mm before can"),
         (_fatter, "grasp", "2.0 mm inside can"),
-        (_on_an_edge, "scene", "leaf falls over"),
         (_longer_way, "plan", "hand_travel_m"),
         (_shorter_relocation, "plan", "relocation_travel_m"),
         (_shorter, "plan", "duration_s"),
@@ -268,6 +267,31 @@ def test_what_readers_refuse_is_judged_too(honest: Handmade, ur5e: Robot) -> Non
     twirl = np.linspace(plan.motions[0].q[0], plan.motions[0].q[0] + [600.0, 0, 0, 0, 0, 0, 0], 2)
     found = examine(scene, replace(plan, motions=(replace(plan.motions[0], q=twirl, t_s=np.array([0.0, 999.0])),)), ur5e)
     assert "turns a joint by 600 in all" in found.faults[0].detail
+
+
+def test_what_would_fall_at_the_start_is_a_note(honest: Handmade, ur5e: Robot) -> None:
+    """The scene says that it stands: balls do. Put down again, it must stand no worse."""
+    found = verdict(honest, ur5e, _on_an_edge)
+    assert found.verified
+    assert [(note.stage, note.bodies[0]) for note in found.notes] == [("scene", "leaf")]
+    assert "leaf falls over at the start" in found.notes[0].detail
+
+
+def test_what_stands_by_the_scenes_word_alone_may_be_put_down_no_worse(honest: Handmade, ur5e: Robot) -> None:
+    """The can gets a foot that is 4 mm beside its middle, as a scanned apple has it."""
+    scene, plan = scene_from_json(honest.scene), plan_from_json(honest.plan)
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    rim = 0.025 * np.stack([np.cos(angle), np.sin(angle)], -1)
+    body = np.concatenate([np.c_[rim, np.full(48, z)] for z in (-0.086, 0.09)])
+    foot = np.array([[x, y, z] for x in (0.004, 0.008) for y in (-0.004, 0.004) for z in (-0.09, -0.08)])
+    apple = replace(scene, objects=tuple(replace(b, shape=ConvexMesh((body, foot))) if b.name == "can" else b for b in scene.objects))
+    found = examine(apple, plan, ur5e)
+    assert found.verified, [str(f) for f in found.faults]
+    assert [(note.stage, note.bodies[0]) for note in found.notes] == [("scene", "can")]
+    T = scene.cabinet.T_world_cabinet.copy()
+    T[1, 3] = -0.1935  # the floor ends under the foot where the can is put
+    found = examine(replace(apple, cabinet=replace(scene.cabinet, T_world_cabinet=T)), plan, ur5e, Settings(contact=False))
+    assert any("can falls over where motion" in f.detail for f in found.faults)
 
 
 def test_faults_say_whose_and_how_much(honest: Handmade, ur5e: Robot) -> None:

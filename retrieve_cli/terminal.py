@@ -41,13 +41,13 @@ def announce_first_run(*, drawing: bool = False) -> None:
     """Say why the first run takes long, lest anybody stare at a silent terminal, and let a second process compile meanwhile; or why every
     run takes long, if compiled code can't be kept. drawing: the command draws stills, too."""
     from kinematics.jit.cache_folder import WRONG, compiled_before
-    from planning.compiling.ahead import known, loop_s, start_beside, waiting
+    from planning.compiling.ahead import known, loop_s, loops, start_beside, waiting
 
     if WRONG:
         say(f"compiled code can't be kept, so every run compiles, which takes a minute: {WRONG}; XDG_CACHE_HOME names another folder")
     elif known():
         if left := waiting():
-            seconds = sum(a.loops for a in left) * loop_s() / (2 if start_beside(drawing=drawing) else 1)
+            seconds = max(1.0, loops(left) * loop_s() / (2 if start_beside(drawing=drawing) else 1))
             say(f"getting ready: this once {len(left)} functions are compiled, which takes about {seconds:.0f} s; later runs start at once")
     elif not compiled_before():
         say("getting ready: the first run compiles, which takes a minute; later ones start at once")

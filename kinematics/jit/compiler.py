@@ -74,18 +74,14 @@ def compile_entry(entry: Description, args: Sequence[Any], kinds: str) -> Callab
     """Compile an entry for arguments like these, keep its machine code, and make it callable; None where that is not possible."""
     if MISSING:
         return None
-    with _rarely_collecting():
-        argument_types = tuple(_type(a) for a in args)
-        part = entry.dispatcher
-        part.compile(argument_types)
-        compiled = part.overloads[argument_types]
+    with rarely_collecting():
         symbol = machine_code.symbol_of(entry.__module__, entry.__qualname__, kinds)
-        module = trampoline(compiled, args, symbol)
-        if module is None:
+        library = Library([(entry, args, symbol)])
+        if symbol not in library.symbols:
             return None
-        code = _emit(compiled, module, symbol)
+        code = library.emit(symbol)
     machine_code.store(code)
-    return machine_code.activate(code) if all(llvm.address_of_symbol(name) for name in code.outside) else None
+    return machine_code.activate(code)
 
 
 def _type(value: Any) -> Any:
@@ -97,36 +93,50 @@ def _type(value: Any) -> Any:
     return _number[kind] if kind in _number else _typeof(value, None)
 
 
-def _emit(compiled: Any, module: Any, symbol: str) -> machine_code.Code:
-    """Machine code of a trampoline with all that it calls."""
-    library = _Library(compiled.library.codegen, symbol)
-    library.add_ir_module(module)
-    library.add_linking_library(compiled.library)
-    return library.emit(symbol)
+class Library(_Base):  # type: ignore[misc]
+    """Entries for arguments like some, with all that they call: a library whose machine code is not for numba's own use."""
 
+    def __init__(self, entries: Sequence[tuple[Description, Sequence[Any], str]]) -> None:
+        """entries: each with arguments and the symbol that it gets. One that can't be handed over to Python is left out of `symbols`."""
+        super().__init__(cpu_target.target_context.codegen(), entries[0][2])
+        self.symbols: list[str] = []
+        for entry, args, symbol in entries:
+            argument_types = tuple(_type(a) for a in args)
+            part = entry.dispatcher
+            part.compile(argument_types)
+            compiled = part.overloads[argument_types]
+            module = trampoline(compiled, args, symbol)
+            if module is not None:
+                self.symbols.append(symbol)
+                self.add_ir_module(module)
+                self.add_linking_library(compiled.library)
 
-class _Library(_Base):  # type: ignore[misc]
-    """A library whose machine code is not for numba's own use."""
-
-    def emit(self, symbol: str) -> machine_code.Code:
+    def optimised(self) -> Any:
+        """LLVM's module of all that is needed, of which only the entries can be seen from outside."""
         final: Any = self._final_module
         for other in dict.fromkeys(self._linking_libraries):
             final.link_in(other._get_module_for_linking(), preserve=True)
         self._optimize_final_module()
+        seen = {name for symbol in self.symbols for name in (symbol, f"{symbol}.table")}
         for thing in (*final.functions, *final.global_variables):  # not before: LLVM would make one piece of them, in twice the time
-            if not thing.is_declaration and thing.name not in (symbol, f"{symbol}.table"):
+            if not thing.is_declaration and thing.name not in seen:
                 thing.linkage = llvm.Linkage.internal
         remove_unused = llvm.create_new_module_pass_manager()
         remove_unused.add_global_dead_code_eliminate_pass()
         remove_unused.run(final, self._codegen._pass_builder())
         final.verify()
+        return final
+
+    def emit(self, symbol: str) -> machine_code.Code:
+        """Machine code of its only entry."""
+        final = self.optimised()
         outside = [f.name for f in final.functions if f.is_declaration and not f.name.startswith("llvm.")]
         outside += [g.name for g in final.global_variables if g.is_declaration]
-        return machine_code.Code(symbol, outside, self._codegen._tm.emit_object(final))
+        return machine_code.Code(symbol, outside, [], self._codegen._tm.emit_object(final))
 
 
 @contextmanager
-def _rarely_collecting() -> Iterator[None]:
+def rarely_collecting() -> Iterator[None]:
     """Compiling makes millions of objects that live as long as it does; to look for garbage among them all the time is a tenth of it."""
     usual = gc.get_threshold()
     gc.set_threshold(100_000, *usual[1:])

@@ -97,8 +97,13 @@ class Entry(Deferred):
         return True
 
     def bring(self, args: tuple[Any, ...], kinds: str) -> Callable[..., Any] | None:
-        """Machine code for such arguments, from the cache or compiled; None where there can't be any."""
-        code = machine_code.load(machine_code.symbol_of(self.__module__, self.__qualname__, kinds))
+        """Machine code for such arguments, from the cache, of what ships, or compiled; None where there can't be any."""
+        symbol = machine_code.symbol_of(self.__module__, self.__qualname__, kinds)
+        code = machine_code.load(symbol)
+        if code is None:
+            from kinematics.jit import shipped
+
+            code = machine_code.load(symbol) if shipped.bring(symbol, self, args) else None
         if code is None:
             from kinematics.jit.compiler import compile_entry
 

@@ -1,8 +1,9 @@
 """Machine code of entries: loaded from the cache into this process and called, without numba.
 
-A file holds an object file that LLVM emitted, the name of the function in it, and the functions that it calls outside. That function
-(`kinematics.jit.trampoline`) is a builtin function to Python. It takes what was compiled for, arrays, records and numbers of certain kinds,
-and answers NotImplemented to anything else. What it needs from Python it finds in a table of addresses, which is filled when it is loaded.
+A file holds an object file that LLVM emitted, the function's name, and what it calls outside: of the C library's, and of other files. An
+entry's function (`kinematics.jit.trampoline`) is a builtin function to Python. It takes what was compiled for, arrays, records and numbers
+of certain kinds, and answers NotImplemented to anything else. What it needs from Python it finds in a table of addresses, which is filled
+when it is loaded.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ _SCALARS: dict[type, str] = {int: "i", np.int64: "i", float: "d", np.float64: "d
 _FASTCALL = 0x0080
 _KEPT: list[Any] = []
 """What loaded code points to."""
+_LINKED: set[str] = set()
+"""The symbols of code that is a part of this process."""
 ADDRESS = "address"
 """The attribute of a record that compiled code reads."""
 
@@ -44,10 +47,12 @@ TABLE = (*OBJECTS, *FUNCTIONS)
 
 
 class Code(NamedTuple):
-    """What a file holds. symbol: the function's name, and with ".table" behind it that of the table of addresses."""
+    """What a file holds. symbol: the function's name, and with ".table" behind it that of the table of addresses. needs: the symbols of
+    other files that it calls, see `shipped`."""
 
     symbol: str
     outside: list[str]
+    needs: list[str]
     object_file: bytes
 
 
@@ -78,28 +83,29 @@ def symbol_of(module: str, name: str, kinds: str) -> str:
     return f"{module}.{name}-{hashlib.sha256(f'{module}.{name}({kinds})'.encode()).hexdigest()[:16]}"
 
 
-def is_stored(entry: str, kinds: str) -> bool:
-    """Whether an earlier run, or a process beside, has left code for an entry, named with its module."""
-    module, _, name = entry.rpartition(".")
-    return _path(symbol_of(module, name, kinds)).is_file()
+def is_stored(symbol: str) -> bool:
+    """Whether an earlier run, or a process beside, has left code."""
+    return _path(symbol).is_file()
 
 
 def load(symbol: str) -> Callable[..., Any] | None:
     """The function that an earlier run has left, or None."""
+    code = _stored(symbol)
+    return None if code is None else activate(code)
+
+
+def _stored(symbol: str) -> Code | None:
     data = cache.read(_path(symbol))
     if data is None:
         return None
     head, object_file = data.split(b"\n", 1)
-    _, outside = json.loads(head)
-    code = Code(symbol, outside, object_file)
-    if not all(binding.address_of_symbol(name) for name in code.outside):
-        return None
-    return activate(code)
+    symbol, outside, needs = json.loads(head)
+    return Code(symbol, outside, needs, object_file)
 
 
 def store(code: Code) -> None:
     """Leave code for later runs; a cache that can't be written is no error."""
-    head = json.dumps([code.symbol, code.outside]).encode()
+    head = json.dumps([code.symbol, code.outside, code.needs]).encode()
     cache.write(_path(code.symbol), head + b"\n" + code.object_file, synced=False)
 
 
@@ -107,17 +113,32 @@ def _path(symbol: str) -> Path:
     return FOLDER / f"{symbol}.code"
 
 
-def activate(code: Code) -> Callable[..., Any]:
-    """Make code a part of this process: a builtin function."""
+def activate(code: Code) -> Callable[..., Any] | None:
+    """Make code a part of this process: a builtin function; None when something that it calls is missing."""
+    if not _link(code):
+        return None
     engine = _engine()
-    engine.add_object_file(binding.ObjectFileRef.from_data(code.object_file))
-    engine.finalize_object()
     table = _addresses()
     ctypes.memmove(engine.get_global_value_address(f"{code.symbol}.table"), table, ctypes.sizeof(table))
     method = _MethodDef(code.symbol.encode(), engine.get_function_address(code.symbol), _FASTCALL, None)
     _KEPT.append(method)
     function: Callable[..., Any] = _new_builtin()(ctypes.byref(method), None, None)
     return function
+
+
+def _link(code: Code) -> bool:
+    """Link code with this process, after what it needs; whether all that it calls is there."""
+    if not all(binding.address_of_symbol(name) for name in code.outside):
+        return False
+    for need in code.needs:
+        other = None if need in _LINKED else _stored(need)
+        if need not in _LINKED and (other is None or not _link(other)):
+            return False
+    engine = _engine()
+    engine.add_object_file(binding.ObjectFileRef.from_data(code.object_file))
+    engine.finalize_object()
+    _LINKED.add(code.symbol)
+    return True
 
 
 @lru_cache(maxsize=1)

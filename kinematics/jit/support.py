@@ -41,8 +41,9 @@ def missing_part() -> str | None:
     try:
         from numba.core.caching import IndexDataCacheFile  # noqa: F401
 
-        import kinematics.jit.pipeline  # noqa: F401
-        from kinematics.jit.trampoline import layout_known
+        import kinematics.jit.pipeline
+        import kinematics.jit.trampoline  # noqa: F401
+        from kinematics.jit.numpy_abi import layout_known
     except (ImportError, AttributeError) as e:
         return f"numba {numba.__version__} lacks a part: {e}"
     return None if layout_known() else "numpy's arrays are laid out in another way than was tried"

@@ -3,7 +3,7 @@ and puts the answer together.
 
 It has the signature of CPython's METH_FASTCALL. An argument that is not of the kind that the entry was compiled for, and an exception in
 compiled code, give NotImplemented. Of Python it knows the functions and objects of `machine_code.TABLE`; of an array what numpy's ABI says
-(PyArrayObject_fields in ndarraytypes.h); of a record its address. The interpreter's lock is released meanwhile.
+(`numpy_abi`); of a record its address. The interpreter's lock is released meanwhile.
 """
 
 from __future__ import annotations
@@ -11,24 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 
+from kinematics.jit import numpy_abi
 from kinematics.jit.machine_code import TABLE
 from kinematics.jit.record import Record
 from kinematics.jit.record_type import RecordType, make_array
 
 _WORD, _INT, _BYTE, _DOUBLE = ir.IntType(64), ir.IntType(32), ir.IntType(8), ir.DoubleType()
 _OBJECT = _BYTE.as_pointer()
-_HEADER = object.__basicsize__
-_TYPE = _HEADER - 8
-"""Where an object says of what type it is."""
-_DATA, _NDIM, _SHAPE, _STRIDES, _DESCR, _FLAGS = (_HEADER + at for at in (0, 8, 16, 24, 40, 48))
-"""Where an array says where its numbers are, and so on."""
-_BYTE_ORDER, _TYPE_NUMBER = _HEADER + 10, _HEADER + 12
-"""Where a dtype does."""
-_CONTIGUOUS, _ALIGNED = 0x1, 0x100
 _SIGNATURES = {
     "PyType_IsSubtype": (_INT, [_OBJECT, _OBJECT]),
     "PyObject_GetAttr": (_OBJECT, [_OBJECT, _OBJECT]),
@@ -130,7 +122,7 @@ class _Builder:
         return out
 
     def taken_record(self, given: Any, value: Record) -> Any:
-        is_record = self.call("PyType_IsSubtype", self.field(given, _TYPE, _OBJECT), self.known("Record"))
+        is_record = self.call("PyType_IsSubtype", self.field(given, numpy_abi.TYPE, _OBJECT), self.known("Record"))
         self.need(self.b.icmp_signed("!=", is_record, ir.Constant(_INT, 0)))
         number = self.call("PyObject_GetAttr", given, self.known("attribute"))
         with self.b.if_then(self.b.icmp_unsigned("==", number, _null)):
@@ -144,18 +136,18 @@ class _Builder:
     def taken_array(self, given: Any, value: Any, t: Any) -> Any:
         b = self.b
         self.need_type(given, "ndarray")
-        self.need(b.icmp_signed("==", self.field(given, _NDIM, _INT), ir.Constant(_INT, t.ndim)))
-        wanted = ir.Constant(_INT, _ALIGNED | (_CONTIGUOUS if t.layout == "C" else 0))
-        self.need(b.icmp_signed("==", b.and_(self.field(given, _FLAGS, _INT), wanted), wanted))
-        dtype = self.field(given, _DESCR, _OBJECT)
-        self.need(b.icmp_signed("==", self.field(dtype, _TYPE_NUMBER, _INT), ir.Constant(_INT, value.dtype.num)))
-        self.need(b.icmp_signed("==", self.field(dtype, _BYTE_ORDER, _BYTE), ir.Constant(_BYTE, ord(value.dtype.byteorder))))
-        shape, strides = (self.field(given, at, _WORD.as_pointer()) for at in (_SHAPE, _STRIDES))
+        self.need(b.icmp_signed("==", self.field(given, numpy_abi.NDIM, _INT), ir.Constant(_INT, t.ndim)))
+        wanted = ir.Constant(_INT, numpy_abi.ALIGNED | (numpy_abi.CONTIGUOUS if t.layout == "C" else 0))
+        self.need(b.icmp_signed("==", b.and_(self.field(given, numpy_abi.FLAGS, _INT), wanted), wanted))
+        dtype = self.field(given, numpy_abi.DESCR, _OBJECT)
+        self.need(b.icmp_signed("==", self.field(dtype, numpy_abi.TYPE_NUMBER, _INT), ir.Constant(_INT, value.dtype.num)))
+        self.need(b.icmp_signed("==", self.field(dtype, numpy_abi.BYTE_ORDER, _BYTE), ir.Constant(_BYTE, ord(value.dtype.byteorder))))
+        shape, strides = (self.field(given, at, _WORD.as_pointer()) for at in (numpy_abi.SHAPE, numpy_abi.STRIDES))
 
         def words(where: Any) -> list[Any]:
             return [b.load(b.gep(where, [ir.Constant(_WORD, i)])) for i in range(t.ndim)]
 
-        data = self.field(given, _DATA, self.context.get_data_type(t.dtype).as_pointer())
+        data = self.field(given, numpy_abi.DATA, self.context.get_data_type(t.dtype).as_pointer())
         return make_array(self.context, b, t, data, words(shape), None if t.layout == "C" else words(strides))
 
     # The answer
@@ -199,7 +191,7 @@ class _Builder:
 
     def need_type(self, given: Any, *names: str) -> None:
         """Go on if an object is of one of some types."""
-        found = self.field(given, _TYPE, _OBJECT)
+        found = self.field(given, numpy_abi.TYPE, _OBJECT)
         same = [self.b.icmp_unsigned("==", found, self.known(name)) for name in names]
         self.need(same[0] if len(same) == 1 else self.b.or_(*same))
 
@@ -208,24 +200,3 @@ class _Builder:
         on = self.function.append_basic_block("on")
         self.b.cbranch(holds, on, self.mismatch)
         self.b.position_at_end(on)
-
-
-def layout_known() -> bool:
-    """Whether arrays and dtypes are laid out in memory as this module says."""
-    import ctypes
-
-    a = np.arange(6.0).reshape(2, 3)
-    word, small = ctypes.c_uint64.from_address, ctypes.c_int32.from_address
-    base = id(a)
-    descr = word(base + _DESCR).value
-    return (
-        word(base + _TYPE).value == id(np.ndarray)
-        and word(base + _DATA).value == a.ctypes.data
-        and small(base + _NDIM).value == 2
-        and word(word(base + _SHAPE).value + 8).value == 3
-        and word(word(base + _STRIDES).value).value == 24
-        and descr == id(a.dtype)
-        and small(base + _FLAGS).value == a.flags.num
-        and small(descr + _TYPE_NUMBER).value == a.dtype.num
-        and ctypes.c_char.from_address(descr + _BYTE_ORDER).value == b"="
-    )

@@ -1,4 +1,5 @@
-"""Makes `ahead.json`, the list of entries that are compiled ahead: `python -m planning.compiling.make_list`, or `make ahead`.
+"""Makes `ahead.json`, the list of entries that are compiled ahead, and what ships of them (`kinematics.jit.shipped`): `python -m
+planning.compiling.make_list`, or `make ahead`.
 
 A process of its own, with an empty cache, generates and plans a few scenes; the list is what it called, in its order.
 """
@@ -14,7 +15,8 @@ from time import process_time
 from typing import Any
 
 from kinematics.jit.decorators import Entry
-from planning.compiling.ahead import LIST, Ahead, describe, loop_s
+from kinematics.jit.shipped import FILE
+from planning.compiling.ahead import LIST, Ahead, describe, entry_of, example, loop_s
 
 SCENES, SEED = 6, 5
 
@@ -54,15 +56,19 @@ def _plan_some() -> None:
 
 
 def main() -> None:
-    """Write the list."""
+    """Write the list, and what ships."""
+    from kinematics.jit.ship import CPU, ship
+
     if "--record" not in sys.argv:
         with tempfile.TemporaryDirectory() as folder:
             again = [sys.executable, "-m", "planning.compiling.make_list", "--record"]
-            subprocess.run(again, env=os.environ | {"NUMBA_CACHE_DIR": folder}, check=True)
+            subprocess.run(again, env=os.environ | CPU | {"NUMBA_CACHE_DIR": folder}, check=True)
         return
     rows = recorded()
     LIST.write_text("[\n" + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows) + "\n]\n", encoding="utf-8")
     print(f"{LIST}: {len(rows)} entries, {sum(row.loops for row in rows) * loop_s():.0f} s", file=sys.stderr)
+    ship([(entry_of(row), [example(words) for words in row.arguments], row.symbol) for row in rows])
+    print(f"{FILE}: {FILE.stat().st_size / 1e6:.1f} MB", file=sys.stderr)
 
 
 if __name__ == "__main__":

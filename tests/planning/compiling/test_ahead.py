@@ -84,7 +84,7 @@ def test_there_are_few_functions() -> None:
 def test_a_process_beside_ends_with_its_parent(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[ahead.Ahead] = []
     monkeypatch.setattr(ahead, "compile_now", asked.append)
-    monkeypatch.setattr(machine_code, "is_stored", lambda entry, kinds: False)
+    monkeypatch.setattr(machine_code, "is_stored", lambda symbol: False)
     ahead.main(os.getppid() + 1)
     assert asked == []
     ahead.main(os.getppid())
@@ -94,7 +94,7 @@ def test_a_process_beside_ends_with_its_parent(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_one_is_started_only_for_something_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine_code, "is_stored", lambda entry, kinds: True)
+    monkeypatch.setattr(machine_code, "is_stored", lambda symbol: True)
     assert ahead.start_beside() is None
     assert ahead.share_done() == 1.0
 

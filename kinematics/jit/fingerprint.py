@@ -1,0 +1,106 @@
+"""What the machine code of an entry depends on, in a hash: the text of all functions that it calls, the constants that they read, the
+fields of the records that it takes, and how functions are compiled here. It is the same on any machine."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, cast
+
+import numpy as np
+
+from kinematics.jit.description import Description
+from kinematics.jit.record import Record
+
+_COMPILING = [
+    "compiler",
+    "decorators",
+    "fingerprint",
+    "machine_code",
+    "numpy_abi",
+    "pipeline",
+    "record",
+    "record_type",
+    "simd_lowering",
+    "trampoline",
+]
+_HOME = __name__.partition(".")[0]
+
+
+def fingerprint(entry: Description, args: Sequence[Any]) -> str:
+    """Of an entry, for arguments like these."""
+    parts: dict[str, str] = {}
+    _gather(entry, parts)
+    fields = [_fields(a) for a in args]
+    return hashlib.sha256(repr([way_of_compiling(), sorted(parts.items()), fields]).encode()).hexdigest()[:24]
+
+
+@cache
+def way_of_compiling() -> str:
+    """A hash of the modules that say how functions are compiled."""
+    texts = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in _COMPILING]
+    return hashlib.sha256(b"\0".join(texts)).hexdigest()
+
+
+def _fields(value: Any) -> Any:
+    """The names of a record's fields, and so on for records in it."""
+    if isinstance(value, Record):
+        return [list(cast(Any, value)._fields), [_fields(field) for field in cast(Any, value)]]
+    return [_fields(part) for part in value] if isinstance(value, tuple) else None
+
+
+def _gather(described: Description, parts: dict[str, str]) -> None:
+    """Add the text of a function, and all that it reads, under their names."""
+    name = f"{described.__module__}.{described.__qualname__}"
+    if name in parts:
+        return
+    function = cast(FunctionType, described.__wrapped__)
+    parts[name] = _text(function)
+    for read, value in _reads(function):
+        if isinstance(value, Description):
+            _gather(value, parts)
+        else:
+            parts[f"{name}: {read}"] = _constant(value)
+
+
+@cache
+def _text(function: FunctionType) -> str:
+    return inspect.getsource(function)
+
+
+def _reads(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """The values from outside that a function reads, with their names: globals, those of the functions around it, and what is read from
+    modules and classes of ours."""
+    names = sorted(set(_names(function.__code__)))
+    around = dict(zip(function.__code__.co_freevars, (cell.cell_contents for cell in function.__closure__ or ())))
+    outside = {**function.__globals__, **around}
+    for name in names:
+        if name in outside:
+            value = outside[name]
+            yield name, value
+            if isinstance(value, (ModuleType, type)) and _is_ours(value):
+                yield from ((f"{name}.{n}", getattr(value, n)) for n in names if hasattr(value, n))
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from (*code.co_names, *code.co_freevars)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def _is_ours(value: Any) -> bool:
+    return str(getattr(value, "__module__", value.__name__)).partition(".")[0] in (_HOME, "perception", "planning")
+
+
+def _constant(value: Any) -> str:
+    """What tells a value apart. Of functions and classes it is the name."""
+    if isinstance(value, (bool, int, float, str, tuple, np.generic)) or value is None:
+        return repr(value)
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    return f"{type(value).__name__} {getattr(value, '__name__', '')} {getattr(value, '_fields', '')}"

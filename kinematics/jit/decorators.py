@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, TypeVar, cast
 
@@ -122,14 +122,15 @@ class Entry(Deferred):
         return plain_dispatcher(self)
 
 
-def jit_entry(function: Function) -> Function:
+def jit_entry(function: Function, *, fastmath: Sequence[str] = ()) -> Function:
     """Compiled without reference counts, for functions that make no array: of queries that consist of dozens of arrays, counting them would
     take most of the time, the compiler's and the function's own.
 
     It gets machine code, with all that it calls, when Python first calls it; compiled code makes it
-    a part of itself, like `jit_inline` ones.
+    a part of itself, like `jit_inline` ones. fastmath: what LLVM may do to its float arithmetic, by LLVM's names.
     """
-    return cast(Function, Deferred(function, PLAIN_OPTIONS) if PLAIN else Entry(function, ENTRY_OPTIONS))
+    options = {**(PLAIN_OPTIONS if PLAIN else ENTRY_OPTIONS), **({"fastmath": set(fastmath)} if fastmath else {})}
+    return cast(Function, (Deferred if PLAIN else Entry)(function, options))
 
 
 def jit_inline(function: Function, *, forceinline: bool = False) -> Function:

@@ -1,10 +1,13 @@
-"""What the machine code of an entry depends on, in a hash: the text of all functions that it calls, the constants that they read, the
+"""What the machine code of an entry depends on, in a hash: the code of all functions that it calls, the constants that they read, the
 fields of the records that it takes, and how functions are compiled here. It is the same on any machine."""
 
 from __future__ import annotations
 
 import hashlib
 import inspect
+import io
+import textwrap
+import tokenize
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -16,18 +19,12 @@ import numpy as np
 from kinematics.jit.description import Description
 from kinematics.jit.record import Record
 
-_COMPILING = [
-    "compiler",
-    "decorators",
-    "fingerprint",
-    "machine_code",
-    "numpy_abi",
-    "pipeline",
-    "record",
-    "record_type",
-    "simd_lowering",
+_COMPILING = (
+    "compiler", "decorators", "fingerprint", "machine_code", "numpy_abi", "pipeline", "record", "record_type", "simd_lowering",
     "trampoline",
-]
+)  # fmt: skip
+_BETWEEN = (tokenize.INDENT, tokenize.DEDENT, tokenize.NEWLINE)
+"""What stands between statements."""
 _HOME = __name__.partition(".")[0]
 
 
@@ -42,8 +39,20 @@ def fingerprint(entry: Description, args: Sequence[Any]) -> str:
 @cache
 def way_of_compiling() -> str:
     """A hash of the modules that say how functions are compiled."""
-    texts = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in _COMPILING]
-    return hashlib.sha256(b"\0".join(texts)).hexdigest()
+    texts = [code_of(Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")) for name in _COMPILING]
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+
+
+def code_of(source: str) -> str:
+    """A text in Python without what does not run: comments, docstrings, and where lines are broken."""
+    kept: list[tokenize.TokenInfo] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        alone = len(kept) == 1 or (len(kept) > 1 and kept[-2].type in _BETWEEN)
+        if token.type == tokenize.NEWLINE and alone and kept[-1].type == tokenize.STRING:
+            kept.pop()
+        elif token.type not in (tokenize.COMMENT, tokenize.NL):
+            kept.append(token)
+    return " ".join(tokenize.tok_name[token.type] if token.type in _BETWEEN else token.string for token in kept)
 
 
 def _fields(value: Any) -> Any:
@@ -69,7 +78,7 @@ def _gather(described: Description, parts: dict[str, str]) -> None:
 
 @cache
 def _text(function: FunctionType) -> str:
-    return inspect.getsource(function)
+    return code_of(textwrap.dedent(inspect.getsource(function)))
 
 
 def _reads(function: FunctionType) -> Iterator[tuple[str, Any]]:

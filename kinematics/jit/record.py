@@ -20,12 +20,11 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from kinematics.jit.numpy_abi import DATA
+
 Class = TypeVar("Class", bound=type)
 
 _pointer = c_void_p.from_address
-_DATA = object.__basicsize__
-"""Where an array object says where its numbers are: right after Python's own header, a part of numpy's ABI (ndarraytypes.h). Its `ctypes`
-says the same in ten times the time, and a motion query is dozens of arrays."""
 _SCALARS: dict[type, str] = {np.int64: "int", np.float64: "float", np.bool_: "bool"}
 _KINDS: dict[tuple[Any, ...], int] = {}
 
@@ -51,7 +50,7 @@ class Record:
             if isinstance(value, np.ndarray):
                 if not value.flags.c_contiguous:
                     raise TypeError(f"{type(self).__name__}.{name} must be contiguous")
-                words += [_pointer(id(value) + _DATA).value or 0, *value.shape]
+                words += [_pointer(id(value) + DATA).value or 0, *value.shape]  # as its `ctypes` says, in a tenth of the time
                 kinds += [value.dtype.char, value.ndim]
             elif isinstance(value, tuple):
                 several = value if type(value) is tuple else (value,)

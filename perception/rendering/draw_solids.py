@@ -6,17 +6,39 @@ distance from the camera: an upper bound of w where the camera is beyond the pla
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import copy_row, jit_inline
+from kinematics.jit.record import record
 from kinematics.transforms import Array
-from perception.rendering.surfaces import Ids
+from perception.rendering.surfaces import Ids, Surfaces
 
 FAR = 1e30
 TINY = 1e-12
 
 
-@njit(cache=True, nogil=True)
+@record
+class Scratch(NamedTuple):
+    """Room for drawing one image: a pose (3, 4); planes (2, 4), upper and lower bounds (6, 3) and conditions (12, 4) of a solid; of the
+    largest one the corners (V, 6): in the camera frame, in the image, and 1 / depth."""
+
+    pose: Array
+    planes: Array
+    upper: Array
+    lower: Array
+    conditions: Array
+    corners: Array
+
+
+def scratch(s: Surfaces) -> Scratch:
+    """For drawing these."""
+    most = int(np.diff(s.first_vertex).max(initial=0))
+    return Scratch(*(np.empty(shape) for shape in ((3, 4), (2, 4), (6, 3), (6, 3), (12, 4), (most, 6))))
+
+
+@jit_inline
 def _bounds(P: Array, half: Array, fx: float, fy: float, cx: float, cy: float, width: int, height: int) -> tuple[int, int, int, int]:
     """First and last column and row that a cuboid may cover; empty (first > last) when it is behind the camera or out of view."""
     u0, u1, v0, v1, behind = FAR, -FAR, FAR, -FAR, 0
@@ -38,7 +60,7 @@ def _bounds(P: Array, half: Array, fx: float, fy: float, cx: float, cy: float, w
     return clamp_to_image(u0, u1, v0, v1, width, height)
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def clamp_to_image(u0: float, u1: float, v0: float, v1: float, width: int, height: int) -> tuple[int, int, int, int]:
     """First and last column and row within the image of what reaches from u0 to u1 and from v0 to v1, pixels."""
     return (
@@ -49,7 +71,7 @@ def clamp_to_image(u0: float, u1: float, v0: float, v1: float, width: int, heigh
     )
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def _slab(P: Array, half: float, axis: int, fx: float, fy: float, cx: float, cy: float, planes: Array) -> None:
     """The two planes ± of one axis: rows [a, b, c, s] of planes (2, 4), with g / |s| = a·u + b·v + c and s = +1 lower, -1 upper bound."""
     o = -(P[0, axis] * P[0, 3] + P[1, axis] * P[1, 3] + P[2, axis] * P[2, 3])
@@ -64,29 +86,30 @@ def _slab(P: Array, half: float, axis: int, fx: float, fy: float, cx: float, cy:
         planes[side, 3] = 1.0 if s > 0.0 else -1.0
 
 
-@njit(cache=True, nogil=True)
-def draw_box(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids) -> None:
+@jit_inline
+def draw_box(
+    P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids, room: Scratch
+) -> None:
     """Draw solid k, a box of half sizes half (3,) at P (3, 4) in the camera frame, into w (H, W) and primitive (H, W)."""
     height, width = w.shape
-    planes, upper, lower = np.empty((2, 4)), np.empty((6, 3)), np.empty((6, 3))
+    planes, upper, lower, conditions = room.planes, room.upper, room.lower, room.conditions
     n_upper, n_lower = 0, 0
     for axis in range(3):
         _slab(P, half[axis], axis, fx, fy, cx, cy, planes)
         for side in range(2):
             if planes[side, 3] < 0.0:
-                upper[n_upper] = planes[side, :3]
+                copy_row(planes[side, :3], upper[n_upper])
                 n_upper += 1
             else:
-                lower[n_lower] = planes[side, :3]
+                copy_row(planes[side, :3], lower[n_lower])
                 n_lower += 1
     if n_upper == 0:
         _fill_from_within(lower, k, w, primitive)
         return
     _, _, v0, v1 = _bounds(P, half, fx, fy, cx, cy, width, height)
     for i in range(n_upper, 3):
-        upper[i] = upper[0]
+        copy_row(upper[0], upper[i])
     # The row is covered where every upper bound is positive and above every lower one: an interval of columns, found by its ends.
-    conditions = np.empty((n_upper * (n_lower + 1), 4))
     n = 0
     for i in range(n_upper):
         for j in range(n_lower + 1):
@@ -118,7 +141,7 @@ def draw_box(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float
             row_primitive[u] = k if seen else row_primitive[u]
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def _fill_from_within(lower: Array, k: np.int32, w: Array, primitive: Ids) -> None:
     """A box around the camera: the whole image sees its far planes."""
     for v in range(w.shape[0]):
@@ -132,12 +155,14 @@ def _fill_from_within(lower: Array, k: np.int32, w: Array, primitive: Ids) -> No
             row_primitive[u] = k if seen else row_primitive[u]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def draw_cylinder(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids) -> None:
+@jit_inline
+def draw_cylinder(
+    P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids, room: Scratch
+) -> None:
     """With o the camera and d the ray across the axis, the side keeps the ray where c·w² + 2b·w + a ≤ 0: a = d·d, b = o·d, c = o·o - r²."""
     height, width = w.shape
     u0, u1, v0, v1 = _bounds(P, half, fx, fy, cx, cy, width, height)
-    caps = np.empty((2, 4))
+    caps = room.planes
     _slab(P, half[2], 2, fx, fy, cx, cy, caps)
     ox = -(P[0, 0] * P[0, 3] + P[1, 0] * P[1, 3] + P[2, 0] * P[2, 3])
     oy = -(P[0, 1] * P[0, 3] + P[1, 1] * P[1, 3] + P[2, 1] * P[2, 3])
@@ -148,13 +173,14 @@ def draw_cylinder(P: Array, half: Array, k: np.int32, fx: float, fy: float, cx: 
     within = not outside and caps[0, 3] > 0.0 and caps[1, 3] > 0.0
     rr, by_c = half[0] * half[0], 1.0 / c
     ax, ay, dx, dy = P[0, 0] / fx, P[0, 1] / fx, P[1, 0] / fy, P[1, 1] / fy
-    top, floor = np.zeros(3), np.zeros((2, 3))  # what bounds w from above: at most one cap; from below: at most both
-    top[2] = FAR
+    top, floor = room.upper[0], room.lower  # what bounds w from above: at most one cap; from below: at most both
+    top[0], top[1], top[2] = 0.0, 0.0, FAR
     for i in range(2):
         if caps[i, 3] < 0.0:
-            top[:] = caps[i, :3]
+            copy_row(caps[i, :3], top)
+            floor[i, 0], floor[i, 1], floor[i, 2] = 0.0, 0.0, 0.0
         else:
-            floor[i] = caps[i, :3]
+            copy_row(caps[i, :3], floor[i])
     ta, fa, ga = top[0], floor[0, 0], floor[1, 0]
     for v in range(v0, v1 + 1):
         x0 = dx * (v - cy) + P[2, 0] - ax * cx

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from kinematics.collision.geometry import HULL
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_inline
 from kinematics.transforms import Array
 from perception.rendering.draw_solids import FAR, clamp_to_image
 from perception.rendering.surfaces import Ids, Surfaces
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def draw_triangles(s: Surfaces, k: int, P: Array, p: Array, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids) -> None:
     """With corners p_i in the camera frame the ray d meets the triangle where every e_i = (p_j × p_k)·d has the sign of det(p_0, p_1, p_2);
     there w = n·d / n·p_0. Both triangles at an edge compute the same e_i but for its sign, so no ray slips through between them.
@@ -81,7 +81,7 @@ def draw_triangles(s: Surfaces, k: int, P: Array, p: Array, fx: float, fy: float
                 row_primitive[u] = name if seen else row_primitive[u]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@jit_inline
 def _inside(a: float, rest: float, first: int, last: int) -> tuple[int, int]:
     """The columns first to last without those, but for one, where a·u + rest < 0."""
     if a == 0.0:
@@ -90,7 +90,7 @@ def _inside(a: float, rest: float, first: int, last: int) -> tuple[int, int]:
     return (max(first, int(at) - 1), last) if a > 0.0 else (first, min(last, int(at) + 1))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@jit_inline
 def _edge(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, sign: float, fx: float, fy: float, cx: float, cy: float
 ) -> tuple[float, float, float]:
@@ -100,7 +100,7 @@ def _edge(
     return ea, eb, sign * (ax * by - ay * bx) - ea * cx - eb * cy
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def _facing(p: Array, i0: int, i1: int, i2: int) -> float:
     """Negative when the camera at the origin is on the outer side of a triangle."""
     ax, ay, az = p[i1, 0] - p[i0, 0], p[i1, 1] - p[i0, 1], p[i1, 2] - p[i0, 2]

@@ -8,12 +8,13 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import Intrinsics, look_at
@@ -30,6 +31,8 @@ GROUND_PX, GROUND_REACH = 288, 2.0
 GLASS_SHARE = 4
 """One in so many of the lights casts the faint shadows of see-through solids."""
 THREADS = min(8, os.cpu_count() or 1)
+BLOCK = 1024
+"""So many points are looked up at a time, lest they leave the cache."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,7 @@ def _shadows(s: Surfaces, centre: Array, radius: float, lights: Float32, size: i
     return maps
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def points_seen(
     T: Array,
     fx: float,
@@ -183,26 +186,38 @@ def points_seen(
     return n
 
 
-@njit(cache=True, nogil=True)
-def scatter(places: Int, sums: Float32, factor: np.float32, column: int, light: Float32) -> None:
-    """Write factor · sums (2, N) to columns column and column + 1 of the light's rows places (N,)."""
-    flat = light.reshape(-1, 4)
+@jit_entry
+def scatter(places: Int, sums: Float32, factor: float, column: int, light: Float32) -> None:
+    """Put sums (2, N), times a factor, into two columns of light (·, 4) at N places."""
+    times = np.float32(factor)
     for i in range(sums.shape[1]):
-        flat[places[i], column], flat[places[i], column + 1] = factor * sums[0, i], factor * sums[1, i]
+        light[places[i], column], light[places[i], column + 1] = times * sums[0, i], times * sums[1, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
-def look_up(points: Float32, lights: Float32, maps: Float32, share: int, shares: int, offset: np.float32, sums: Float32) -> int:
+def look_up(points: Float32, lights: Float32, maps: Float32, share: int, shares: int, offset: float, sums: Float32) -> int:
     """Add up, over every `shares`-th light, cosine times weight: sums (2, N) of what arrives at the first N points (6, :), and of what is
-    sent; returns how many lights that were.
-
-    A point is lit where the light sees nothing nearer, blended between the four pixels around it. Single precision and no branches, so
-    that the compiler takes many points at once.
+    sent; returns how many lights that were. A point is lit where the light sees nothing nearer, blended between the four pixels around it.
     """
-    size, pixels, n = np.uint64(maps.shape[2]), maps.reshape(maps.shape[0], -1), sums.shape[1]
-    one, zero, most = np.float32(1.0), np.float32(0.0), np.float32(maps.shape[2] - 1.001)
-    block = 1024
-    cosine = np.empty(block, np.float32)
+    _look_up(points, lights, maps.reshape(len(maps), -1), maps.shape[2], share, shares, offset, np.empty(BLOCK, np.float32), sums)
+    return len(range(share, len(lights), shares))
+
+
+@partial(jit_entry, fastmath=("contract", "nsz", "reassoc"))
+def _look_up(
+    points: Float32,
+    lights: Float32,
+    pixels: Float32,
+    width: int,
+    share: int,
+    shares: int,
+    out: float,
+    cosine: Float32,
+    sums: Float32,
+) -> None:
+    """Single precision and no branches, so that the compiler takes many points at once."""
+    size, n = np.uint64(width), sums.shape[1]
+    one, zero, most, offset = np.float32(1.0), np.float32(0.0), np.float32(width - 1.001), np.float32(out)
+    block = cosine.shape[0]
     for start in range(0, n, block):
         end = min(start + block, n)
         px, py, pz = points[0, start:end], points[1, start:end], points[2, start:end]
@@ -235,7 +250,6 @@ def look_up(points: Float32, lights: Float32, maps: Float32, share: int, shares:
                 upper, lower = lit00 + b * (lit01 - lit00), lit10 + b * (lit11 - lit10)
                 arrived[j] += cosine[j] * (upper + a * (lower - upper))
                 sent[j] += cosine[j]
-    return len(range(share, lights.shape[0], shares))
 
 
 def ground_shadow(lighting: Lighting, studio: Studio) -> Float32:
@@ -252,8 +266,8 @@ def ground_shadow(lighting: Lighting, studio: Studio) -> Float32:
     dark = []
     for one_in, key_maps, sky_maps in ((1, lighting.key_maps, lighting.sky_maps), (GLASS_SHARE, lighting.key_panes, lighting.sky_panes)):
         key, sky = np.zeros((2, points.shape[1]), np.float32), np.zeros((2, points.shape[1]), np.float32)
-        n_key = look_up(points, lighting.key[::one_in], key_maps, 0, 1, np.float32(lighting.key_offset), key)
-        n_sky = look_up(points, lighting.sky[::one_in], sky_maps, 0, 1, np.float32(lighting.sky_offset), sky)
+        n_key = look_up(points, lighting.key[::one_in], key_maps, 0, 1, lighting.key_offset, key)
+        n_sky = look_up(points, lighting.sky[::one_in], sky_maps, 0, 1, lighting.sky_offset, sky)
         light = key * np.float32(studio.key / max(n_key, 1)) + sky * np.float32(4 * studio.sky / max(n_sky, 1))
         dark.append(1 - light[0] / np.maximum(light[1], np.float32(1e-6)))
     return np.asarray(dark[0] * (1 - dark[1]) + 0.30 * dark[1], np.float32).reshape(GROUND_PX, GROUND_PX)

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 from perception.rendering.surfaces import Ids, Surfaces
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def owner(s: Surfaces, primitive: int) -> int:
     """The solid behind a primitive."""
     n = s.kind.shape[0]
@@ -27,7 +27,7 @@ def owner(s: Surfaces, primitive: int) -> int:
     return low
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def write_normals(
     s: Surfaces,
     T_world_camera: Array,
@@ -78,7 +78,7 @@ def write_normals(
             normals[v, u, 0], normals[v, u, 1], normals[v, u, 2] = sign * mx, sign * my, sign * mz
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def _box_normal(half: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     gx, gy, gz = abs(abs(x) - half[0]), abs(abs(y) - half[1]), abs(abs(z) - half[2])
     if gx <= gy and gx <= gz:
@@ -88,7 +88,7 @@ def _box_normal(half: Array, x: float, y: float, z: float) -> tuple[float, float
     return 0.0, 0.0, np.copysign(1.0, z)
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def _cylinder_normal(half: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     r = np.sqrt(x * x + y * y)
     if abs(abs(z) - half[2]) < abs(r - half[0]):
@@ -96,7 +96,7 @@ def _cylinder_normal(half: Array, x: float, y: float, z: float) -> tuple[float, 
     return x / r, y / r, 0.0
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
 def _face_normal(s: Surfaces, f: int, x: float, y: float, z: float, corner_normals: Array) -> tuple[float, float, float]:
     a, b, c = s.vertices[s.faces[f, 0]], s.vertices[s.faces[f, 1]], s.vertices[s.faces[f, 2]]
     ax, ay, az, bx, by, bz = b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2]

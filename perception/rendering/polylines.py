@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, apply
 from perception.camera import Intrinsics
@@ -69,7 +69,7 @@ def lay_lines(
     _blend_lines(cover, halo, near, hidden, colour, alpha, w, out)
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def _draw_line(
     p: Array,
     colours: Array,
@@ -129,7 +129,7 @@ def _draw_line(
                             colour[v, u, c] = colours[i, c] + along * (colours[i + 1, c] - colours[i, c])
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def _blend_lines(
     cover: Float32, halo: Float32, near: Array, hidden: Float32, colour: Float32, alpha: float, w: Array, out: Float32
 ) -> None:

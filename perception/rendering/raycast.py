@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER
 from kinematics.doors import checked
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics
-from perception.rendering.draw_solids import draw_box, draw_cylinder
+from perception.rendering.draw_solids import Scratch, draw_box, draw_cylinder, scratch
 from perception.rendering.draw_triangles import draw_triangles
 from perception.rendering.normals import write_normals
 from perception.rendering.surfaces import Ids, Surfaces
@@ -42,7 +42,7 @@ def raycast(s: Surfaces, T_world_camera: Array, intrinsics: Intrinsics, *, norma
     w, primitive = inverse_depth(s, T_world_camera, intrinsics)
     shape = (intrinsics.height, intrinsics.width)
     depth, instance = np.empty(shape, np.float32), np.empty(shape, np.int32)
-    _finish(s, w, primitive, depth, instance)
+    _finish(np.concatenate([[-1], s.id, np.repeat(s.id, np.diff(s.first_face))]).astype(np.int32), w, primitive, depth, instance)
     facing = np.zeros((*shape, 3), np.float32) if normals else None
     if facing is not None:
         camera = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
@@ -56,44 +56,29 @@ def inverse_depth(s: Surfaces, T_world_camera: Array, intrinsics: Intrinsics) ->
     """
     w = np.zeros((intrinsics.height, intrinsics.width))
     primitive = np.full(w.shape, -1, np.int32)
-    _draw(s, inverse(T_world_camera), intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, w, primitive)
+    _draw(s, inverse(T_world_camera), intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, w, primitive, scratch(s))
     return w, primitive
 
 
-# Drawing. `P` is a solid's pose in the camera frame; a plane of the solid keeps the ray where g ≤ s·w, with g affine in the pixel and s the
-# plane's distance from the camera: an upper bound of w where the camera is beyond the plane, a lower one where it is on the solid's side.
-
-
-@njit(cache=True, nogil=True)
-def _draw(s: Surfaces, T_camera_world: Array, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids) -> None:
-    P = np.empty((3, 4))
-    most = 0
-    for k in range(s.kind.shape[0]):
-        most = max(most, s.first_vertex[k + 1] - s.first_vertex[k])
-    camera_vertices = np.empty((most, 6))
+@jit_entry
+def _draw(s: Surfaces, T_camera_world: Array, fx: float, fy: float, cx: float, cy: float, w: Array, primitive: Ids, room: Scratch) -> None:
+    P = room.pose
     for k in range(s.kind.shape[0]):
         for r in range(3):
             for c in range(4):
                 P[r, c] = T_camera_world[r, 0] * s.T[k, 0, c] + T_camera_world[r, 1] * s.T[k, 1, c] + T_camera_world[r, 2] * s.T[k, 2, c]
             P[r, 3] += T_camera_world[r, 3]
         if s.kind[k] == BOX:
-            draw_box(P, s.half[k], np.int32(k), fx, fy, cx, cy, w, primitive)
+            draw_box(P, s.half[k], np.int32(k), fx, fy, cx, cy, w, primitive, room)
         elif s.kind[k] == CYLINDER:
-            draw_cylinder(P, s.half[k], np.int32(k), fx, fy, cx, cy, w, primitive)
+            draw_cylinder(P, s.half[k], np.int32(k), fx, fy, cx, cy, w, primitive, room)
         else:
-            draw_triangles(s, k, P, camera_vertices, fx, fy, cx, cy, w, primitive)
+            draw_triangles(s, k, P, room.corners, fx, fy, cx, cy, w, primitive)
 
 
-@njit(cache=True, nogil=True)
-def _finish(s: Surfaces, w: Array, primitive: Ids, depth: NDArray[np.float32], instance: Ids) -> None:
-    """Inverse depth to depth, primitives to ids."""
-    n = s.kind.shape[0]
-    name = np.empty(1 + n + s.faces.shape[0], np.int32)
-    name[0] = -1
-    for k in range(n):
-        name[1 + k] = s.id[k]
-        for f in range(s.first_face[k], s.first_face[k + 1]):
-            name[1 + n + f] = s.id[k]
+@jit_entry
+def _finish(name: Ids, w: Array, primitive: Ids, depth: NDArray[np.float32], instance: Ids) -> None:
+    """Inverse depth to depth, primitives to ids: name[i + 1] is that of primitive i."""
     nothing, one = np.float32(0.0), np.float32(1.0)
     for v in range(w.shape[0]):
         row, row_depth, row_primitive, row_instance = w[v], depth[v], primitive[v], instance[v]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics
@@ -32,7 +32,7 @@ from perception.rendering.normals import owner, write_normals
 from perception.rendering.polylines import Polyline, lay_lines, sharp_edges
 from perception.rendering.raycast import inverse_depth
 from perception.rendering.smooth_normals import corner_normals
-from perception.rendering.surfaces import Ids, Mesh, Surfaces, surfaces
+from perception.rendering.surfaces import Ids, Int, Mesh, Surfaces, surfaces
 
 Float32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -145,10 +145,10 @@ def _shade_band(still: _Still, band: Intrinsics, out: Float32) -> Float32:
         for i, pane in enumerate(still.panes):
             pane_w, _, pane_normals = _draw_with_normals(pane, T_world_camera, np.zeros((0, 3, 3)), coarse)
             light = np.zeros(pane_w.shape, np.float32)
-            _light_glass(pane_normals, lighting.key[0, :3], np.float32(still.studio.key), np.float32(still.studio.sky), light)
+            _light_glass(pane_normals, lighting.key[0, :3], still.studio.key, still.studio.sky, light)
             layers[i], lights[i] = _enlarged(pane_w, still.factor), _enlarged(light, still.factor)
         layers[layers <= w] = 0.0
-        _lay_glass(layers, lights, still.glass, out)
+        _lay_glass(layers, lights, still.glass, np.empty(len(layers), np.int64), out)
     return out
 
 
@@ -175,8 +175,8 @@ def _illuminate(still: _Still, band: Intrinsics, w: Float32, normals: Float32) -
             (2, lighting.sky, lighting.sky_maps, lighting.sky_offset, 4 * still.studio.sky),
         ):
             sums = np.zeros((2, n), np.float32)
-            asked = look_up(points, lights, maps, share, still.factor**2, np.float32(offset), sums)
-            scatter(places, sums, np.float32(factor / max(asked, 1)), column, light)
+            asked = look_up(points, lights, maps, share, still.factor**2, offset, sums)
+            scatter(places, sums, factor / max(asked, 1), column, light.reshape(-1, 4))
     return light
 
 
@@ -201,7 +201,7 @@ def _develop(samples: Float32, factor: int) -> Image:
     return (encode(x) * 255 + 0.5).astype(np.uint8)
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def _shade_ground(
     T: Array, fx: float, fy: float, cx: float, cy: float, w: Array, z: float, centre: Array, reach: float, shadow: Float32, out: Float32
 ) -> None:
@@ -230,7 +230,7 @@ def _shade_ground(
                 out[v, u, c] *= 1.0 - 0.62 * dark * (1.0 - away) ** 2
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def _shade_solids(
     s: Surfaces,
     T: Array,
@@ -276,9 +276,10 @@ def _shade_solids(
                 out[v, u, c] = colours[name, c] * diffuse + extra
 
 
-@njit(cache=True, nogil=True)
-def _light_glass(normals: Float32, key_direction: Float32, key: np.float32, sky: np.float32, light: Float32) -> None:
+@jit_entry
+def _light_glass(normals: Float32, key_direction: Float32, by_key: float, by_sky: float, light: Float32) -> None:
     """The light (h, w) on surfaces that lie in no shadow: the key light, and a sky that is brighter above."""
+    key, sky = np.float32(by_key), np.float32(by_sky)
     for v in range(light.shape[0]):
         for u in range(light.shape[1]):
             n = normals[v, u]
@@ -286,11 +287,11 @@ def _light_glass(normals: Float32, key_direction: Float32, key: np.float32, sky:
             light[v, u] = key * max(facing, np.float32(0.0)) + sky * (np.float32(0.71) + np.float32(0.29) * n[2])
 
 
-@njit(cache=True, nogil=True)
-def _lay_glass(layers: Float32, lights: Float32, glass: Array, out: Float32) -> None:
-    """Blend see-through solids (G, h, w) over the image, the farthest first. No shadow falls on them: it would look like dirt."""
+@jit_entry
+def _lay_glass(layers: Float32, lights: Float32, glass: Array, order: Int, out: Float32) -> None:
+    """Blend see-through solids (G, h, w) over the image, the farthest first. No shadow falls on them: it would look like dirt. order (G,):
+    scratch."""
     n = layers.shape[0]
-    order = np.empty(n, np.int64)
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
             count = 0

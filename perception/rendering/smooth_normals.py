@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kinematics.collision.geometry import HULL
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
 from perception.rendering.surfaces import MESH, Int, Surfaces
 
@@ -23,7 +23,8 @@ def corner_normals(scene: Surfaces, crease_rad: Array) -> Array:
         first = np.searchsorted(place.ravel()[by_place], np.arange(int(place.max(initial=-1)) + 2))
         corners = scene.vertices[faces]
         out = normals[scene.first_face[k] : scene.first_face[k + 1]]
-        _blend_normals(corners, place, by_place // 3, first, float(np.cos(crease_rad[scene.id[k]])), out)
+        area, unit = np.empty((2, len(faces), 3))
+        _blend_normals(corners, place, by_place // 3, first, float(np.cos(crease_rad[scene.id[k]])), area, unit, out)
     return normals
 
 
@@ -34,10 +35,10 @@ def _same_places(points: Array) -> Int:
     return np.asarray(number, np.int64)
 
 
-@njit(cache=True, nogil=True)
-def _blend_normals(corners: Array, place: Int, face_at: Int, first: Int, least_cosine: float, out: Array) -> None:
+@jit_entry
+def _blend_normals(corners: Array, place: Int, face_at: Int, first: Int, least_cosine: float, area: Array, unit: Array, out: Array) -> None:
+    """area, unit (F, 3): scratch."""
     n = corners.shape[0]
-    area, unit = np.empty((n, 3)), np.empty((n, 3))
     for f in range(n):
         ax, ay, az = corners[f, 1, 0] - corners[f, 0, 0], corners[f, 1, 1] - corners[f, 0, 1], corners[f, 1, 2] - corners[f, 0, 2]
         bx, by, bz = corners[f, 2, 0] - corners[f, 0, 0], corners[f, 2, 1] - corners[f, 0, 1], corners[f, 2, 2] - corners[f, 0, 2]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
 from kinematics.doors import checked
+from kinematics.jit.record import record
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array
 
@@ -28,6 +29,7 @@ class Mesh:
     faces: Int
 
 
+@record
 class Surfaces(NamedTuple):
     """S posed solids: kind (S,) BOX, CYLINDER, HULL or MESH; T (S, 4, 4) in the world; half (S, 3) as in `Solids`; id (S,), what an image
     calls them. Solid s has the faces[first_face[s]:first_face[s + 1]] (·, 3), rows of vertices (V, 3), which are in its own frame and of

@@ -1,7 +1,8 @@
 """Makes `ahead.json`, the list of entries that are compiled ahead, and what ships of them (`kinematics.jit.shipped`): `python -m
 planning.compiling.make_list`, or `make ahead`.
 
-A process of its own, with an empty cache, generates and plans a few scenes; the list is what it called, in its order.
+A process of its own, with an empty cache, generates and plans a few scenes; the list is what it called, in its order. Then it draws, whose
+functions ship, too.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from typing import Any
 
 from kinematics.jit.decorators import Entry
 from kinematics.jit.shipped import FILE
+from perception.rendering.tiny_still import tiny_still
 from planning.compiling.ahead import LIST, Ahead, describe, entry_of, example, loop_s
 
 SCENES, SEED = 6, 5
 
 
-def recorded() -> list[Ahead]:
-    """The entries that generating and planning a few scenes calls."""
+def recorded() -> tuple[list[Ahead], list[Ahead]]:
+    """The entries that generating and planning a few scenes calls, and those that drawing calls."""
     rows: list[Ahead] = []
     usual = Entry.bring
 
@@ -37,9 +39,11 @@ def recorded() -> list[Ahead]:
     Entry.bring = bring  # type: ignore[method-assign]
     try:
         _plan_some()
+        planned = len(rows)
+        tiny_still()
     finally:
         Entry.bring = usual  # type: ignore[method-assign]
-    return rows
+    return rows[:planned], rows[planned:]
 
 
 def _plan_some() -> None:
@@ -64,10 +68,10 @@ def main() -> None:
             again = [sys.executable, "-m", "planning.compiling.make_list", "--record"]
             subprocess.run(again, env=os.environ | CPU | {"NUMBA_CACHE_DIR": folder}, check=True)
         return
-    rows = recorded()
+    rows, drawing = recorded()
     LIST.write_text("[\n" + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows) + "\n]\n", encoding="utf-8")
     print(f"{LIST}: {len(rows)} entries, {sum(row.loops for row in rows) * loop_s():.0f} s", file=sys.stderr)
-    ship([(entry_of(row), [example(words) for words in row.arguments], row.symbol) for row in rows])
+    ship([(entry_of(row), [example(words) for words in row.arguments], row.symbol) for row in rows + drawing])
     print(f"{FILE}: {FILE.stat().st_size / 1e6:.1f} MB", file=sys.stderr)
 
 

@@ -88,7 +88,7 @@ def test_a_missing_part_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "kinematics.jit.pipeline", None)
     assert " lacks a part: " in str(missing_part())
     monkeypatch.undo()
-    monkeypatch.setattr("kinematics.jit.trampoline._FLAGS", 24)
+    monkeypatch.setattr("kinematics.jit.numpy_abi.FLAGS", 24)
     assert missing_part() == "numpy's arrays are laid out in another way than was tried"
 
 

@@ -18,7 +18,7 @@ from llvmlite import binding  # type: ignore[import-untyped]
 from kinematics.jit import shipped
 from kinematics.jit.decorators import PLAIN, Entry
 from kinematics.jit.description import Description
-from kinematics.jit.fingerprint import fingerprint, way_of_compiling
+from kinematics.jit.fingerprint import code_of, fingerprint, way_of_compiling
 from kinematics.jit.record import record
 from planning.compiling import ahead
 
@@ -124,6 +124,21 @@ def test_the_version_changes_with_what_is_called_and_read(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(sys.modules[__name__], "inner", _described(other))
     assert version() != before
+
+
+def test_what_does_not_run_makes_no_version() -> None:
+    bare = 'X = 1\n@f\ndef g(a):\n    if a:\n        return "s" + (a)\n    return b\n'
+    full = bare.replace("X = 1", '"""Module."""\n\nX = 1  # one\n"""Of X."""').replace("(a):", '(a):\n    """Two\n    lines."""\n    # so')
+    full = full.replace("(a)\n    return", "(\n            a)\n\n    return")
+    assert full.count("\n") == 15
+    assert code_of(full) == code_of(bare)
+    for changed in (
+        bare.replace("X = 1", "X = 2"),
+        bare.replace('"s"', '"t"'),
+        bare.replace("    return b", "        return b"),
+        bare.replace("@f", "@h"),
+    ):
+        assert code_of(changed) != code_of(bare)
 
 
 def test_the_version_changes_with_the_order_of_fields() -> None:

@@ -1,4 +1,4 @@
-"""`retrieve report`: Table I of plans beside the paper's, and what explains it; on the terminal or in the forms of `report_forms`."""
+"""`retrieve report`: Table I of plans beside the paper's, and what explains it; on the terminal or in the forms of `reporting`."""
 
 from __future__ import annotations
 

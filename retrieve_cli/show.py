@@ -54,7 +54,7 @@ def run(
 
 
 def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
-    """Write a page that needs nothing else: the scene in 3D, and the plan as an animation. Raises InputError like `files.replacing`."""
+    """Write a page that needs nothing else: the scene in 3D, and the plan as an animation. Raises InputError like `outputs.replacing`."""
     _write_page(_film(scene, plan), out)
 
 

@@ -49,7 +49,7 @@ _ZERO, _ONE = _f(0), _f(1)
 
 @record
 class SphereScratch(NamedTuple):
-    """Working memory of one thread: `lane_scratch` makes it, and it may be used for any number of calls with the same sizes or smaller.
+    """Working memory of one thread: `make_sphere_scratch` makes it; it may serve any number of calls with the same sizes or smaller.
 
     left (P, P + B): of the last edge that was undecided, between which bodies; the P parts come first.
     all_travel (K + 1,): the largest travel of what a frame carries. in_reach (B,): which bodies the parts of the frame at hand may reach.

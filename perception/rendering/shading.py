@@ -43,7 +43,7 @@ BAND_SAMPLES = 600_000
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A solid to be drawn: shape at T_world_item (4, 4), as `raycast.surfaces` takes it; sRGB colour, 0 to 1; alpha below 1: see-through.
+    """A solid to be drawn: shape at T_world_item (4, 4), as `surfaces.surfaces` takes it; sRGB colour, 0 to 1; alpha below 1: see-through.
 
     crease_rad: faces of hulls and meshes that meet at a smaller angle than this look like one curved surface.
     """

@@ -45,7 +45,7 @@ def grasps_on(
     body: Body, robot: Robot, approaches: Sequence[str], floor_z: float, toward: float, sampling: Sampling = USUAL,
     headings: Headings | None = None,
 ) -> Iterator[Grasp]:  # fmt: skip
-    """The grasps of a robot's hand on a body, be it fingers (`planning.grasps.sample_grasps`) or a cup; the most natural first."""
+    """The grasps of a robot's hand on a body, be it fingers (`finger_grasps.sample_grasps`) or a cup; the most natural first."""
     if robot.opening.cup_m:
         return cup_grasps(body, robot.opening, approaches, floor_z, toward, sampling, headings, lowest_of(robot))
     return sample_grasps(body, robot.opening, approaches, floor_z, toward, sampling, pad_of(robot), headings, lowest_of(robot))

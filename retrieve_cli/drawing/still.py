@@ -55,7 +55,7 @@ def write_png(film: Film, out: Path, *, camera: str = "side") -> None:
 
 
 def save(image: Image, out: Path) -> None:
-    """Write a PNG file, beside its name first. Raises InputError like `files.replacing`."""
+    """Write a PNG file, beside its name first. Raises InputError like `outputs.replacing`."""
     with replacing(out) as part:
         _save(image, part)
 

@@ -117,8 +117,8 @@ def _tell(film: Film) -> None:
 
 def _draw(film: Film, folder: Path) -> None:
     from retrieve_cli.drawing.page import page
-    from retrieve_cli.drawing.picture import best_view
     from retrieve_cli.drawing.still import hand_view, save, side_view, time_of_best_carry, time_of_best_sight
+    from retrieve_cli.drawing.view import best_view
 
     camera = best_view(film)
     time_s, move = time_of_best_carry(film, camera)

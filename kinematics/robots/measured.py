@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from kinematics import cache
-from kinematics.robots.gripper import Opening, measure
+from kinematics.robots.gripper import measure
+from kinematics.robots.opening import Opening
 from kinematics.robots.tree import LinkHull, Tree
 from kinematics.transforms import Array
 

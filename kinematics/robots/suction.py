@@ -12,8 +12,8 @@ import numpy as np
 from lxml import etree
 
 from kinematics.robots.find_gripper import CUP, rigid
-from kinematics.robots.gripper import Opening
 from kinematics.robots.hand_model import Model, NoGripper
+from kinematics.robots.opening import Opening
 from kinematics.robots.tree import FIXED, LinkHull, Tree
 from kinematics.transforms import Array, apply, inverse, transform
 

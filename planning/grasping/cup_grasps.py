@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from kinematics.robots.gripper import Opening
+from kinematics.robots.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds

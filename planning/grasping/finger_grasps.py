@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from kinematics.robots.gripper import Opening
+from kinematics.robots.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform

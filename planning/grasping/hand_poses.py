@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from kinematics.robots.gripper import ROOM_M, Opening
+from kinematics.robots.opening import ROOM_M, Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, inverse
 

@@ -7,8 +7,9 @@ import numpy as np
 from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, apply
-from perception.rendering.colours import TARGET_COLOUR
-from retrieve_cli.drawing.picture import Colour, Film, outline
+from perception.rendering.colours import TARGET_COLOUR, Colour
+from retrieve_cli.drawing.outlines import outline
+from retrieve_cli.drawing.picture import Film
 
 OBSTACLE_COLOUR: Colour = (0.55, 0.50, 0.45)
 OBSTACLE_ALPHA = 0.55

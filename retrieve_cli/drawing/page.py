@@ -24,23 +24,9 @@ from kinematics.transforms import Array, transform
 from perception.rendering.colours import TARGET_COLOUR, WALL_COLOUR
 from retrieve_cli.drawing.animation import clips_of, link_paths
 from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
+from retrieve_cli.drawing.outlines import GRID_COLOUR, footprint, front_edges, grid, outline, ring
 from retrieve_cli.drawing.page_html import PAGE
-from retrieve_cli.drawing.picture import (
-    EMPTY_COLOUR,
-    FLOOR_COLOUR,
-    GRID_COLOUR,
-    HALF_HEIGHT,
-    HALF_WIDTH,
-    Film,
-    best_view,
-    footprint,
-    front_edges,
-    grid,
-    ground,
-    held_by,
-    outline,
-    ring,
-)
+from retrieve_cli.drawing.picture import EMPTY_COLOUR, FLOOR_COLOUR, Film, ground, held_by
 from retrieve_cli.drawing.plots import clearance_plot, joint_plots
 from retrieve_cli.drawing.three import Command, annulus, creased, flat, hex_colour, lines, mesh, place, set_property, solid, tube
 from retrieve_cli.drawing.unknown_space import (
@@ -53,6 +39,7 @@ from retrieve_cli.drawing.unknown_space import (
     unseen_regions,
     view_pyramids,
 )
+from retrieve_cli.drawing.view import HALF_HEIGHT, HALF_WIDTH, best_view
 from retrieve_cli.drawing.visuals import visuals
 
 if TYPE_CHECKING:

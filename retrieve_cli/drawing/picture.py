@@ -1,4 +1,4 @@
-"""What a picture of a scene or a plan holds, whoever draws it: colours, outlines, the hand's path, the moments of a plan, the camera.
+"""What a picture of a scene or a plan holds, whoever draws it: colours, the hand's path, the moments of a plan.
 
 The path says who is carried: grey where the hand is empty, else the carried object's own colour. Objects have colours that a colour-blind
 eye tells apart too; the strong warm one belongs to the target alone.
@@ -16,25 +16,20 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.robots.start import start_q
-from kinematics.scene import Body, Cabinet, Held, Scene, State
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, convex_parts
-from kinematics.transforms import Array, apply, inverse
-from perception.rendering.colours import PALETTE, TARGET_COLOUR
+from kinematics.scene import Body, Held, Scene, State
+from kinematics.shapes import ConvexMesh, Shape, bounds, convex_parts
+from kinematics.transforms import Array, apply
+from perception.rendering.colours import PALETTE, TARGET_COLOUR, Colour
 from planning.plan import Motion, Move, Plan
 from retrieve_cli.drawing.meshes import look_of
+from retrieve_cli.drawing.outlines import outline
 
 if TYPE_CHECKING:
     from perception.rendering.surfaces import Mesh
 
-Colour = tuple[float, float, float]
 EMPTY_COLOUR: Colour = (0.44, 0.48, 0.54)
 """The hand's path where it holds nothing."""
-GRID_COLOUR: Colour = (0.66, 0.70, 0.75)
 FLOOR_COLOUR: Colour = (0.93, 0.93, 0.92)
-ASPECT = 1.45
-"""Width over height for which the camera is placed."""
-HALF_WIDTH, HALF_HEIGHT = 0.50, 0.36
-"""Tangents of half the angles of view within which everything is to be seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,133 +223,6 @@ def straightened(points: Array, tolerance_m: float = 0.0008) -> Array:
             todo += [(a, a + 1 + worst), (a + 1 + worst, b)]
     kept = points[keep]
     return np.asarray(kept[np.r_[True, np.linalg.norm(np.diff(kept, axis=0), axis=1) > 1e-6]])
-
-
-# Lines ------------------------------------------------------------------------------------------------------------------------------------
-
-
-def outline(shape: Shape) -> list[Array]:
-    """Polylines (N, 3) along a shape's edges, in its own frame."""
-    match shape:
-        case Box():
-            x, y, z = shape.half
-            low = np.array([[-x, -y, -z], [x, -y, -z], [x, y, -z], [-x, y, -z], [-x, -y, -z]])
-            top = low + np.array([0, 0, 2 * z])
-            return [low, top, *(np.stack([a, b]) for a, b in zip(low[:4], top[:4]))]
-        case Cylinder():
-            return [circle(shape.radius_m) + np.array([0, 0, z]) for z in (-shape.height_m / 2, shape.height_m / 2)]
-        case _:
-            return [edge for part in convex_parts(shape) for edge in _creases(part)]
-
-
-def silhouette(body: Body, T_world_camera: Array) -> list[Array]:
-    """Closed polylines (N, 3) around a body's convex parts as a camera sees them."""
-    from scipy.spatial import ConvexHull
-
-    loops = []
-    for part in convex_parts(body.shape):
-        points = apply(body.T_world_body, part)
-        seen = apply(inverse(T_world_camera), points)
-        if (seen[:, 2] > 0.01).all():
-            around = ConvexHull(seen[:, :2] / seen[:, 2:]).vertices
-            loops.append(points[np.append(around, around[:1])])
-    return loops
-
-
-def _creases(points: Array) -> list[Array]:
-    """The edges (2, 3) of a convex hull where its faces meet at more than 30°."""
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(points)
-    edges = []
-    for f, neighbours in enumerate(hull.neighbors):
-        for g in neighbours[neighbours > f]:
-            if hull.equations[f, :3] @ hull.equations[g, :3] < np.cos(np.radians(30)):
-                edges.append(points[np.intersect1d(hull.simplices[f], hull.simplices[g])])
-    return [e for e in edges if len(e) == 2]
-
-
-def circle(radius_m: float, sides: int = 64) -> Array:
-    """A closed circle (sides + 1, 3) about z."""
-    angle = np.linspace(0, 2 * np.pi, sides + 1)
-    return np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), np.zeros(sides + 1)], -1)
-
-
-def footprint(cabinet: Cabinet, body: Body) -> Array:
-    """The closed outline (N, 3) of a body's shadow on the cabinet's floor."""
-    from scipy.spatial import ConvexHull
-
-    points = np.concatenate([apply(inverse(cabinet.T_world_cabinet) @ body.T_world_body, p) for p in convex_parts(body.shape)])
-    flat = points[:, :2]
-    loop = ConvexHull(flat).vertices
-    closed = np.append(loop, loop[:1])
-    return apply(cabinet.T_world_cabinet, np.c_[flat[closed], np.full(len(closed), 0.0015)])
-
-
-def ring(cabinet: Cabinet, body: Body) -> tuple[Array, float]:
-    """The mark around a body on the cabinet's floor: its pose (4, 4), with z upwards, and its radius."""
-    loop = apply(inverse(cabinet.T_world_cabinet), footprint(cabinet, body))
-    centre = (loop.min(0) + loop.max(0)) / 2
-    T = cabinet.T_world_cabinet.copy()
-    T[:3, 3] = apply(T, np.array([[centre[0], centre[1], 0.0015]]))[0]
-    return T, float(np.linalg.norm(loop[:, :2] - centre[:2], axis=1).max()) + 0.012
-
-
-def grid(cabinet: Cabinet, n: int, z: float = 0.001) -> list[Array]:
-    """The lines (2, 3) between the n × n regions of the floor, at height z above it."""
-    dx, dy, _ = cabinet.size_m
-    x, y = np.linspace(0, dx, n + 1), np.linspace(-dy / 2, dy / 2, n + 1)
-    lines = [[[a, y[0], z], [a, y[-1], z]] for a in x] + [[[x[0], b, z], [x[-1], b, z]] for b in y]
-    return [apply(cabinet.T_world_cabinet, np.array(line)) for line in lines]
-
-
-def front_edges(cabinet: Cabinet) -> Array:
-    """The rim (5, 3) of the open front."""
-    _, dy, dz = cabinet.size_m
-    rim = np.array([[0, -dy / 2, 0], [0, dy / 2, 0], [0, dy / 2, dz], [0, -dy / 2, dz], [0, -dy / 2, 0]])
-    return apply(cabinet.T_world_cabinet, rim)
-
-
-# Camera -----------------------------------------------------------------------------------------------------------------------------------
-
-VIEWS = tuple((azimuth, elevation) for elevation in (32, 42) for azimuth in (-52, 52, -36, 36))
-"""Directions to look from, in degrees: around the cabinet, 0 straight before its open front, positive from its left; and above it."""
-
-
-def best_view(film: Film) -> Array:
-    """T_world_camera (4, 4): of a few three-quarter views into the open front, the one that shows most of the target."""
-    from perception.camera import pinhole
-    from perception.rendering.raycast import raycast
-    from perception.rendering.surfaces import surfaces
-
-    state = film.state_at(0.0)
-    bodies = film.bodies(state)
-    links = film.link_poses(state.q)
-    hulls = [h.vertices for h in film.robot.hulls]
-    hull_poses = [links[film.robot.tree.index[h.link]] for h in film.robot.hulls]
-    seen = surfaces([*(b.shape for b in bodies), *hulls], np.array([*(b.T_world_body for b in bodies), *hull_poses]))
-    target = next((i for i, b in enumerate(bodies) if b.name == film.scene.target), -1)
-    points = film.film_points()
-    small = pinhole(320, int(320 / ASPECT), 2 * float(np.arctan(HALF_WIDTH)))
-    views = [fitted(film.scene.cabinet, points, *np.radians(v)) for v in VIEWS]
-    shown = [int((raycast(seen, T, small).instance == target).sum()) for T in views]
-    return views[int(np.argmax([s * (1 - 0.04 * i) for i, s in enumerate(shown)]))]
-
-
-def fitted(cabinet: Cabinet, points: Array, azimuth: float, elevation: float) -> Array:
-    """T_world_camera (4, 4) that looks at the cabinet from a direction, as near as all points (N, 3) allow (angles in rad)."""
-    from perception.camera import look_at
-
-    flat = np.array([-np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    away = cabinet.T_world_cabinet[:3, :3] @ flat
-    T = look_at(away, np.zeros(3))
-    p = points @ T[:3, :3]
-    centre, depth = np.empty(2), np.empty(2)
-    for i, tangent in enumerate((HALF_WIDTH, HALF_HEIGHT)):
-        low, high = (p[:, i] + tangent * p[:, 2]).min(), (p[:, i] - tangent * p[:, 2]).max()
-        centre[i], depth[i] = (low + high) / 2, (low - high) / (2 * tangent)
-    T[:3, 3] = T[:3, :3] @ np.array([*centre, depth.min()])
-    return T
 
 
 def held_by(film: Film) -> list[Held]:

@@ -12,8 +12,8 @@ from perception.rendering.colours import Colour
 from perception.rendering.lighting import Studio
 from perception.rendering.polylines import Polyline
 from perception.rendering.shading import Item, shade
-from retrieve_cli.drawing.picture import ASPECT, HALF_HEIGHT, HALF_WIDTH
 from retrieve_cli.drawing.still import WIDTH_PX, save
+from retrieve_cli.drawing.view import ASPECT, HALF_HEIGHT, HALF_WIDTH
 from retrieve_cli.drawing.visuals import visuals
 
 AXES: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.13, 0.58, 0.20), (0.12, 0.33, 0.78))

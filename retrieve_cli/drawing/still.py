@@ -15,22 +15,8 @@ from perception.rendering.polylines import Polyline
 from perception.rendering.shading import Image, Item, shade
 from planning.io.outputs import replacing
 from retrieve_cli.drawing.cell import OBSTACLE_ALPHA, OBSTACLE_COLOUR, grasp_lines, target_box_lines
-from retrieve_cli.drawing.picture import (
-    ASPECT,
-    EMPTY_COLOUR,
-    FLOOR_COLOUR,
-    GRID_COLOUR,
-    HALF_WIDTH,
-    Film,
-    best_view,
-    circle,
-    footprint,
-    front_edges,
-    grid,
-    ground,
-    ring,
-    silhouette,
-)
+from retrieve_cli.drawing.outlines import GRID_COLOUR, circle, footprint, front_edges, grid, ring, silhouette
+from retrieve_cli.drawing.picture import EMPTY_COLOUR, FLOOR_COLOUR, Film, ground
 from retrieve_cli.drawing.unknown_space import (
     UNKNOWN_ALPHA,
     UNSEEN_COLOUR,
@@ -40,6 +26,7 @@ from retrieve_cli.drawing.unknown_space import (
     unseen_regions,
     view_pyramids,
 )
+from retrieve_cli.drawing.view import ASPECT, HALF_WIDTH, best_view
 from retrieve_cli.drawing.visuals import visuals
 
 WIDTH_PX = 1280

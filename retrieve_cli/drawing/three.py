@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
 from kinematics.transforms import Array
+from perception.rendering.colours import Colour
 
 if TYPE_CHECKING:
     from perception.rendering.surfaces import Mesh
 
-Colour = tuple[float, float, float]
 Command = dict[str, Any]
 Int = NDArray[np.int64]
 

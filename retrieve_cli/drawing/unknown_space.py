@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from kinematics.scene import Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, apply, rotation_from_wxyz, transform
+from perception.rendering.colours import Colour
 from perception.rendering.surfaces import Mesh
-from retrieve_cli.drawing.picture import Colour, Film, outline
+from retrieve_cli.drawing.outlines import outline
+from retrieve_cli.drawing.picture import Film
 
 VIEW_COLOUR: Colour = (0.25, 0.36, 0.58)
 UNSEEN_COLOUR: Colour = (0.62, 0.30, 0.40)

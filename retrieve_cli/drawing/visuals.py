@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from kinematics.robots.link_geometry import collada_frame
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, rotation_rpy, transform
+from perception.rendering.colours import Colour
 
-Colour = tuple[float, float, float]
 PLAIN: Colour = (0.80, 0.81, 0.83)
 DARK: Colour = (0.17, 0.18, 0.20)
 GREYED = 0.55

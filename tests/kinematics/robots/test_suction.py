@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from kinematics.robots.gripper import BESIDE_M, PUSH_M
 from kinematics.robots.hand_model import NoGripper
 from kinematics.robots.load import load
+from kinematics.robots.opening import BESIDE_M, PUSH_M
 from kinematics.robots.robot import Robot
 from kinematics.robots.suction import ON_M, SUCTION, VALVE
 from kinematics.transforms import Array, rotation_rpy, transform

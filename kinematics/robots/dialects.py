@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from lxml import etree
 
 from kinematics.robots.mesh_files import find_package
 from kinematics.transforms import rotation_from_wxyz, rotation_rpy, rpy_from_rotation
+
+GREY = "0.7 0.7 0.7 1"
+"""Of what has no colour that can be read."""
 
 
 def is_xacro(file: Path, text: bytes) -> bool:
@@ -42,17 +46,30 @@ def _finding_packages(substitutions: object, file: Path) -> Iterator[None]:
     """Let xacro's $(find PACKAGE) look where meshes are looked for, which needs no ROS."""
     from unittest.mock import patch
 
+    missing = list[str]()
+
     def find(package: str) -> str:
         folder = find_package(package, file)
         if folder is None:
-            raise ValueError(f"there is no package {package!r} in the folders above {file.parent}, nor on ROS_PACKAGE_PATH")
+            missing.append(f"there is no package {package!r} in the folders above {file.parent}, nor on ROS_PACKAGE_PATH")
+            raise ValueError(missing[-1])
         return str(folder)
 
     with patch.object(substitutions, "_eval_find", find):
-        yield
+        try:
+            yield
+        except Exception as e:  # xacro wraps what it meets in words of its own
+            raise ValueError(missing[-1]) if missing else e from e
 
 
-def plain_origins(root: etree._Element) -> None:
+def in_plain_words(root: etree._Element) -> None:
+    """Say quaternions, capsules and colours as all readers of URDFs understand them, in place."""
+    _plain_origins(root)
+    _plain_capsules(root)
+    _plain_colours(root)
+
+
+def _plain_origins(root: etree._Element) -> None:
     """Turn `quat_xyzw` of origins (URDF 1.2) into `rpy`, in place."""
     for origin in root.iter("origin"):
         if (quaternion := origin.attrib.pop("quat_xyzw", None)) is not None:
@@ -64,7 +81,7 @@ def plain_origins(root: etree._Element) -> None:
             origin.set("rpy", " ".join(repr(float(v)) for v in rpy_from_rotation(R)))
 
 
-def plain_capsules(root: etree._Element) -> None:
+def _plain_capsules(root: etree._Element) -> None:
     """Turn each capsule (URDF 1.2: `length` is its cylinder's) into that cylinder and a ball at either end, in place: the same solid."""
     for capsule in list(root.iter("capsule")):
         geometry = capsule.getparent()
@@ -76,6 +93,30 @@ def plain_capsules(root: etree._Element) -> None:
             _origin_along(ball, element.find("origin"), end * float(length) / 2)
             etree.SubElement(etree.SubElement(ball, "geometry"), "sphere", radius=radius)
             element.addnext(ball)
+
+
+def visuals_collide(root: etree._Element) -> bool:
+    """Take what is drawn for collision geometry, in place, in a URDF that has none at all. Returns whether it did."""
+    visuals = [visual for visual in root.iter("visual") if visual.find("geometry") is not None]
+    if not visuals or next(root.iter("collision"), None) is not None:
+        return False
+    for visual in visuals:
+        collision = etree.Element("collision")
+        collision.extend([deepcopy(part) for part in visual if part.tag in ("origin", "geometry")])
+        visual.addnext(collision)
+    return True
+
+
+def _plain_colours(root: etree._Element) -> None:
+    """Make each colour four numbers, in place: readers refuse a robot for a colour of three or five, which only pictures show."""
+    for colour in root.iter("color"):
+        words = colour.get("rgba", "").split()
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            values = []
+        if len(values) != 4:
+            colour.set("rgba", " ".join([*words[:3], words[-1] if len(words) > 4 else "1"]) if len(values) > 2 else GREY)
 
 
 def _origin_along(element: etree._Element, origin: etree._Element | None, along_z: float) -> None:

@@ -35,6 +35,14 @@ class CupFound(NoGripper):
         self.link = link
 
 
+class SeveralFound(NoGripper):
+    """Several arms have grippers: the options that say which, a word for each."""
+
+    def __init__(self, ways: list[str]) -> None:
+        super().__init__(f"there are {len(ways)} arms with grippers; say which with {' or '.join(ways)}")
+        self.ways = ways
+
+
 @dataclass(frozen=True, eq=False)
 class Motors:
     """Which actuated joints move the fingers on the link `palm`, and what goes with it: the first, and how the others follow it, by name
@@ -51,31 +59,63 @@ class Motors:
     frozen: tuple[int, ...] = ()
 
 
-def find_palm(model: Model) -> int:
-    """The group that carries the fingers, where nobody says which it is: down the one branch that is an arm, to where it ends.
+def find_palm(model: Model, named: Sequence[int] = ()) -> int:
+    """The group that carries the fingers, where nobody says which it is: down the one branch that is an arm, to where it ends. Of several
+    arms it is the one that ends in a gripper. named: actuated joints of the arm that is meant, or of its hand.
 
-    Raises: NoGripper, where there is none, or several arms.
+    Raises: NoGripper, where there is none, or several arms have one.
     """
-    group, way = next(i for i in range(len(model.tree.names)) if model.tree.parent[i] < 0), list[int]()
+    return _down(model, next(i for i in range(len(model.tree.names)) if model.tree.parent[i] < 0), [], named)
+
+
+def _down(model: Model, group: int, way: list[int], named: Sequence[int] = ()) -> int:
+    """`find_palm` from a group on, to which the links `way` lead."""
     while True:
         movers = model.moved_on(group)
         arms = [m for m in movers if len(model.motors(m)) >= ARM_LEAST]
+        arms = [m for m in arms if named and set(named) <= set(model.motors(m))] or arms
         if len(arms) > 1:
-            raise NoGripper(_several(model, arms))
+            return _one_of(model, arms)
         if not arms and len(way) >= 2 and len(movers) > 1:
             return group
         going = arms or (movers if len(movers) == 1 else [])
         if not going:
             return _jaw_or_nothing(model, way, group)
-        way.append(going[0])
         group = going[0]
+        way = [*way, group]
 
 
-def _several(model: Model, arms: list[int]) -> str:
+def _one_of(model: Model, arms: list[int]) -> int:
+    """The palm of the one arm among several that ends in a gripper: others are legs, or heads."""
     names = [_joint_behind(model, m) for m in arms]
     if all(CUP.search(model.tree.names[m]) or JAW.search(model.tree.names[m]) for m in arms):
-        return f"no gripper found: a hand of {len(arms)} fingers with {ARM_LEAST} motors and more each ({', '.join(names)}) can't be used"
-    return f"no gripper found: there are {len(arms)} arms, which begin with the joints {', '.join(names)}; say which with --hand-frame"
+        raise NoGripper(
+            f"no gripper found: a hand of {len(arms)} fingers with {ARM_LEAST} motors and more each ({', '.join(names)}) can't be used"
+        )
+    palms, cups, others, ways = list[int](), list[CupFound](), list[NoGripper](), list[str]()
+    for m in arms:
+        try:
+            palm = _down(model, m, [m])
+            ways.append(f"--gripper-joint {model.joints[drive(model, palm).first]}")
+            palms.append(palm)
+        except CupFound as e:
+            cups.append(e)
+            ways.append(f"--hand-frame {model.tree.names[e.link]}")
+        except SeveralFound as e:
+            ways += e.ways
+        except NoGripper as e:
+            others.append(e)
+    if len(ways) > 1:
+        raise SeveralFound(ways)
+    if palms:
+        return palms[0]
+    if cups:
+        raise cups[0]
+    first = str(others[0]).removeprefix("no gripper found: ").split(";")[0]
+    raise NoGripper(
+        f"no gripper found: on none of {len(arms)} arms, which begin with the joints {', '.join(names)}, is one that can be used, for "
+        f"{first}; name one's joints with --gripper-joint, or a suction cup with --hand-frame LINK --gripper-joint suction"
+    )
 
 
 def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:

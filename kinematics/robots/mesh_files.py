@@ -44,7 +44,8 @@ def find_package(package: str, near: Path) -> Path | None:
     for folder in _workspace(near):
         if package in (packages := _packages(folder)):
             return packages[package]
-    return None
+    above = (candidate for folder in _workspace(near) for candidate in (folder, folder / package))  # data without a package.xml
+    return next((candidate for candidate in above if candidate.name == package and candidate.is_dir()), None)
 
 
 def _in_package(package: str, rest: str, urdf: Path) -> Path | None:

@@ -21,6 +21,9 @@ from kinematics.robots.suction import ON_M, SUCTION, add_valve, at_face, cup_fra
 from kinematics.robots.tree import FIXED, TURNS, Tree
 from kinematics.transforms import Array, inverse, rotation_about, transform, wxyz_from_rotation
 
+ALONG = 0.5
+"""A link's z that is meant as the approach leads as near to the measured one as that, at least: the cosine."""
+
 
 @dataclass(frozen=True, eq=False)
 class Grip:
@@ -136,10 +139,21 @@ def _palm(model: Model, hand_link: str | None, named: Sequence[int]) -> int:
         palm = model.group(int(tree.parent[min(movers, key=lambda i: len(tree.path(i)))]))
         while not set(named) <= {int(tree.q_index[i]) for i in model.below(palm)} and tree.parent[palm] >= 0:
             palm = model.group(int(tree.parent[palm]))  # fingers that stand on motors of their own
-        return palm
+        return _whole_hand(model, palm, named)
     if hand_link is None:
         return find_palm(model)
     return model.group(tree.index[hand_link])
+
+
+def _whole_hand(model: Model, palm: int, named: Sequence[int]) -> int:
+    """The group on which the hand's other fingers move too, where the one that is named closes as one of several; else `palm`."""
+    if len(model.moved_on(palm)) > 1:
+        return palm
+    try:
+        whole = find_palm(model, named)
+        return whole if len(model.moved_on(whole)) > 1 and set(named) <= set(model.motors(whole)) else palm
+    except NoGripper:
+        return palm
 
 
 def _narrowed(model: Model, motors: Motors) -> Motors:
@@ -160,7 +174,8 @@ def _grip(model: Model, motors: Motors, link: str, T: Array, *, measured: bool) 
 
 
 def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:
-    """Raises: NoGripper with the frame that was measured, where the fingers don't close about the one that was given."""
+    """Raises: NoGripper with the frame that was measured, where the fingers don't close about the one that was given, or a link's own
+    frame, with no T_link_hand, looks elsewhere than they do."""
     tree = model.tree
     at = tree.index[link]
     with_hand = Tree(
@@ -177,13 +192,31 @@ def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:
     try:
         measure(with_hand, tuple(model.hulls), fingers, motors.first, motors.limits, model.rest[: with_hand.coordinates], "")
     except NotClosing as e:
-        found = inverse(_pose(model, motors.palm, link)) @ measured_frame(model, motors)
-        p, q = _numbers(found[:3, 3]), _numbers(wxyz_from_rotation(found[:3, :3]))
-        kind = "one jaw" if len(motors.branches) == 1 else "two fingers"
-        raise NoGripper(
-            f"{kind} found ({', '.join(e.fingers)}), between whose pads p {p}, q_wxyz {q} is in the link {link!r}, y the way they "
-            "close: say T_link_hand so in the scene's robot, or leave --hand-frame out, and it is measured"
-        ) from None
+        raise _elsewhere(model, motors, link, _measured_in(model, motors, link), "", e.fingers) from None
+    if np.array_equal(T, np.eye(4)):
+        try:
+            found = _measured_in(model, motors, link)
+        except NoGripper:
+            return  # it is good for what it was measured by
+        if found[2, 2] < ALONG:
+            off = np.degrees(np.arccos(np.clip(found[2, 2], -1.0, 1.0)))
+            raise _elsewhere(model, motors, link, found, f"the z of the link {link!r} is {off:.0f}° off the approach: ", sorted(fingers))
+
+
+def _measured_in(model: Model, motors: Motors, link: str) -> Array:
+    """The measured hand frame (4, 4) in a link. Raises: NoGripper where the fingers don't close on anything."""
+    return np.asarray(inverse(_pose(model, motors.palm, link)) @ measured_frame(model, motors))
+
+
+def _elsewhere(model: Model, motors: Motors, link: str, found: Array, why: str, fingers: Sequence[str]) -> NoGripper:
+    """What is said of a frame that is none between the pads: where they are."""
+    p, q = _numbers(found[:3, 3]), _numbers(wxyz_from_rotation(found[:3, :3]))
+    kind = "one jaw" if len(motors.branches) == 1 else "two fingers"
+    return NoGripper(
+        f"{why}{kind} found ({', '.join(fingers)}), between whose pads p {p}, q_wxyz {q} is in the link {link!r}, y the way they "
+        f"close: say T_link_hand so in the scene's robot, or --gripper-joint {model.joints[motors.first]} without --hand-frame, and it is "
+        "measured"
+    )
 
 
 def _pose(model: Model, frame: int, link: str) -> Array:

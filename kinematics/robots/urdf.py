@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from kinematics.robots.dialects import apply_soft_limits, expand_xacro, is_xacro, plain_capsules, plain_origins
+from kinematics.robots.dialects import apply_soft_limits, expand_xacro, in_plain_words, is_xacro, visuals_collide
 from kinematics.robots.joint_checks import check_joints, check_numbers
 from kinematics.robots.mesh_files import find_mesh
 from kinematics.robots.mobile_base import hold_base
@@ -44,9 +44,9 @@ def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
         check_numbers(root)
         notes = [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
         notes += [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
+        notes += ["it has no collision geometry: what is drawn is taken for it"] * visuals_collide(root)
         check_joints(root)
-        plain_origins(root)
-        plain_capsules(root)
+        in_plain_words(root)
         _drop_foreign(root)
         notes += _find_meshes(root, file)
     except ValueError as e:
@@ -59,7 +59,7 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
 
     Raises: ValueError for a collision mesh that is missing, with the places that were looked at.
     """
-    notes = list[str]()
+    missing = list[tuple[str, str]]()
     for link in root.iter("link"):
         for kind in ("collision", "visual"):
             for element in link.findall(kind):
@@ -72,9 +72,12 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
                 except FileNotFoundError as e:
                     if kind == "collision":
                         raise ValueError(f"link {link.get('name')!r} names the mesh {name}, which does not exist: {e}") from e
-                    notes.append(f"the visual mesh {name} of the link {link.get('name')} does not exist; its collision geometry is drawn")
+                    missing.append((name, link.get("name", "")))
                     link.remove(element)
-    return notes
+    if len(missing) > 1:
+        names = ", ".join(link for _, link in missing)
+        return [f"{len(missing)} visual meshes, {missing[0][0]} the first, do not exist; of the links {names} collision geometry is drawn"]
+    return [f"the visual mesh {name} of the link {link} does not exist; its collision geometry is drawn" for name, link in missing]
 
 
 def join(root: etree._Element, tool: etree._Element, at: str, T: Array, prefix: str) -> None:

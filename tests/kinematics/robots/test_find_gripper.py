@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -179,14 +180,57 @@ def test_what_is_no_gripper_is_said_with_what_was_found(gripper: str, says: str,
     assert "frame" not in str(e.value)
 
 
-def test_two_arms_are_a_choice(tmp_path: Path) -> None:
-    both = "".join(
-        joint(f"{s}{i}", TURN, f"{s}l{i - 1}" if i else "body", f"{s}l{i}", "0 0 0.2", "0 1 0", (-1, 1)) for s in "lr" for i in range(4)
-    )
-    links = "".join(f'<link name="{s}l{i}">{box("0.05 0.05 0.1")}</link>' for s in "lr" for i in range(4))
-    (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="body"/>{links}{both}</robot>')
-    with pytest.raises(NoGripper, match="there are 2 arms, which begin with the joints l0, r0; say which with --hand-frame"):
+def many_arms(**grippers: str) -> str:
+    """Arms of four joints on one body, by the letter before their names, each with what is in its hand."""
+    text = f'<robot name="r"><link name="body">{box("0.3 0.3 0.3")}</link>'
+    for i, (side, gripper) in enumerate(grippers.items()):
+        one = arm(gripper).removeprefix('<robot name="r">').removesuffix("</robot>")
+        text += re.sub(r'(name|link|joint)="', rf'\1="{side}_', one)
+        at = f'<parent link="body"/><child link="{side}_base"/><origin xyz="0 {i - 0.5} 0"/>'
+        text += f'<joint name="{side}_shoulder" type="fixed">{at}</joint>'
+    return text + "</robot>"
+
+
+def test_of_arms_and_legs_the_one_with_a_gripper_is_taken(tmp_path: Path) -> None:
+    file = tmp_path / "r.urdf"
+    file.write_text(many_arms(a="", b=MIRRORED, c=""))
+    made = load(str(file))
+    assert made.grip is not None
+    assert made.grip.joints == ("b_f1", "b_f2")
+    assert [made.joint_names[j] for j in made.arm_joints] == ["b_a0", "b_a1", "b_a2", "b_a3"]
+
+
+def test_of_two_arms_with_grippers_the_gripper_joint_says_which(tmp_path: Path) -> None:
+    """What the message names is enough: the hand frame is measured as if there were no other arm."""
+    file = tmp_path / "r.urdf"
+    file.write_text(many_arms(l=MIRRORED, r=SLIDING["one direction"]))
+    with pytest.raises(NoGripper, match=r"there are 2 arms with grippers; say which with --gripper-joint l_f1 or --gripper-joint r_f1$"):
+        load(str(file))
+    for side in "lr":
+        made = load(str(file), gripper_joint=f"{side}_f1")
+        poses = made.link_poses(made.home)
+        T = np.linalg.inv(poses[f"{side}_palm"]) @ poses["hand"]
+        np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-6)
+        assert made.opening.max_m == pytest.approx(0.08, abs=1e-6)
+
+
+def test_of_arms_without_grippers_the_first_is_said(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(many_arms(l="", r=""))
+    says = "on none of 2 arms, which begin with the joints l_a0, r_a0, is one that can be used, for no joint moves a finger .*'l_a3'"
+    with pytest.raises(NoGripper, match=says):
         load(str(tmp_path / "r.urdf"))
+
+
+@pytest.mark.parametrize("rpy", ["0 -1.5707963 0", "3.1415926 0 0"], ids=["x is the approach", "z is the way back"])
+def test_a_frame_whose_z_is_not_the_approach_is_answered_with_the_one_whose_is(rpy: str, robot: Callable[..., Robot]) -> None:
+    """A tool frame in another convention, right between the pads: fingers would come sideways. Both remedies in the message work."""
+    at = f'<parent link="palm"/><child link="tcp"/><origin xyz="0 0 0.085" rpy="{rpy}"/>'
+    gripper = MIRRORED + f'<link name="tcp"/><joint name="t" type="fixed">{at}</joint>'
+    with pytest.raises(NoGripper, match=r"the z of the link 'tcp' is (90|180)° off the approach: .* or --gripper-joint f1 without") as e:
+        robot(gripper, "tcp")
+    p, q = (np.array([float(v) for v in part.split("]")[0].split(",")]) for part in str(e.value).split("[")[1:3])
+    measured = in_palm(robot(gripper, gripper_joint="f1"))
+    np.testing.assert_allclose(in_palm(robot(gripper, "tcp", T_link_hand=transform(rotation_from_wxyz(q), p))), measured, atol=2e-4)
 
 
 def test_a_jaw_keeps_the_fixed_pad_off_the_object_until_it_closes(robot: Callable[..., Robot]) -> None:

@@ -210,13 +210,9 @@ def test_an_srdf_beside_the_urdf_is_read(toy_urdf: Callable[..., Path]) -> None:
     assert load(str(other), "tcp").skip - before == {frozenset(("base", "left_finger"))}
 
 
-NO_COLLISION = tuple(("<" + tag, "<" + other) for tag, other in (("collision", "visual"), ("/collision", "/visual")))
-
-
 @pytest.mark.parametrize(
     ("changes", "hand", "gripper", "message"),
     [
-        (NO_COLLISION, "tcp", "grip", r"no collision geometry: add <collision>"),
         ((), "tool", "grip", r"no link 'tool'.*it has base, .*tcp"),
         ((), "tcp", "grab", r"'grab' is no joint that can open the fingers; actuated joints besides the arm's: grip"),
         ((), "tcp", "out", r"'out' is no joint that can open the fingers.*: grip"),

@@ -101,6 +101,9 @@ def test_two_go_together_against_the_thumb(hand: str, robot: Callable[..., Robot
     assert made.opening.max_m > 0.05
     again = robot(hand, grip.link, T_link_hand=grip.T_link_hand, gripper_joints=grip.joints)
     np.testing.assert_allclose(again.opening.width_m, made.opening.width_m, atol=1e-6)
+    named = robot(hand, gripper_joint="f_thumb").grip  # one of its joints says which hand, not that its finger is alone
+    assert named is not None
+    assert (named.kind, set(named.joints)) == ("three fingers", set(grip.joints))
 
 
 CAN, BOX = Cylinder(0.025, 0.14), Box(np.array([0.05, 0.05, 0.14]))

@@ -114,6 +114,26 @@ def test_an_origin_may_be_a_quaternion(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "read_as"),
+    [("1 0 0 0.5", "1 0 0 0.5"), ("1 0 0", "1 0 0 1"), ("0.1 0.2 0.3 0 1", "0.1 0.2 0.3 1"), ("red", "0.7 0.7 0.7 1")],
+)
+def test_no_robot_is_refused_for_a_colour(given: str, read_as: str, tmp_path: Path) -> None:
+    visual = f'<visual><geometry>{BOX}</geometry><material name="m"><color rgba="{given}"/></material></visual></link>'
+    root, _ = read(tmp_path, arm().replace("</link>", visual, 1))
+    assert [colour.get("rgba") for colour in root.iter("color")] == [read_as]
+
+
+def test_a_robot_without_collision_geometry_is_as_large_as_it_is_drawn(tmp_path: Path) -> None:
+    """Only where none of its links has any: a cover that is drawn on one that has is not added."""
+    text = arm(origin='<origin xyz="1 0 0" rpy="0 1 0"/>')
+    drawn = text.replace("collision>", "visual>")
+    np.testing.assert_allclose(extent(hulls(tmp_path, drawn)), extent(hulls(tmp_path, text)))
+    assert read(tmp_path, drawn)[1] == ("it has no collision geometry: what is drawn is taken for it",)
+    root, notes = read(tmp_path, drawn.replace("visual>", "collision>", 2))
+    assert (len(list(root.iter("collision"))), notes) == (1, ())
+
+
+@pytest.mark.parametrize(
     ("kind", "soft", "limits"),
     [
         ("revolute", 'soft_lower_limit="-0.5" soft_upper_limit="3"', (-0.5, 1)),
@@ -144,6 +164,16 @@ def test_xacro_is_expanded_with_packages_found_nearby(tmp_path: Path) -> None:
     assert root.find("link[@name='tip']/collision/geometry/sphere").get("radius") == "0.25"
     with pytest.raises(ValueError, match=r"xacro does not understand it: .*no package 'nowhere'.*; where it needs arguments, run: xacro a"):
         read(tmp_path, text.replace("my_parts", "nowhere"), "a.urdf.xacro")
+
+
+def test_a_package_may_be_a_folder_without_a_package_xml(tmp_path: Path) -> None:
+    """As data that were copied out of a workspace are."""
+    package = tmp_path / "my_parts"
+    (package / "robots").mkdir(parents=True)
+    (package / "size.xacro").write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="r" value="0.25"/></robot>')
+    include = '<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="$(find my_parts)/size.xacro"/>'
+    root, _ = read(package / "robots", arm('<sphere radius="${r}"/>').replace('<robot name="a">', include), "a.urdf.xacro")
+    assert root.find("link[@name='tip']/collision/geometry/sphere").get("radius") == "0.25"
 
 
 def test_without_the_package_xacro_one_line_says_what_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,6 +227,9 @@ def test_a_missing_visual_mesh_is_noted_and_a_missing_collision_mesh_an_error(tm
     root, notes = read(tmp_path, arm(more=visual + joint))
     assert notes == ("the visual mesh nice.stl of the link v does not exist; its collision geometry is drawn",)
     assert root.find("link[@name='v']/visual") is None
+    more = visual.replace('"v"', '"w"') + joint.replace('"v"', '"w"').replace('"j"', '"k"')
+    notes = read(tmp_path, arm(more=visual + joint + more))[1]
+    assert notes == ("2 visual meshes, nice.stl the first, do not exist; of the links v, w collision geometry is drawn",)
     with pytest.raises(ValueError, match=rf"link 'tip' names the mesh nice.stl, which does not exist: {tmp_path}/nice.stl$"):
         read(tmp_path, arm('<mesh filename="nice.stl"/>'))
     with pytest.raises(ValueError, match=r"meshes/x.stl of the package 'p': looked in the folders above"):

@@ -95,16 +95,39 @@ def _plain_capsules(root: etree._Element) -> None:
             element.addnext(ball)
 
 
-def visuals_collide(root: etree._Element) -> bool:
-    """Take what is drawn for collision geometry, in place, in a URDF that has none at all. Returns whether it did."""
-    visuals = [visual for visual in root.iter("visual") if visual.find("geometry") is not None]
-    if not visuals or next(root.iter("collision"), None) is not None:
-        return False
-    for visual in visuals:
+def visuals_collide(root: etree._Element) -> list[str]:
+    """Take what is drawn for collision geometry, in place: in a URDF that has none at all, and of fingers, jaws and palms that have none.
+
+    Returns the links' names. The joints are known to make a tree.
+    """
+    drawn = {link: [v for v in link.iter("visual") if v.find("geometry") is not None] for link in root.iter("link")}
+    if next(root.iter("collision"), None) is not None:
+        bare = _bare_ends(root)
+        drawn = {link: visuals for link, visuals in drawn.items() if link.get("name") in bare}
+    for visual in (v for visuals in drawn.values() for v in visuals):
         collision = etree.Element("collision")
         collision.extend([deepcopy(part) for part in visual if part.tag in ("origin", "geometry")])
         visual.addnext(collision)
-    return True
+    return [link.get("name", "") for link, visuals in drawn.items() if visuals]
+
+
+def _bare_ends(root: etree._Element) -> set[str]:
+    """The links at the ends of a tree, moved by the last joints, and those that carry these, where nothing that is fixed to them has
+    collision geometry."""
+    ends = {j: tuple(j.find(end).get("link", "") for end in ("parent", "child")) for j in root.iter("joint") if j.find("child") is not None}
+    above = {child: (parent, j.get("type") == "fixed") for j, (parent, child) in ends.items()}
+
+    def group(link: str) -> str:
+        while link in above and above[link][1]:
+            link = above[link][0]
+        return link
+
+    moved = {child for child, (_, fixed) in above.items() if not fixed}
+    carried_by = {child: group(above[child][0]) for child in moved}
+    last = moved - set(carried_by.values())
+    at_ends = (last | {carried_by[link] for link in last}) & moved
+    solid = {group(link.get("name", "")) for link in root.iter("link") if link.find("collision") is not None}
+    return {name for link in root.iter("link") if group(name := link.get("name", "")) in at_ends - solid}
 
 
 def _plain_colours(root: etree._Element) -> None:

@@ -120,6 +120,12 @@ def _one_of(model: Model, arms: list[int]) -> int:
 
 def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
     """The group before the last joint, when that joint moves a jaw by its name or its link's."""
+    if not way and (movers := model.moved_on(group)):
+        names = ", ".join(_joint_behind(model, m) for m in movers)
+        raise NoGripper(
+            f"no arm found: {len(movers)} branches begin on {model.tree.names[group]!r}, with the joints {names}, and none has {ARM_LEAST} "
+            "motors"
+        )
     last = way[-1] if way else group
     words = [model.tree.names[last], _joint_behind(model, last)] if way else []
     if len(way) > 2 and any(JAW.search(word) for word in words):

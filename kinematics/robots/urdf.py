@@ -44,8 +44,9 @@ def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
         check_numbers(root)
         notes = [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
         notes += [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
-        notes += ["it has no collision geometry: what is drawn is taken for it"] * visuals_collide(root)
         check_joints(root)
+        if drawn := visuals_collide(root):
+            notes.append(f"what is drawn is taken for the collision geometry that is missing of the links {', '.join(drawn)}")
         in_plain_words(root)
         _drop_foreign(root)
         notes += _find_meshes(root, file)

@@ -221,6 +221,14 @@ def test_of_arms_without_grippers_the_first_is_said(tmp_path: Path) -> None:
         load(str(tmp_path / "r.urdf"))
 
 
+def test_what_has_no_arm_is_said(tmp_path: Path) -> None:
+    """A body with two wheels."""
+    wheels = "".join(f'<link name="{n}">{box("0.1 0.1 0.1")}</link>' + joint(n, TURN, "body", n, "0 0 0", "0 1 0", (-1, 1)) for n in "lr")
+    (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="body">{box("0.3 0.3 0.3")}</link>{wheels}</robot>')
+    with pytest.raises(NoGripper, match=r"no arm found: 2 branches begin on 'body', with the joints l, r, and none has 4 motors"):
+        load(str(tmp_path / "r.urdf"))
+
+
 @pytest.mark.parametrize("rpy", ["0 -1.5707963 0", "3.1415926 0 0"], ids=["x is the approach", "z is the way back"])
 def test_a_frame_whose_z_is_not_the_approach_is_answered_with_the_one_whose_is(rpy: str, robot: Callable[..., Robot]) -> None:
     """A tool frame in another convention, right between the pads: fingers would come sideways. Both remedies in the message work."""

@@ -18,6 +18,7 @@ from kinematics.robots.tree import LinkHull
 from kinematics.transforms import Array, rotation_rpy
 
 BOX = '<box size="0.1 0.1 0.1"/>'
+TURNS = 'type="revolute"'
 LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 
 
@@ -124,13 +125,27 @@ def test_no_robot_is_refused_for_a_colour(given: str, read_as: str, tmp_path: Pa
 
 
 def test_a_robot_without_collision_geometry_is_as_large_as_it_is_drawn(tmp_path: Path) -> None:
-    """Only where none of its links has any: a cover that is drawn on one that has is not added."""
     text = arm(origin='<origin xyz="1 0 0" rpy="0 1 0"/>')
     drawn = text.replace("collision>", "visual>")
     np.testing.assert_allclose(extent(hulls(tmp_path, drawn)), extent(hulls(tmp_path, text)))
-    assert read(tmp_path, drawn)[1] == ("it has no collision geometry: what is drawn is taken for it",)
-    root, notes = read(tmp_path, drawn.replace("visual>", "collision>", 2))
-    assert (len(list(root.iter("collision"))), notes) == (1, ())
+    assert read(tmp_path, drawn)[1] == ("what is drawn is taken for the collision geometry that is missing of the links base, tip",)
+
+
+def test_fingers_without_collision_geometry_are_as_large_as_they_are_drawn(tmp_path: Path) -> None:
+    """And what carries them. Covers further up, or beside what has some, are drawn only."""
+    names = ["base", "upper", "cover", "palm", "jaw", "screen"]
+    links = "".join(f'<link name="{n}"><visual><geometry>{BOX}</geometry></visual></link>' for n in names)
+    parents = {"upper": "base", "cover": "upper", "palm": "upper", "jaw": "palm", "screen": "base"}
+    kinds = {"cover": 'type="fixed"', "screen": 'type="fixed"'}
+    joints = "".join(
+        f'<joint name="{child}" {kinds.get(child, TURNS)}><parent link="{parent}"/><child link="{child}"/>{LIMIT}</joint>'
+        for child, parent in parents.items()
+    )
+    text = f'<robot name="a">{links}{joints}</robot>'
+    only_base = text.replace("visual>", "collision>", 2)
+    root, notes = read(tmp_path, only_base)
+    assert [link.get("name") for link in root.iter("link") if link.find("collision") is not None] == ["base", "palm", "jaw"]
+    assert notes == ("what is drawn is taken for the collision geometry that is missing of the links palm, jaw",)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,8 @@ from kinematics.transforms import Array, inverse
 ARM_LEAST, FINGER_MOST = 4, 3
 """A branch with so many motors is an arm; a finger has fewer."""
 JAW = re.compile(r"grip|jaw|finger|claw|hand|pinch|clamp|grasp", re.IGNORECASE)
+WRIST = re.compile(r"wrist|elbow|forearm|(roll|pitch|yaw)(_joint)?$", re.IGNORECASE)
+"""A joint that is called so turns a whole hand, whatever its link is called."""
 CUP = re.compile(r"suction|vacuum|cup", re.IGNORECASE)
 HINGE_RAD = 0.6
 """How far a hinged jaw is opened, at most: further, it faces the tip of what it closes on no more."""
@@ -128,7 +130,7 @@ def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
         )
     last = way[-1] if way else group
     words = [model.tree.names[last], _joint_behind(model, last)] if way else []
-    if len(way) > 2 and any(JAW.search(word) for word in words):
+    if len(way) > 2 and any(JAW.search(word) for word in words) and not WRIST.search(words[1]):
         return model.group(int(model.tree.parent[last]))
     after = [model.tree.names[i] for i in model.below(last)]
     cups = [i for i in model.below(last) if CUP.search(model.tree.names[i])]
@@ -170,8 +172,15 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
         )
     motors = list(dict.fromkeys([*named, *(int(tree.q_index[m]) for m in movers)]))
     if not motors or not movers:
-        after = ", ".join(tree.names[i] for i in model.below(palm))
-        raise NoGripper(f"no gripper found: nothing with collision geometry moves on the link {tree.names[palm]!r} (links there: {after})")
+        bare = [tree.names[m] for m in model.moved_on(palm)]
+        if bare:
+            what = (
+                f"what moves on the link {tree.names[palm]!r} has no collision geometry ({', '.join(bare)}): give these links their fingers"
+            )
+        else:
+            after = ", ".join(tree.names[i] for i in model.below(palm))
+            what = f"nothing moves on the link {tree.names[palm]!r} (links there: {after})"
+        raise NoGripper(f"no gripper found: {what}")
     branches = tuple(tuple(model.below(m)) for m in movers)
     if len(branches) in (2, 3) and len(motors) >= 3:
         return _driven_apart(model, palm, branches, named)

@@ -40,6 +40,9 @@ def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
         raise ValueError(f"{file} is no URDF: {e}") from e
     if root is None or root.tag != "robot":
         raise ValueError(f"{file} is no URDF: its root element is not <robot>")
+    if root.find("link") is None:
+        macros = "; it defines macros: give the file that calls them" if b"xacro:macro" in file.read_bytes() else ""
+        raise ValueError(f"{file} has no links{macros}")
     try:
         check_numbers(root)
         notes = [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]

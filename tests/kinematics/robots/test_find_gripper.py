@@ -169,9 +169,10 @@ def test_a_frame_that_is_not_between_the_pads_is_answered_with_the_one_that_is(
     [
         ("", "no gripper found: no joint moves a finger after the last one of the arm, 'a3' (links there: l3, palm); give the URDF a"),
         (MIRRORED.replace(SLIDE, 'type="continuous"'), "its joint 'f1' has no limits, so it is never open"),
+        (re.sub(r"<collision>.*?</collision>", "", MIRRORED), "has no collision geometry (plus, minus): give these links their fingers"),
         (MIRRORED + THIRD + FOURTH, "4 fingers with 4 motors (f1, f2, f3, f4)"),
     ],
-    ids=["none", "endless", "four"],
+    ids=["none", "endless", "mounts", "four"],
 )  # fmt: skip
 def test_what_is_no_gripper_is_said_with_what_was_found(gripper: str, says: str, robot: Callable[..., Robot]) -> None:
     with pytest.raises(NoGripper) as e:
@@ -219,6 +220,19 @@ def test_of_arms_without_grippers_the_first_is_said(tmp_path: Path) -> None:
     says = "on none of 2 arms, which begin with the joints l_a0, r_a0, is one that can be used, for no joint moves a finger .*'l_a3'"
     with pytest.raises(NoGripper, match=says):
         load(str(tmp_path / "r.urdf"))
+
+
+@pytest.mark.parametrize(
+    ("moved_by", "is_jaw"), [("wrist_yaw", False), ("r_wrist_roll_joint", False), ("hand_yaw_grip", True), ("hand", True)]
+)
+def test_a_hand_that_its_wrist_turns_is_no_jaw(moved_by: str, is_jaw: bool, robot: Callable[..., Robot]) -> None:
+    """A link may be called hand without any finger; the joint tells."""
+    jaw = JAW.replace('"jaw"', f'"{moved_by}"').replace('"plus"', '"right_hand"')
+    if is_jaw:
+        assert robot(jaw).opening.jaw
+    else:
+        with pytest.raises(NoGripper, match=f"after the last one of the arm, '{moved_by}'"):
+            robot(jaw)
 
 
 def test_what_has_no_arm_is_said(tmp_path: Path) -> None:

@@ -191,6 +191,12 @@ def test_a_package_may_be_a_folder_without_a_package_xml(tmp_path: Path) -> None
     assert root.find("link[@name='tip']/collision/geometry/sphere").get("radius") == "0.25"
 
 
+def test_macros_that_nobody_calls_are_no_robot(tmp_path: Path) -> None:
+    macro = '<robot xmlns:xacro="http://ros.org/wiki/xacro" name="a"><xacro:macro name="m" params=""><link name="l"/></xacro:macro></robot>'
+    with pytest.raises(ValueError, match=r"a.xacro has no links; it defines macros: give the file that calls them$"):
+        read(tmp_path, macro, "a.xacro")
+
+
 def test_without_the_package_xacro_one_line_says_what_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
     says = r"this is xacro, and the package xacro is not installed: pip install xacro; or run: xacro a.urdf.xacro > a.urdf$"

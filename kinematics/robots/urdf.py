@@ -160,6 +160,7 @@ def _drop_foreign(element: etree._Element) -> None:
             element.remove(child)
         else:
             unwanted = [k for k in child.attrib if ":" in k or k.startswith("{") or (k == "name" and child.tag in ("visual", "collision"))]
+            unwanted += [k for k in child.attrib if child.tag == "link" and k != "name" and k not in unwanted]
             for key in unwanted:
                 del child.attrib[key]
             _drop_foreign(child)

@@ -124,6 +124,12 @@ def test_no_robot_is_refused_for_a_colour(given: str, read_as: str, tmp_path: Pa
     assert [colour.get("rgba") for colour in root.iter("color")] == [read_as]
 
 
+def test_a_link_has_a_name_and_nothing_else(tmp_path: Path) -> None:
+    """Readers print a line for each other attribute, which the PR2 has."""
+    root, _ = read(tmp_path, arm().replace('<link name="tip"', '<link name="tip" type="laser"'))
+    assert [dict(link.attrib) for link in root.iter("link")] == [{"name": "base"}, {"name": "tip"}]
+
+
 def test_a_robot_without_collision_geometry_is_as_large_as_it_is_drawn(tmp_path: Path) -> None:
     text = arm(origin='<origin xyz="1 0 0" rpy="0 1 0"/>')
     drawn = text.replace("collision>", "visual>")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -21,7 +21,7 @@ from kinematics.scene import APPROACHES
 from perception.observation import Observation
 from planning.learning import numpy_inference
 from planning.learning.numpy_inference import Encoding, Weights, sigmoid
-from planning.learning.scores import object_score, region_score
+from planning.learning.scores import NEAREST_TRIED, object_score, region_score
 from planning.learning.tokens import F32, LENGTH_M, tokens
 
 SCHEMA = "retrieve/model@2"
@@ -59,8 +59,8 @@ class Placed:
     """What RPNet says, one number for each of `regions` (indices).
 
     cost: ĉ. feasible: the chance that the object can be carried there. hits: the share of the paths that it would block there. shorter:
-    the chance that fewer moves are needed then. The `paper` form knows the cost alone; the others are NaN, as is `shorter` by older
-    weights. score: larger is better.
+    the chance that fewer moves are needed then. distance: from where the object stands, in floor diagonals. The `paper` form knows the cost
+    alone; the others are NaN, as is `shorter` by older weights. score: larger is better.
     """
 
     regions: NDArray[np.intp]
@@ -68,12 +68,20 @@ class Placed:
     feasible: F32
     hits: F32
     shorter: F32
+    distance: F32
     score: F32
 
     @property
     def ranking(self) -> list[int]:
         """The regions, the best in front."""
         return [int(i) for i in self.regions[np.argsort(-self.score, kind="stable")]]
+
+    @property
+    def nearby(self) -> Placed:
+        """The same for who tries what comes next: near regions count for more. The `paper` form's cost is the distance as it is."""
+        if np.isnan(self.distance).any():
+            return self
+        return replace(self, score=region_score(self.feasible, self.hits, self.distance, NEAREST_TRIED))
 
 
 _BLAS = ThreadpoolController()
@@ -117,15 +125,15 @@ class Seen:
                 self._encoding = self._encoding or numpy_inference.paper_rpnet_encode(model.rpnet, t, model.heads)
                 cost = sigmoid(numpy_inference.paper_rpnet(model.rpnet, self._encoding, moved, model.heads))[index]
             unknown = np.full_like(cost, np.nan)
-            return Placed(index, cost, unknown, unknown, unknown, -cost)
+            return Placed(index, cost, unknown, unknown, unknown, unknown, -cost)
         if len(index) == 0:
-            return Placed(index, *np.zeros((5, 0), np.float32))
+            return Placed(index, *np.zeros((6, 0), np.float32))
         with one_thread():
             self._encoding = self._encoding or numpy_inference.rpnet_encode(model.rpnet, t, model.heads)
             cost, feasible, hits, *ahead = sigmoid(numpy_inference.rpnet(model.rpnet, self._encoding, moved, index, model.heads)).T
         shorter = ahead[0] if ahead else np.full_like(cost, np.nan)
         away = np.linalg.norm(t.regions[index, :2] - t.boxes[moved, :2], axis=1) / np.linalg.norm(t.context[3:5])
-        return Placed(index, cost, feasible, hits, shorter, region_score(feasible, hits, away))
+        return Placed(index, cost, feasible, hits, shorter, away, region_score(feasible, hits, away))
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,13 +113,14 @@ class _Graph:
     def __init__(self, cell: Workcell, start: Array, choices: Sequence[Choices], rng: np.random.Generator) -> None:
         self.cell, self.start, self.rng = cell, start, rng
         self.settings, self.ends_m = cell.settings.quickest, cell.settings.clearance.ends_m
-        chain, self.cost = cell.arm.chain, WayCost(cell.arm, cell.robot.arm_limits, self.settings.metre_s)
-        self.layers = [_Layer(c, chain.lower, chain.upper, self.cost) for c in choices]
-        self.start_at = self.cost.points(start[None])
+        chain, cost = cell.arm.chain, WayCost(cell.arm, cell.robot.arm_limits, self.settings.metre_s)
+        retrieving = replace(cost, metre_s=self.settings.target_metre_s)
+        self.layers = [_Layer(c, chain.lower, chain.upper, retrieving if c.put is None else cost) for c in choices]
+        self.start_at = cost.points(start[None])
         self.planned = self.settings.planned * len(self.layers)
         for k, layer in enumerate(self.layers):
             found = layer.choices.found
-            layer.transit_s = self.cost.hoped(*self._transit_by(k, slice(None), slice(None)))
+            layer.transit_s = layer.cost.hoped(*self._transit_by(k, slice(None), slice(None)))
             layer.transit_known, layer.sure_transit_s = np.zeros(layer.transit_s.shape, np.int64), np.full(layer.transit_s.shape, np.inf)
             self._know_transit(layer, (0, 0), found.way_in)
             self._look_pick(k, 0)
@@ -175,24 +176,24 @@ class _Graph:
         for k, (before, n) in enumerate(zip([0, *path], path)):
             layer, p = self.layers[k], int(self.layers[k].pick_of[n])
             if len(layer.transits[before, p]) > 2:
-                better = self._better(self._moving(layer, p), layer.transits[before, p])
+                better = self._better(layer.cost, self._moving(layer, p), layer.transits[before, p])
                 if self._opens(k, before, p, better) is not None:
                     layer.transits[before, p] = better
             if len(layer.across[n]) > 2:
-                layer.across[n] = self._better(layer.picks[p].carrying, layer.across[n])
+                layer.across[n] = self._better(layer.cost, layer.picks[p].carrying, layer.across[n])
 
-    def _better(self, query: PlanningQuery, path: Array) -> Array:
+    def _better(self, cost: WayCost, query: PlanningQuery, path: Array) -> Array:
         best, misses = self.cell.quickened(query, path, self.rng), 0
-        best_s, least_s = self.cost.path(best), float(self.cost.straight(path[-1] - path[0]))
+        best_s, least_s = cost.path(best), float(cost.straight(path[-1] - path[0]))
         for _ in range(self.settings.again):
             if misses == self.settings.patience or best_s - least_s < self.settings.gain_s:
                 break
             misses += 1
             other = self.cell.connect_clear(query, path[0], path[-1], self.rng, self.settings.iterations)
-            if other is None or self.cost.path(other) > WORTH * best_s:
+            if other is None or cost.path(other) > WORTH * best_s:
                 continue
             other = self.cell.quickened(query, other, self.rng)
-            other_s = self.cost.path(other)
+            other_s = cost.path(other)
             misses = 0 if other_s < best_s - self.settings.gain_s else misses
             best, best_s = (other, other_s) if other_s < best_s else (best, best_s)
         return best
@@ -204,7 +205,7 @@ class _Graph:
         """Transits to layer k from node n of the layer before, which has become known."""
         layer = self.layers[k]
         fresh = layer.transit_known[n] == UNKNOWN
-        layer.transit_s[n, fresh] = self.cost.hoped(*self._transit_by(k, n, fresh))
+        layer.transit_s[n, fresh] = layer.cost.hoped(*self._transit_by(k, n, fresh))
 
     def _transit_by(self, k: int, before: Any, picks: Any) -> tuple[Array, Array]:
         """What the joints turn (..., A) in transits to layer k from nodes before it to picks, and how the hand moves (..., 3)."""
@@ -256,7 +257,7 @@ class _Graph:
         if path is not None:
             self._know_across(layer, n, path, more_s)
         else:
-            layer.across_s[n], layer.known[n] = self.cost.detour(*layer.across_by(n)), BENT
+            layer.across_s[n], layer.known[n] = layer.cost.detour(*layer.across_by(n)), BENT
 
     def _look_transit(self, k: int, before: int, p: int) -> None:
         layer, q = self.layers[k], self._leaves(k)[before]
@@ -265,7 +266,7 @@ class _Graph:
             self._know_transit(layer, (before, p), self._opens(k, before, p, path), more_s)
         else:
             by, way = self._transit_by(k, before, p)
-            layer.transit_s[before, p], layer.transit_known[before, p] = self.cost.detour(by, way)[0], BENT
+            layer.transit_s[before, p], layer.transit_known[before, p] = layer.cost.detour(by, way)[0], BENT
 
     def _opens(self, k: int, before: int, p: int, path: Array) -> Array | None:
         """A transit's path where the fingers can be set to the pick's opening."""
@@ -286,13 +287,13 @@ class _Graph:
 
     def _know_transit(self, layer: _Layer, key: tuple[int, int], path: Array | None, more_s: float = 0.0) -> None:
         layer.transit_known[key] = KNOWN
-        layer.transit_s[key] = layer.sure_transit_s[key] = np.inf if path is None else self.cost.path(path) + more_s
+        layer.transit_s[key] = layer.sure_transit_s[key] = np.inf if path is None else layer.cost.path(path) + more_s
         if path is not None:
             layer.transits[key] = path
 
     def _know_across(self, layer: _Layer, n: int, path: Array | None, more_s: float = 0.0) -> None:
         layer.known[n] = KNOWN
-        layer.across_s[n] = layer.sure_s[n] = np.inf if path is None else self.cost.path(path) + more_s
+        layer.across_s[n] = layer.sure_s[n] = np.inf if path is None else layer.cost.path(path) + more_s
         if path is not None:
             layer.across[n] = path
 

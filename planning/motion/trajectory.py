@@ -17,15 +17,16 @@ import numpy as np
 
 from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.clearance import clearances
+from kinematics.inverse import BRISK, descend
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
 from planning.motion.edges import Task
 from planning.motion.smoothing.blending import Corners, choose_speeds, make_corners, write_corner, write_rows
 from planning.motion.smoothing.curve_check import WITHIN_M, first_blocked
-from planning.motion.smoothing.hand_speed import along_pieces, along_rows
+from planning.motion.smoothing.hand_speed import along_pieces, along_rows, hand_points
 from planning.motion.smoothing.spline_rows import chords, keep_limits, slow_down
-from planning.motion.smoothing.straight_line import write_line
+from planning.motion.smoothing.straight_line import second_derivatives, write_line
 from planning.motion.workcell import Workcell
 from planning.plan import Gripper, GripperState, Motion
 
@@ -33,6 +34,10 @@ MOST_USED = 1 - 1e-4
 """Of each limit: what rounding may add stays within it."""
 STRAIGHT_M = 2e-4
 """How far the hand may be from its line where waypoints count as a straight way of the hand."""
+ON_LINE_M, MOST_HALVINGS = 3e-5, 3
+"""So near to its line the hand shall stay on a straight way, along any axis; and how often waypoints are put in between for that."""
+NEAR = 0.05
+"""What is put in between is no further from where the spline is, rad or m: else the arm would take another way."""
 SMALLEST_M = 1e-5
 """A corner that is rounded by less is a stop."""
 SHRINK = 0.6
@@ -125,7 +130,7 @@ class _Drive:
         hand_speed = self.pace.hand_speed if motion.held else np.inf
         count = self._along_line(task, q, hand_speed) if task is not None and motion.stage in STRAIGHT else 0
         if count == 0:
-            count = self._along_polyline(task, q, hand_speed)
+            count = self._along_polyline(task, q, hand_speed, STRAIGHT_M / 2 if motion.stage in STRAIGHT else np.inf)
         keep_limits(*self.limits, MOST_USED, count, self.t, self.rows)
         if motion.held:
             arm = self.cell.arm
@@ -149,13 +154,17 @@ class _Drive:
         return cell.for_chords(query, clearance_m, WITHIN_M)
 
     def _along_line(self, task: Task, q: Array, hand_speed: float) -> int:
-        """The rows of a straight way of the hand; 0 when it is none, or can't be proved free."""
+        """The rows of a straight way of the hand, on its line or, where that can't be proved free, through q alone; 0 when it is none."""
         length = self._straight(q)
         if length == 0.0:
             return 0
-        work = np.empty_like(q), np.empty(len(q)), np.empty((4, q.shape[1]))
-        count = write_line(q, length, hand_speed, *self.limits, *work, self.t, self.rows)
-        return count if count and self._free(task, count) else 0
+        finest = self._on_line(q)
+        for points in (finest, q) if len(finest) > len(q) else (q,):
+            work = np.empty_like(points), np.empty(len(points)), np.empty((4, q.shape[1]))
+            count = write_line(points, length, hand_speed, *self.limits, *work, self.t, self.rows)
+            if count and self._free(task, count):
+                return int(count)
+        return 0
 
     def _straight(self, q: Array) -> float:
         """The length in metres of the hand's way when waypoints q (K, A) stand evenly on a straight line of it, else 0."""
@@ -164,10 +173,35 @@ class _Drive:
         length = float(np.linalg.norm(at[-1] - at[0]))
         return length if np.linalg.norm(at - even, axis=1).max() < STRAIGHT_M else 0.0
 
-    def _along_polyline(self, task: Task | None, q: Array, hand_speed: float) -> int:
-        """The rows of a polyline with its corners rounded as far as they are proved free. task: None where there are no corners."""
+    def _on_line(self, q: Array) -> Array:
+        """Waypoints (K', A) of the straight way along q (K, A), so many that the spline through them keeps the hand on its line: others
+        are put halfway between where it would stray. Arms that pass near a singularity, or have a joint to spare, bend so much."""
+        arm, hand = self.cell.arm, self.cell.hand
+        for _ in range(MOST_HALVINGS):
+            between, n = _middles(q), len(q)
+            at = np.empty((n + 1, 3))
+            hand_points(arm.chain, arm.T_frame_hand, np.concatenate([q[[0, -1]], between]), self.frames, at)
+            line = at[0] + (np.arange(n - 1)[:, None] + 0.5) / (n - 1) * (at[1] - at[0])
+            if np.abs(at[2:] - line).max() < ON_LINE_M:
+                break
+            finer = np.empty((2 * n - 1, q.shape[1]))
+            finer[::2], finer[1::2] = q, between
+            for x, to in zip(finer[1::2], line):
+                T = arm.hand_pose(x)
+                T[:3, 3] = to
+                if not descend(arm.backing, arm.T_frame_hand, T, x, hand.frames, hand.work, BRISK):
+                    return q
+            if np.abs(finer[1::2] - between).max() > NEAR:
+                return q
+            q = finer
+        return q
+
+    def _along_polyline(self, task: Task | None, q: Array, hand_speed: float, stray_m: float) -> int:
+        """The rows of a polyline with its corners rounded as far as they are proved free, and no point of the arm strays further than
+        stray_m. task: None where there are no corners."""
         weight = np.ones(q.shape[1]) if task is None else task.exact.weight
         corners = make_corners(q, *self.limits, weight)
+        corners.allowed[:] = stray_m
         if hand_speed < np.inf:
             arm = self.cell.arm
             along_pieces(arm.chain, arm.T_frame_hand, q, corners.direction, self.frames, np.empty(q.shape[1]), corners.most)
@@ -231,6 +265,13 @@ def _without_repeats(q: Array) -> Array:
     if len(kept) > 1:
         kept[-1] = q[-1]
     return np.asarray(kept)
+
+
+def _middles(q: Array) -> Array:
+    """Where the spline of a straight way (straight_line.py) through q (K, A), K > 2, is halfway between any two of them: (K - 1, A)."""
+    second = np.empty_like(q)
+    second_derivatives(q, 1.0, second, np.empty(len(q)))
+    return np.asarray((q[:-1] + q[1:]) / 2 - (second[:-1] + second[1:]) / 16)
 
 
 def _from_stop_to_stop(q: Array, velocity: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:

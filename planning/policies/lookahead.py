@@ -113,7 +113,7 @@ class Lookahead:
         """The regions for an object where the target could be picked."""
         assert self._state is not None
         poses = self._state.poses
-        for region in self.preferences.regions(seen, name, rng):
+        for region in self.preferences.regions_with(1)(seen, name, rng):
             there = {**poses, name: self.world.place_pose(name, poses[name], region)}
             if self.world.obstructions(there, roughly=True).free(self._target, frozenset(seen.movable)):
                 yield region

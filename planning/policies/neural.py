@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from perception.observation import Observation
-from planning.learning.model import Chosen, Model, Seen
+from planning.learning.model import Chosen, Model, Placed, Seen
 from planning.policies.regions import free_regions
 from planning.policies.search import Preferences
 
@@ -38,14 +38,19 @@ def make_neural_region(encoding: CachedEncoding) -> Callable[[Observation, str, 
     """place: `paper` form, all regions, the least ĉ in front, as printed; `objects` form, the free ones, the best score in front."""
 
     def neural_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-        regions = None if encoding.model.form == "paper" else free_regions(seen, name)
-        return encoding.of(seen).place(name, regions).ranking
+        return _placed(encoding, seen, name).ranking
 
     return neural_region
 
 
+def _placed(encoding: CachedEncoding, seen: Observation, name: str) -> Placed:
+    regions = None if encoding.model.form == "paper" else free_regions(seen, name)
+    return encoding.of(seen).place(name, regions)
+
+
 def make_neural_preferences(encoding: CachedEncoding) -> Preferences:
-    """The networks' say as a look ahead's preferences: objects by their scores, regions in RPNet's order."""
+    """The networks' say as a look ahead's preferences: objects by their scores, regions in RPNet's order, where few moves are to come the
+    near ones before those that are a little likelier."""
 
     def cost(seen: Observation) -> Callable[[str], float]:
         chosen: Chosen | None = None
@@ -57,4 +62,7 @@ def make_neural_preferences(encoding: CachedEncoding) -> Preferences:
 
         return of
 
-    return Preferences(cost, make_neural_region(encoding))
+    def nearby(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
+        return _placed(encoding, seen, name).nearby.ranking
+
+    return Preferences(cost, make_neural_region(encoding), nearby)

@@ -53,15 +53,27 @@ class Effort:
     step_back: float = 0.02
 
 
+RegionOrder = Callable[[Observation, str, np.random.Generator], Sequence[int]]
+"""The free regions for an object, the best first."""
+FEW_MOVES = 3
+"""So many moves at most are to come where near places are preferred: where more objects have to go, room is scarce."""
+
+
 @dataclass(frozen=True)
 class Preferences:
     """In which order moves are tried, among those that are as short.
 
-    objects: what it costs to move each object (by name), the cheapest first. regions: the free regions for an object, the best first.
+    objects: what it costs to move each object (by name), the cheapest first. regions: those for an object, the likeliest first; nearby: the
+    same where few moves are to come, and what counts is the arm's way; None where that is no other order.
     """
 
     objects: Callable[[Observation], Callable[[str], float]]
-    regions: Callable[[Observation, str, np.random.Generator], Sequence[int]]
+    regions: RegionOrder
+    nearby: RegionOrder | None = None
+
+    def regions_with(self, moves: int) -> RegionOrder:
+        """The order of regions for a move when so many are to come, itself among them."""
+        return self.nearby if self.nearby is not None and moves <= FEW_MOVES else self.regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +198,7 @@ class Search:
         return _in_turn([self._leading_on(node, name) for name in names])
 
     def _leading_on(self, node: _Node, name: str) -> Iterator[Choice]:
-        for region in self.preferences.regions(node.seen, name, self.rng):
+        for region in self.preferences.regions_with(node.plans[0].length)(node.seen, name, self.rng):
             there = {**node.state.poses, name: self.world.place_pose(name, node.state.poses[name], region)}
             if gets_shorter(self.world.obstructions(there), self.target, node.standing, node.plans, name):
                 yield name, region

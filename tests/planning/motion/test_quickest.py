@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,14 +11,16 @@ import pytest
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, State
 from kinematics.transforms import Array, transform
-from planning.motion.carry import Done
+from planning.motion.carry import Carry, Done
 from planning.motion.pick_place import Motions
+from planning.motion.quickest import _Graph
 from planning.motion.settings import ClearanceSettings
 from planning.motion.smoothing.blending import choose_speeds, make_corners
 from planning.motion.smoothing.estimates import polyline_s, straight_s
 from planning.motion.verify import verify
 from planning.motion.way_cost import WayCost
 from planning.plan import Motion
+from planning.retrieval import hand_travel
 from planning.scene_generation import generate, load_spec
 
 Found = list[tuple[State, Done]]
@@ -37,6 +40,12 @@ def found(ur5e: Robot) -> tuple[Motions, Found]:
         if len(out) == 2:
             return motions, out
     pytest.fail("too little could be moved")
+
+
+def _with_carry(move: tuple[State, Done]) -> tuple[State, Carry]:
+    state, done = move
+    assert done.carry is not None
+    return state, done.carry
 
 
 def free_s(ur5e: Robot, motions: list[Motion]) -> float:
@@ -59,6 +68,20 @@ def test_moves_stay_what_they_were_and_become_quicker(found: tuple[Motions, Foun
     assert verify(ur5e, motions.scene, driven, max_tilt_deg=motions.settings.max_tilt_deg) is None
     again = motions.quickest(before, np.random.default_rng(1))
     assert all(np.array_equal(a.q, b.q) for (_, x), (_, y) in zip(after, again) for a, b in zip(x.motions, y.motions, strict=True))
+
+
+def test_what_counts_is_the_way_to_other_objects_and_less_that_of_the_target(found: tuple[Motions, Found], ur5e: Robot) -> None:
+    motions, before = found
+    layers = _Graph(
+        motions.cell, ur5e.arm_q(before[0][0].q), [motions._choices(*_with_carry(m)) for m in before], np.random.default_rng(0)
+    ).layers
+    assert [layer.cost.metre_s for layer in layers] == [motions.settings.quickest.metre_s] * 2
+    target = replace(motions._choices(*_with_carry(before[0])), put=None)
+    (layer,) = _Graph(motions.cell, ur5e.arm_q(before[0][0].q), [target], np.random.default_rng(0)).layers
+    assert layer.cost.metre_s == motions.settings.quickest.target_metre_s < motions.settings.quickest.metre_s
+    after = motions.quickest(before, np.random.default_rng(1))
+    ways = [hand_travel(ur5e, motions.scene, [m for _, done in moves for m in done.motions]) for moves in (before, after)]
+    assert ways[1] < ways[0]
 
 
 def test_a_quickened_path_is_free_and_never_slower(found: tuple[Motions, Found], ur5e: Robot) -> None:

@@ -9,22 +9,29 @@ import pytest
 from conftest import Handmade
 
 from kinematics.collision.fcl_check import Verdict
-from kinematics.quintic_spline import evaluate
+from kinematics.inverse import BRISK, descend
+from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
+from kinematics.scene import RobotRef
 from kinematics.shapes import bounds
+from kinematics.transforms import transform
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
 from planning.motion import waiting
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
+from planning.motion.reaching import APPROACH_M, APPROACH_STEPS, LARGEST_TURN
 from planning.motion.replay import replay, with_clearances
 from planning.motion.smoothing.curve_check import first_blocked
-from planning.motion.trajectory import STRAIGHT, Pace, timed
+from planning.motion.smoothing.straight_line import write_line
+from planning.motion.trajectory import FULL, STRAIGHT, Pace, _Drive, timed
 from planning.motion.verify import hand_poses, verify
 from planning.plan import Motion
+from planning.scene_generation import generate, load_spec
 
 KINDS = ("velocity", "acceleration", "jerk")
+JUMP = 0.2  # rad by which a joint's turns differ from one waypoint to the next where the arm jumps to another way
 
 
 def shares(robot: Robot, motion: Motion) -> list[float]:
@@ -56,6 +63,36 @@ def test_the_hand_keeps_to_its_lines(planned: Handmade, ur5e: Robot) -> None:
         off = T[:, :3, 3] - first
         assert np.linalg.norm(off - np.outer(off @ along, along), axis=1).max() < 2e-4
         assert (motion.qd[1:-1] != 0).any(1).all()  # one piece, without a stop
+
+
+def test_the_hand_keeps_to_its_lines_near_singularities_and_with_a_joint_to_spare() -> None:
+    """Where the arm bends so much that a spline through waypoints every centimetre would leave the line, it goes through more of them."""
+    panda = load("panda")
+    scene = generate(load_spec("paper"), panda, RobotRef(transform(p=panda.base_p), "panda"), 5, 0)
+    drive, rng, strayed = _Drive(Motions(panda, scene).cell, FULL), np.random.default_rng(0), [list[float](), list[float]()]
+    arm, hand = drive.cell.arm, drive.cell.hand
+    for _ in range(300):
+        way = np.repeat(rng.uniform(arm.chain.lower, arm.chain.upper)[None], APPROACH_STEPS + 1, 0)
+        T = arm.hand_pose(way[0])
+        for k in range(1, len(way)):
+            T[:3, 3] += APPROACH_M / APPROACH_STEPS * T[:3, 2]
+            way[k] = way[k - 1]
+            if not descend(arm.chain, arm.T_frame_hand, T, way[k], hand.frames, hand.work, BRISK):
+                break
+        else:
+            if np.abs(np.diff(way, axis=0)).max() < LARGEST_TURN and np.abs(np.diff(way, n=2, axis=0)).max() < JUMP:
+                for q, off in zip((way, drive._on_line(way)), strayed):
+                    work = np.empty_like(q), np.empty(len(q)), np.empty((4, q.shape[1]))
+                    count = write_line(q, APPROACH_M, np.inf, *panda.arm_limits, *work, drive.t, drive.rows)
+                    spline = hermite(drive.t[:count], *np.swapaxes(drive.rows[:count], 0, 1))
+                    p = np.array([arm.hand_pose(x)[:3, 3] for x in evaluate(spline, np.linspace(0, drive.t[count - 1], 100))])
+                    along = (p[-1] - p[0]) / APPROACH_M
+                    off.append(float(np.linalg.norm((p - p[0]) - np.outer((p - p[0]) @ along, along), axis=1).max()))
+    before, after = map(np.array, strayed)
+    assert len(after) > 50
+    assert before.max() > 2e-4
+    assert after.max() < 2e-4
+    assert (after <= before + 1e-6).all()
 
 
 def test_the_gripper_is_told_before_and_after_and_moves_beside_the_arm_in_transits_alone(planned: Handmade, ur5e: Robot) -> None:

@@ -12,6 +12,7 @@ from fakes import observation
 
 from perception.observation import Observation
 from planning.learning.model import Chosen, Placed
+from planning.learning.scores import region_score
 from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_preferences, make_neural_region
 from planning.policies.regions import free_regions
 
@@ -50,7 +51,10 @@ class WrittenView:
     def place(self, name: str, regions: Sequence[int] | None = None) -> Placed:
         self.model.asked.append((name, None if regions is None else list(regions)))
         index = np.arange(len(self.observation.regions)) if regions is None else np.asarray(regions, np.intp)
-        return Placed(index, *[np.zeros(len(index), np.float32)] * 4, np.array([(7 * i) % 16 for i in index], np.float32))
+        away = np.array([(5 * i) % 16 for i in index], np.float32) / 16
+        if self.model.form == "paper":
+            away[:] = np.nan
+        return Placed(index, *[np.zeros(len(index), np.float32)] * 4, away, np.array([(7 * i) % 16 for i in index], np.float32))
 
 
 def halves(form: str) -> tuple[WrittenModel, CachedEncoding, Any, Any]:
@@ -92,11 +96,22 @@ def test_an_observation_is_encoded_once_for_both_halves() -> None:
 
 
 def test_a_look_ahead_asks_the_networks_when_it_needs_them_and_once() -> None:
-    """Objects cost the less, the better their score; nothing is asked before a cost is."""
+    """Objects cost the less, the better their score; nothing is asked before a cost is. Among regions that are as likely to do, near ones
+    come first where few moves are to come."""
     model, encoding, _, place = halves("objects")
     preferences = make_neural_preferences(encoding)
     cost = preferences.objects(SEEN)
     assert (model.shown, model.chosen) == ([], 0)
     assert {name: cost(name) for name in "abc"} == pytest.approx({"a": -0.2, "b": -0.9, "c": -0.5})
     assert (model.shown, model.chosen) == ([SEEN], 1)
-    assert list(preferences.regions(SEEN, "b", RNG)) == list(place(SEEN, "b", RNG))
+    assert list(preferences.regions_with(3)(SEEN, "b", RNG)) == sorted(free_regions(SEEN, "b").tolist(), key=lambda i: (5 * i) % 16)
+    assert list(preferences.regions_with(4)(SEEN, "b", RNG)) == list(preferences.regions(SEEN, "b", RNG)) == list(place(SEEN, "b", RNG))
+
+
+def test_where_motions_are_tried_a_metre_weighs_more_than_a_doubt() -> None:
+    """A region half a floor nearer is worth a lower chance, but not none at all; what is printed keeps its order."""
+    feasible, hits, distance = np.array([0.95, 0.7, 0.0], np.float32), np.zeros(3, np.float32), np.array([0.6, 0.1, 0.1], np.float32)
+    placed = Placed(np.arange(3), hits, feasible, hits, hits, distance, region_score(feasible, hits, distance))
+    assert (placed.ranking, placed.nearby.ranking) == ([0, 1, 2], [1, 0, 2])
+    _, encoding, _, place = halves("paper")
+    assert list(make_neural_preferences(encoding).regions_with(1)(SEEN, "b", RNG)) == list(place(SEEN, "b", RNG))

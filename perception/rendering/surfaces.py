@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -93,18 +94,26 @@ def moved(s: Surfaces, T: Array) -> Surfaces:
 
 
 def hull_faces(points: Array) -> tuple[Array, Int]:
-    """The corners (V, 3) of the convex hull of points and its triangles (F, 3), counter-clockwise seen from outside."""
+    """The corners (V, 3) of the convex hull of points and its triangles (F, 3), counter-clockwise seen from outside. Neither is to be
+    written to: they are kept, as a robot's hulls are asked for in every picture."""
+    return _hull_faces(np.ascontiguousarray(points, float).tobytes())
+
+
+@lru_cache(maxsize=512)
+def _hull_faces(points: bytes) -> tuple[Array, Int]:
     from scipy.spatial import ConvexHull
 
-    hull = ConvexHull(np.asarray(points, float))
-    place = np.full(len(points), -1, np.int64)
+    hull = ConvexHull(np.frombuffer(points).reshape(-1, 3))
+    place = np.full(len(hull.points), -1, np.int64)
     place[hull.vertices] = np.arange(len(hull.vertices))
     corners = hull.points[hull.simplices]
     turn = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     wrong = np.einsum("fi,fi->f", turn, hull.equations[:, :3]) < 0
     faces = place[hull.simplices]
     faces[wrong] = faces[wrong][:, ::-1]
-    return np.ascontiguousarray(hull.points[hull.vertices]), faces
+    vertices = np.ascontiguousarray(hull.points[hull.vertices])
+    vertices.flags.writeable = faces.flags.writeable = False
+    return vertices, faces
 
 
 def _pack(rows: list[tuple[int, int, Array, Array, Int]], T: Array) -> Surfaces:

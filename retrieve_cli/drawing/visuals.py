@@ -6,6 +6,7 @@ and not the arm. A link without a readable visual mesh shows its collision hulls
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics import cache
 from kinematics.robots.link_geometry import collada_frame
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, rotation_rpy, transform
@@ -37,10 +39,41 @@ class Piece:
 
 @lru_cache(maxsize=4)
 def visuals(robot: Robot) -> tuple[Piece, ...]:
-    """Everything to draw of a robot."""
+    """Everything to draw of a robot. Reading dozens of mesh files takes a second or two, so it is kept on disk."""
     from lxml import etree
 
     root = etree.fromstring(robot.urdf)
+    folders = sorted({Path(mesh.get("filename", "")).parent for mesh in root.iter("mesh")})
+    files = [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for folder in folders if folder.is_dir() for f in sorted(folder.iterdir())]
+    name = (
+        f"visuals-{cache.key(robot.urdf, repr(files), *(h.vertices.tobytes() for h in robot.hulls))}"  # materials lie beside their meshes
+    )
+    kept = cache.load(name)
+    if kept is None:
+        pieces = _read(robot, root)
+        cache.store(name, _packed(pieces))
+        return pieces
+    return _unpacked(kept)
+
+
+def _packed(pieces: Sequence[Piece]) -> dict[str, NDArray[Any]]:
+    return {
+        "links": np.array([p.link for p in pieces]),
+        "colours": np.array([p.colour for p in pieces]).reshape(-1, 3),
+        "sizes": np.array([(len(p.vertices), len(p.faces)) for p in pieces], np.int64).reshape(-1, 2),
+        "vertices": np.concatenate([np.zeros((0, 3)), *(p.vertices for p in pieces)]),
+        "faces": np.concatenate([np.zeros((0, 3), np.int64), *(p.faces for p in pieces)]),
+    }
+
+
+def _unpacked(kept: Mapping[str, NDArray[Any]]) -> tuple[Piece, ...]:
+    v, f = np.cumsum(kept["sizes"], axis=0).T[:, :-1]
+    parts = zip(kept["links"].tolist(), np.split(kept["vertices"], v), np.split(kept["faces"], f), kept["colours"].tolist())
+    return tuple(Piece(link, vertices, faces, (r, g, b)) for link, vertices, faces, (r, g, b) in parts)
+
+
+def _read(robot: Robot, root: Any) -> tuple[Piece, ...]:
+    """The pieces, from the mesh files. root: of the robot's URDF."""
     named = {m.get("name"): c.get("rgba") for m in root.iter("material") if (c := m.find("color")) is not None}
     pieces: list[Piece] = []
     for link in root.iter("link"):

@@ -269,6 +269,11 @@ def test_every_robot_has_looks(robot: Any) -> None:
         assert min(piece.colour) > 0.04
         assert max(piece.colour) < 0.96
         assert max(piece.colour) - min(piece.colour) < 0.4, "the strong colours are the objects'"
+    visuals.cache_clear()
+    for piece, kept in zip(pieces, visuals(robot), strict=True):
+        assert (piece.link, piece.colour) == (kept.link, kept.colour)
+        assert np.array_equal(piece.vertices, kept.vertices)
+        assert np.array_equal(piece.faces, kept.faces)
 
 
 # The demo ---------------------------------------------------------------------------------------------------------------------------------

@@ -1,16 +1,16 @@
 """Other planners on the questions that benchmarks/motion.py asks, each run in an environment of its own: nothing of ours is imported.
 
-Usage: PYTHON peers.py PEER QUESTIONS.json ANSWERS.json BUDGET_S. A question is all geometry: the frames of a serial arm (every joint turns
-about z), convex parts fixed to them, boxes and cylinders at rest, which pairs count, start and goal. Answers: for each question seconds to
-plan, seconds with shortcutting, and the path or null; and how many configurations a second the peer checks.
+Usage: PYTHON peers.py PEER QUESTIONS.json ANSWERS.json BUDGET_S, as motion.py calls it. A question is all geometry: the frames of a serial
+arm (every joint turns about z), convex parts fixed to them, boxes and cylinders at rest, which pairs count, start and goal. Answers: for
+each question seconds to plan, seconds with shortcutting, and the path or null; and how many configurations a second the peer checks.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -413,18 +413,23 @@ def _xyzw(T: np.ndarray) -> list[float]:
 
 
 def main() -> None:
-    name, questions, out, budget_s = sys.argv[1:5]
-    data = json.loads(Path(questions).read_text())
+    arguments = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    arguments.add_argument("peer", choices=sorted(PEERS))
+    arguments.add_argument("questions", type=Path, help="JSON, as benchmarks/motion.py writes it")
+    arguments.add_argument("answers", type=Path, help="where they are written")
+    arguments.add_argument("budget_s", type=float, help="seconds for each question")
+    asked = arguments.parse_args()
+    data = json.loads(asked.questions.read_text())
     answers, checks = [], 0.0
     with quiet():
         for seed, raw in enumerate(data["questions"]):
             question = arrays(raw)
-            touches, solve = PEERS[name](question, seed)
-            answers.append(solve(float(budget_s)))
+            touches, solve = PEERS[asked.peer](question, seed)
+            answers.append(solve(asked.budget_s))
         if data["rate"] is not None:
-            touches, _ = PEERS[name](arrays(data["rate"]["question"]), 0)
+            touches, _ = PEERS[asked.peer](arrays(data["rate"]["question"]), 0)
             checks = rate(touches, np.array(data["rate"]["q"]))
-    Path(out).write_text(json.dumps({"answers": answers, "checks_per_s": checks}))
+    asked.answers.write_text(json.dumps({"answers": answers, "checks_per_s": checks}))
 
 
 @contextlib.contextmanager

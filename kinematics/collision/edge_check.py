@@ -6,17 +6,13 @@ is undecided then is cut there and asked again, the coarse level of the whole ed
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from kinematics.chain import forward
-from kinematics.collision.edge_problem import Problem, Scratch
+from kinematics.collision.edge_problem import Flags, Problem, Scratch
 from kinematics.collision.motion_bounds import begin_edge, safe_interval, twists
 from kinematics.collision.pair_bounds import ball_gap, pair_bound, too_near
 from kinematics.jit.decorators import copy_rows, jit_entry, jit_inline
 from kinematics.transforms import Array
 
-Flags = NDArray[np.uint8]
 LOOSE = 0.5
 """The tolerance for distances that only say how far an edge is free around a sample."""
 GJK_PAYS_M = 0.03

@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import HULL, Query, Solids
 from kinematics.collision.posed_geometry import PosedGeometry
-from kinematics.jit.decorators import copy_rows, jit_entry
+from kinematics.jit.decorators import copy_rows, jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.transforms import Array
 
 MARGIN_M = 5e-4
 """Bodies closer than this, beyond the clearance that is asked for, count as touching; half of it is what a certified edge keeps everywhere
 besides."""
+
+
+Flags = NDArray[np.uint8]
 
 
 @record
@@ -93,41 +96,37 @@ def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margi
         margin_m,
         np.zeros(count),
     )
-    _fill(posed, solids, query, problem, np.empty((count, 4), np.int64))
+    _fill(posed, solids, query.check, query.pairs, problem)
     return problem
 
 
 @jit_entry
-def _fill(posed: PosedGeometry, solids: Solids, query: Query, problem: Problem, listed: Int) -> None:
-    """Fill in pairs, reach and weight. listed (M, 4), scratch: the two bodies of each pair; the one that the joints move which do not
-    carry both, and the frame from which on they do."""
+def _fill(posed: PosedGeometry, solids: Solids, check: Flags, own: Int, problem: Problem) -> None:
+    """Fill in pairs, reach and weight. check (P, B), own (S, 2): see `Query`."""
     P, n = posed.frame.shape[0], 0
-    for p in range(P):
-        for b in range(solids.kind.shape[0]):
-            if query.check[p, b]:
-                listed[n, 0], listed[n, 1], listed[n, 2], listed[n, 3] = p, P + b, p, 0
-                n += 1
-    for i in range(query.pairs.shape[0]):
-        a, b = query.pairs[i, 0], query.pairs[i, 1]
-        listed[n, 0], listed[n, 1] = a, b
-        listed[n, 2], listed[n, 3] = a if posed.frame[a] >= posed.frame[b] else b, min(posed.frame[a], posed.frame[b])
-        n += 1
     chain, weight, pairs, frames = problem.chain, problem.weight, problem.pairs, problem.chain.q_index.shape[0] + 1
-    n = 0
+    before = posed.start[P]
     for frame in range(frames - 1, -1, -1):  # the hand collides most often
-        for i in range(listed.shape[0]):
-            a, b, moved = listed[i, 0], listed[i, 1], listed[i, 2]
-            if posed.frame[moved] != frame:
+        for p in range(P):
+            if posed.frame[p] != frame:
                 continue
-            solid, before = b - P, posed.start[P]
-            pairs[n, 0], pairs[n, 1], pairs[n, 2] = a, b, posed.frame[a]
-            pairs[n, 5], pairs[n, 6] = posed.start[a], posed.start[a + 1]
-            if solid >= 0:
-                pairs[n, 3], pairs[n, 4] = frames + solid, solids.kind[solid]
-                pairs[n, 7], pairs[n, 8] = before + solids.point_start[solid], before + solids.point_start[solid + 1]
-            else:
-                pairs[n, 3], pairs[n, 4], pairs[n, 7], pairs[n, 8] = posed.frame[b], HULL, posed.start[b], posed.start[b + 1]
-            for k in range(listed[i, 3], frame):
+            for b in range(check.shape[1]):
+                if not check[p, b]:
+                    continue
+                _first_of(posed, p, pairs[n])
+                pairs[n, 1], pairs[n, 3], pairs[n, 4] = P + b, frames + b, solids.kind[b]
+                pairs[n, 7], pairs[n, 8] = before + solids.point_start[b], before + solids.point_start[b + 1]
+                for k in range(frame):
+                    problem.reach[n, k] = posed.reach[k, p]
+                n += 1
+        for i in range(own.shape[0]):
+            a, b = own[i, 0], own[i, 1]
+            if max(posed.frame[a], posed.frame[b]) != frame:
+                continue
+            moved = a if posed.frame[a] == frame else b  # the one that joints move which do not carry both
+            _first_of(posed, a, pairs[n])
+            pairs[n, 1], pairs[n, 3], pairs[n, 4], pairs[n, 7], pairs[n, 8] = b, posed.frame[b], HULL, posed.start[b], posed.start[b + 1]
+            for k in range(min(posed.frame[a], posed.frame[b]), frame):
                 problem.reach[n, k] = posed.reach[k, moved]
             n += 1
     for k in range(frames - 1):
@@ -140,6 +139,12 @@ def _fill(posed: PosedGeometry, solids: Solids, query: Query, problem: Problem, 
         most = max(most, weight[j])
     for j in range(weight.shape[0]):
         weight[j] = max(weight[j], max(1e-9, 0.02 * most))
+
+
+@jit_inline
+def _first_of(posed: PosedGeometry, p: int, pair: Int) -> None:
+    """What a row of pairs says of its first body, part p."""
+    pair[0], pair[2], pair[5], pair[6] = p, posed.frame[p], posed.start[p], posed.start[p + 1]
 
 
 def some_pairs(problem: Problem, kept: NDArray[np.bool_]) -> Problem:

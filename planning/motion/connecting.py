@@ -11,14 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.collision import edge_check, edge_problem
+from kinematics.collision import edge_problem
 from kinematics.transforms import Array
-from planning.motion.edges import Memory, Task, connects
+from planning.motion.edges import NOTHING, Memory, Task, connects, lacks
 from planning.motion.pulling import WAYS, pull
 from planning.motion.rrt_connect import Route, plan
 from planning.motion.settings import MotionSettings
 from planning.motion.shortcut import shorten
-from planning.motion.upright import is_upright
 
 PULL_OUT_M, PULLS_OUT = 0.02, 5
 """Steps in which the hand is pulled out of a narrow end, and how many."""
@@ -64,10 +63,8 @@ def connect_clear(
 ) -> Route | None:
     """A path by the clear task, found within a few iterations, or None. Where an end is nearer to something than that, the hand is pulled
     straight out of there first, by edges of the other task."""
-    begins = [(s, way) for s, q in enumerate(starts[:MOST_ENDS]) if (way := way_out(task, clear, q, memory)) is not None]
-    if not begins:
-        return None
-    ends = [(g, way) for g, q in enumerate(goals[:MOST_ENDS]) if (way := way_out(task, clear, q, memory)) is not None]
+    begins = ways_out(task, clear, starts[:MOST_ENDS], memory)
+    ends = ways_out(task, clear, goals[:MOST_ENDS], memory) if begins else []
     if not ends:
         return None
     edge_problem.enter(clear.exact, memory.exact)
@@ -81,11 +78,16 @@ def connect_clear(
     return replace(found, path=np.concatenate([begin[:-1], short, end[-2::-1]]), start=start, goal=goal)
 
 
-def way_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:
-    """From q (A,) to where the clear task holds: q alone where it does there, else a straight pull of the hand that is free by the other
-    task, as waypoints (K, A); None when no pull gets there."""
-    if _holds(clear, q, memory):
-        return q[None]
+def ways_out(task: Task, clear: Task, Q: Array, memory: Memory) -> list[tuple[int, Array]]:
+    """From each of Q (N, A) to where the clear task holds, as its index and waypoints (K, A): itself alone where it does there, else a
+    straight pull of the hand that is free by the other task. Those from which no pull gets there are left out."""
+    edge_problem.enter(clear.exact, memory.exact)
+    held = lacks(clear, Q, memory) == NOTHING
+    ways = ((i, q[None] if held[i] else _pulled_out(task, clear, q, memory)) for i, q in enumerate(Q))
+    return [(i, way) for i, way in ways if way is not None]
+
+
+def _pulled_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:
     for way in range(WAYS):
         out = [q]
         for _ in range(PULLS_OUT):
@@ -94,14 +96,7 @@ def way_out(task: Task, clear: Task, q: Array, memory: Memory) -> Array | None:
             if not connects(task, out[-1], there, memory):
                 break
             out.append(there)
-            if _holds(clear, there, memory):
+            edge_problem.enter(clear.exact, memory.exact)
+            if lacks(clear, there[None], memory)[0] == NOTHING:
                 return np.array(out)
     return None
-
-
-def _holds(task: Task, q: Array, memory: Memory) -> bool:
-    """Whether q (A,) keeps what a task asks for."""
-    edge_problem.enter(task.exact, memory.exact)
-    if edge_check.first_contact(task.exact, q, memory.exact) >= 0:
-        return False
-    return bool(is_upright(task.exact.chain, task.upright, q, memory.exact))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinematics.chain import Chain
+from kinematics.chain import Chain, Int
 from kinematics.collision import edge_check, edge_problem
 from kinematics.collision.edge_problem import Problem, Scratch
 from kinematics.collision.geometry import Query, Solids, make_parts, make_solids
@@ -21,9 +21,10 @@ from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sph
 from kinematics.jit.decorators import jit_entry
 from kinematics.jit.record import record
 from kinematics.transforms import Array
-from planning.motion.upright import ANY_WAY_UP, Upright, edge_upright
+from planning.motion.upright import ANY_WAY_UP, Upright, edge_upright, is_upright
 
 LARGEST_CLEARANCE_M = 0.5
+NOTHING, TILT = -1, -2
 _MOST_PIECES = 48
 _TOUCHES, _EVERYTHING = -1, -2
 
@@ -77,8 +78,8 @@ def with_clearance(task: Task, solids_m: Array, own_m: float) -> Task:
     B = len(problem.solid_T)
     if solids_m.shape != (B,) or not (np.all((solids_m >= 0) & (solids_m < LARGEST_CLEARANCE_M)) and 0 <= own_m < LARGEST_CLEARANCE_M):
         raise ValueError(f"clearances must be {B} lengths from 0 to {LARGEST_CLEARANCE_M} m, and one between the parts")
-    solid = problem.pairs[:, 1] - (len(problem.boxes) - B)
-    clearance = np.where(solid >= 0, np.append(solids_m, own_m)[np.where(solid >= 0, solid, B)], own_m)
+    solid = np.maximum(problem.pairs[:, 1] - (len(problem.boxes) - B), -1)  # the last of those below is for part and part
+    clearance = np.append(solids_m, own_m)[solid]
     world = world._replace(clearance=solids_m.astype(np.float32), own_clearance=float(own_m)) if task.covered else world
     return task._replace(exact=problem._replace(clearance=clearance), world=world)
 
@@ -127,6 +128,22 @@ def connects(task: Task, qa: Array, qb: Array, memory: Memory) -> bool:
     if n == _EVERYTHING:
         return bool(edge_check.edge_free(task.exact, qa, qb, memory.exact))
     return bool(edge_check.pieces_free(task.exact, qa, qb, memory.pieces, n, memory.spheres.left, memory.exact))
+
+
+def lacks(task: Task, Q: Array, memory: Memory) -> Int:
+    """What each of configurations Q (N, J) lacks to be an end of a way: NOTHING, TILT where what is carried would lean too far, else the
+    pair of the exact problem that touches. The memory is ready for the task."""
+    said = np.empty(len(Q), np.int64)
+    _lacks(task, np.ascontiguousarray(Q), memory, said)
+    return said
+
+
+@jit_entry
+def _lacks(task: Task, Q: Array, memory: Memory, said: Int) -> None:
+    for i in range(Q.shape[0]):
+        said[i] = edge_check.first_contact(task.exact, Q[i], memory.exact)
+        if said[i] < 0:
+            said[i] = NOTHING if is_upright(task.exact.chain, task.upright, Q[i], memory.exact) else TILT
 
 
 @jit_entry

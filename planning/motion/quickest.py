@@ -118,6 +118,7 @@ class _Graph:
         self.layers = [_Layer(c, chain.lower, chain.upper, retrieving if c.put is None else cost) for c in choices]
         self.start_at = cost.points(start[None])
         self.planned = self.settings.planned * len(self.layers)
+        self.surer = True  # whether more is known than when this was last set to False
         for k, layer in enumerate(self.layers):
             found = layer.choices.found
             layer.transit_s = layer.cost.hoped(*self._transit_by(k, slice(None), slice(None)))
@@ -218,7 +219,7 @@ class _Graph:
         more_s = self._tight_s((self._moving(layer, p), pick.approach), (pick.lifting, pick.lift))
         same = np.array([other is pick for other in layer.as_found])
         layer.taking_s[same] += more_s
-        layer.looked_at[same] = True
+        layer.looked_at[same] = self.surer = True
 
     def _settle(self, k: int, n: int, place: Place) -> None:
         layer = self.layers[k]
@@ -289,13 +290,13 @@ class _Graph:
         layer.transit_known[key] = KNOWN
         layer.transit_s[key] = layer.sure_transit_s[key] = np.inf if path is None else layer.cost.path(path) + more_s
         if path is not None:
-            layer.transits[key] = path
+            layer.transits[key], self.surer = path, True
 
     def _know_across(self, layer: _Layer, n: int, path: Array | None, more_s: float = 0.0) -> None:
         layer.known[n] = KNOWN
         layer.across_s[n] = layer.sure_s[n] = np.inf if path is None else layer.cost.path(path) + more_s
         if path is not None:
-            layer.across[n] = path
+            layer.across[n], self.surer = path, True
 
 
 def quickest(cell: Workcell, start: Array, moves: Sequence[Choices], rng: np.random.Generator) -> list[Carry]:
@@ -305,9 +306,11 @@ def quickest(cell: Workcell, start: Array, moves: Sequence[Choices], rng: np.ran
     sure_s, path = graph.shortest(sure=True)
     for _ in range(graph.settings.looks):
         hoped_s, hopeful = graph.shortest()
+        graph.surer = False
         if hoped_s > sure_s - enough_s or not graph.look(hopeful):
             break
-        sure_s, path = graph.shortest(sure=True)
+        if graph.surer:
+            sure_s, path = graph.shortest(sure=True)
     graph.polish(path)
     return [layer.carry(before, n) for layer, before, n in zip(graph.layers, [0, *path], path)]
 

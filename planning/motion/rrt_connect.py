@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from kinematics.collision.edge_check import first_contact
 from kinematics.doors import checked
 from kinematics.transforms import Array
-from planning.motion.edges import Memory, Task, make_memory
+from planning.motion.edges import NOTHING, Memory, Task, lacks, make_memory
 from planning.motion.trees import FOUND, FULL, SPENT, GrowthSettings, climb, grow, plant, spread, widen
-from planning.motion.upright import is_upright
 
 MAX_ITERATIONS = 5000
 _CHUNK = 16  # iterations between looks at the clock
@@ -109,15 +108,16 @@ def plan(
 
     roots = list[list[int]]()
     for which, Q in (("start", starts), ("goals", goals)):
-        pairs = [int(first_contact(problem, q, scratch)) for q in Q]
-        if min(pairs) >= 0:
-            return route(None, which, pair=pairs[-1])
-        roots.append([i for i, q in enumerate(Q) if pairs[i] < 0 and is_upright(problem.chain, task.upright, q, scratch)])
+        said = lacks(task, Q, memory).tolist()
+        if min(said) >= 0:
+            return route(None, which, pair=said[-1])
+        roots.append([i for i, what in enumerate(said) if what == NOTHING])
         if not roots[-1]:
             return route(None, "tilt")
     first, last = roots
-    apart = (problem.weight**2 * (goals[last] - starts[first][:, None]) ** 2).sum(2)
-    first, last = ([side[i] for i in np.argsort(apart.min(axis), kind="stable")] for side, axis in ((first, 1), (last, 0)))
+    if len(first) + len(last) > 2:
+        apart = (problem.weight**2 * (goals[last] - starts[first][:, None]) ** 2).sum(2)
+        first, last = ([side[i] for i in np.argsort(apart.min(axis), kind="stable")] for side, axis in ((first, 1), (last, 0)))
     trees = plant(starts[first], goals[last], seed)
     status = SPENT
     while trees.met[2] < max_iterations and status != FOUND:

@@ -107,7 +107,7 @@ class MotionSettings:
     clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
     max_tilt_deg: float = 30.0
     rrt: RRTConnectSettings = field(default_factory=RRTConnectSettings)
-    shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(tries=40))
+    shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(tries=20))
     patience: PatienceSettings = field(default_factory=PatienceSettings)
     quicken: QuickenSettings = field(default_factory=QuickenSettings)
     quickest: QuickestSettings = field(default_factory=QuickestSettings)

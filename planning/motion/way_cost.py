@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
 from planning.motion.arm import Arm
-from planning.motion.smoothing.estimates import Limits, polyline_s, straight_s
+from planning.motion.smoothing.estimates import Limits, one_straight, polyline_s, straight_s
 from planning.motion.smoothing.hand_speed import hand_points, hand_way
 
 DETOUR, DETOUR_S, FLIP, FLIP_S = 1.15, 0.25, 1.5, 1.2
@@ -47,15 +48,31 @@ class WayCost:
 
     def detour(self, by: Array, way: Array) -> Array:
         """What ways (...,) are taken to cost that are not straight; by (..., A): what the joints turn, way (..., 3): how the hand moves."""
-        s = self.straight(by)
-        longer = DETOUR * s + DETOUR_S + FLIP * np.maximum(0.0, s - FLIP_S)
-        return np.asarray(longer + self.metre_s * ROUND * np.sqrt((way * way).sum(-1)))
+        return np.asarray(self._both(by, way)[0])
 
     def hoped(self, by: Array, way: Array) -> Array:
         """The same of ways that nobody has looked at."""
-        s = self.straight(by) + self.metre_s * BOW * np.sqrt((way * way).sum(-1))
-        return np.asarray(s + DOUBT * (self.detour(by, way) - s))
+        return np.asarray(self._both(by, way)[1])
+
+    def _both(self, by: Array, way: Array) -> Array:
+        out = np.empty((2, *by.shape[:-1]))
+        rows, moves = (np.ascontiguousarray(x).reshape(-1, x.shape[-1]) for x in (by, way))
+        _not_known(rows, moves, *self.limits, self.metre_s, out.reshape(2, -1))
+        return out
 
     @cached_property
     def _frames(self) -> Array:
         return np.empty((len(self.arm.chain.q_index) + 1, 4, 4))
+
+
+@jit_entry
+def _not_known(by: Array, way: Array, velocity: Array, acceleration: Array, jerk: Array, metre_s: float, out: Array) -> None:
+    """What detours and ways that nobody has looked at are taken to cost, out (2, N); by (N, A), way (N, 3)."""
+    for i in range(by.shape[0]):
+        s, metres = one_straight(by[i], velocity, acceleration, jerk), 0.0
+        for r in range(way.shape[1]):
+            metres += way[i, r] * way[i, r]
+        metres = np.sqrt(metres)
+        detour = DETOUR * s + DETOUR_S + FLIP * max(0.0, s - FLIP_S) + metre_s * ROUND * metres
+        least = s + metre_s * BOW * metres
+        out[0, i], out[1, i] = detour, least + DOUBT * (detour - least)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinematics.jit.decorators import jit_entry
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.smoothing.blending import Corners, choose_levels, make_corners, measure_pieces
 
@@ -14,14 +14,32 @@ Limits = tuple[Array, Array, Array]
 
 def straight_s(by: Array, limits: Limits) -> Array:
     """Seconds (...,) from rest to rest for joints that turn `by` (..., A) rad or m: those of the joint that takes longest."""
-    v, a, j = limits
-    d = np.abs(by)
-    ramp = np.where(v * j >= a * a, v / a + a / j, 2 * np.sqrt(v / j))  # to full speed
-    full = d / v + ramp
-    trapezoid = a / j + np.sqrt((a / j) ** 2 + 4 * d / a)
-    pulses = np.cbrt(32 * d / j)
-    short = np.where(d >= 2 * a**3 / j**2, trapezoid, pulses)
-    return np.asarray(np.where(d >= v * ramp, full, short).max(-1))
+    out = np.empty(by.shape[:-1])
+    _all_straight(np.ascontiguousarray(by).reshape(-1, by.shape[-1]), *limits, out.reshape(-1))
+    return out
+
+
+@jit_entry
+def _all_straight(by: Array, velocity: Array, acceleration: Array, jerk: Array, out: Array) -> None:
+    for i in range(by.shape[0]):
+        out[i] = one_straight(by[i], velocity, acceleration, jerk)
+
+
+@jit_inline
+def one_straight(by: Array, velocity: Array, acceleration: Array, jerk: Array) -> float:
+    """`straight_s` of one way, by (A,)."""
+    longest = 0.0
+    for k in range(by.shape[0]):
+        d, v, a, j = abs(by[k]), velocity[k], acceleration[k], jerk[k]
+        ramp = v / a + a / j if v * j >= a * a else 2 * np.sqrt(v / j)  # to full speed
+        if d >= v * ramp:
+            s = d / v + ramp
+        elif d >= 2 * a**3 / j**2:
+            s = a / j + np.sqrt((a / j) ** 2 + 4 * d / a)
+        else:
+            s = np.cbrt(32 * d / j)
+        longest = max(longest, s)
+    return longest
 
 
 def polyline_s(q: Array, limits: Limits) -> float:

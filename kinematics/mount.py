@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from kinematics.scene import Body, Scene
@@ -13,6 +15,7 @@ REACH_M, THICK_M = 3.0, 0.5
 """How far the mount extends to each side, and how thick it is: no arm gets around it."""
 
 
+@lru_cache(maxsize=8)
 def standing_still(scene: Scene) -> tuple[Body, ...]:
     """All that the arm has to keep away from and that never moves: the cabinet's walls, the obstacles, and the mount."""
     under = mount(scene)

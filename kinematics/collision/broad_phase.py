@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.collision import edge_problem
 from kinematics.collision.edge_problem import Problem, Scratch
-from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
+from kinematics.collision.geometry import Query, Solids, place_solids, scene_solids
 from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
 from kinematics.collision.sphere_batch import SphereScratch, scratch_for
@@ -61,13 +61,14 @@ class BroadPhase:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
         self.robot_collision_model = robot_collision_model(robot, scene.robot.T_world_base)
-        self._stock, owners = make_solids([*standing_still(scene), *scene.objects])
+        self._stock, owners = scene_solids(scene)
         self._owners = tuple(owners)
         still = {b.name: b.T_world_body for b in standing_still(scene)}
         self._fixtures = [(i, still[owner]) for i, owner in enumerate(owners) if owner in still]
         self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name] for b in scene.objects}
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
+        self._others = np.setdiff1d(np.arange(len(robot.joint_names)), [*robot.arm_joints, robot.gripper_joint])
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
         self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
         self._scratch: Scratch | None = None
@@ -183,9 +184,7 @@ class BroadPhase:
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""
-        others = np.ones(q.shape[1], np.bool_)
-        others[[*self.robot.arm_joints, self.robot.gripper_joint]] = False
-        return bool((q[:, others] != self.robot.home[others]).any())
+        return len(self._others) > 0 and bool((q[:, self._others] != self.robot.home[self._others]).any())
 
 
 @lru_cache(maxsize=16)

@@ -53,6 +53,7 @@ class Solid:
         """The same solid once more, to be moved on its own."""
         import fcl
 
+        self.box  # noqa: B018  # which is found once for all twins
         twin = copy(self)  # with all that is known of its form
         twin.object = fcl.CollisionObject(self.geometry)
         return twin.move(self.T)

@@ -17,7 +17,8 @@ from kinematics import cache
 from kinematics.chain import Int
 from kinematics.collision.vertex_groups import GROUP, grouped
 from kinematics.jit.record import record
-from kinematics.scene import Body
+from kinematics.mount import standing_still
+from kinematics.scene import Body, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array
 
@@ -121,6 +122,12 @@ def make_solids(bodies: tuple[Body, ...] | list[Body]) -> tuple[Solids, list[str
         _starts([len(p) for p in planes]),
     )
     return place_solids(stock, np.arange(n), np.array([r[1] for r in rows]).reshape(n, 4, 4)), [r[4] for r in rows]
+
+
+@lru_cache(maxsize=8)
+def scene_solids(scene: Scene) -> tuple[Solids, list[str]]:
+    """All that stands in a scene, packed at the poses that it has there, and the name behind each solid; to be read, as it is made once."""
+    return make_solids([*standing_still(scene), *scene.objects])
 
 
 def place_solids(stock: Solids, which: Int, T: Array) -> Solids:

@@ -9,7 +9,7 @@ import numpy as np
 
 from kinematics.collision import edge_problem
 from kinematics.collision.edge_problem import MARGIN_M
-from kinematics.collision.geometry import Query, Solids, make_solids, place_solids
+from kinematics.collision.geometry import Query, Solids, make_solids, place_solids, scene_solids
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
@@ -61,7 +61,7 @@ class PackedCell:
         self._unseen = frozenset(b.name for b in obstacles)
         self.arm = arm_at(robot, scene.robot.T_world_base)
         self.walls = [*standing_still(scene), *obstacles]
-        self._stock, self._rows = make_solids([*self.walls, *scene.objects])
+        self._stock, self._rows = make_solids([*self.walls, *scene.objects]) if obstacles else scene_solids(scene)
         self._bodies: dict[int, _Bodies] = {}
         self._elsewhere: dict[tuple[float, tuple[str, ...]], PlanningQuery] = {}  # of an empty hand among the same objects at some poses
         self._clear: dict[tuple[int, float], tuple[PlanningQuery, PlanningQuery]] = {}  # told by identity, so the queries are kept, too

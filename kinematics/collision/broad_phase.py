@@ -68,7 +68,6 @@ class BroadPhase:
         self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name] for b in scene.objects}
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
-        self._others = np.setdiff1d(np.arange(len(robot.joint_names)), [*robot.arm_joints, robot.gripper_joint])
         self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
         self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
         self._scratch: Scratch | None = None
@@ -184,7 +183,9 @@ class BroadPhase:
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""
-        return len(self._others) > 0 and bool((q[:, self._others] != self.robot.home[self._others]).any())
+        others = np.ones(q.shape[1], np.bool_)
+        others[[*self.robot.arm_joints, self.robot.gripper_joint]] = False
+        return bool((q[:, others] != self.robot.home[others]).any())
 
 
 @lru_cache(maxsize=16)

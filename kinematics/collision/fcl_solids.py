@@ -146,19 +146,20 @@ def always_touching(
 ) -> set[frozenset[str]]:
     """Pairs of links that touch in at least `share` of the sampled link poses: neighbours in all but name, as MoveIt's assistant finds."""
     solids = [hull_solid(h.link, h.vertices, h.faces) for h in hulls]
-    counts: dict[frozenset[str], int] = {}
-    for poses in samples:
+    pairs: dict[frozenset[str], list[tuple[Solid, Solid]]] = {}
+    for i, a in enumerate(solids):
+        for b in solids[:i]:
+            if a.name != b.name and frozenset((a.name, b.name)) not in known:
+                pairs.setdefault(frozenset((a.name, b.name)), []).append((a, b))
+    touched = dict.fromkeys(pairs, 0)
+    for number, poses in enumerate(samples, 1):
         for s in solids:
             s.move(poses[s.name])
-        touching = {
-            pair
-            for i, a in enumerate(solids)
-            for b in solids[:i]
-            if (pair := frozenset((a.name, b.name))) not in known and len(pair) == 2 and touch(a, b) is not None
-        }
-        for pair in touching:
-            counts[pair] = counts.get(pair, 0) + 1
-    return {pair for pair, n in counts.items() if n >= share * len(samples)}
+        for pair, parts in list(pairs.items()):
+            touched[pair] += any(touch(a, b) is not None for a, b in parts)
+            if touched[pair] + len(samples) - number < share * len(samples):  # whatever the other samples say
+                del pairs[pair]
+    return set(pairs)
 
 
 def overlapping(bodies: Sequence[Body], tolerance_m: float = 0.001) -> list[Contact]:

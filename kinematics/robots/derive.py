@@ -13,7 +13,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from kinematics import cache
-from kinematics.robots.link_geometry import check_sizes, link_hulls
+from kinematics.robots.link_geometry import check_sizes, link_hulls, take_apart
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree
 from kinematics.transforms import Array
 
@@ -48,6 +48,8 @@ def read_description(text: str, name: str, *, apart: bool = True) -> Description
     check_sizes(model)
     tree, joints = _tree(model)
     at_grippers = _at_grippers(tree)
+    if apart:
+        take_apart((model.link_map[link] for link in tree.names), at_grippers)
     found = [link_hulls(model.link_map[link], at_grippers, apart=apart) for link in tree.names]
     hulls, notes = tuple(h for hulls, _ in found for h in hulls), tuple(note for _, notes in found for note in notes)
     if not hulls:

@@ -7,9 +7,11 @@ V-HACD, and each of its triangles then lies wholly in one of the parts: what V-H
 from __future__ import annotations
 
 import io
+import os
 import subprocess
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from kinematics import cache
 from kinematics.chain import Int
 from kinematics.robots.tree import LinkHull
 from kinematics.transforms import Array
@@ -139,8 +142,28 @@ def _volume(parts: tuple[Array, ...]) -> float:
     return float(sum(trimesh.convex.convex_hull(points).volume for points in parts))
 
 
+def take_apart(links: Iterable[Any], at_hand: Collection[str]) -> None:
+    """Take apart the concave meshes of yourdfpy's links, several at a time, before `link_hulls` asks for each."""
+    meshes = ((c.geometry.mesh, link.name in at_hand) for link in links for c in link.collisions or [])
+    asked = dict.fromkeys((Path(mesh.filename), _scale(mesh), is_at_hand) for mesh, is_at_hand in meshes if mesh is not None)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        list(pool.map(lambda key: _mesh_parts(*key), asked))
+
+
 def _taken_apart(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
-    """Convex parts, of which each triangle lies in one; None when V-HACD does not come to an end, or can't do it."""
+    """Convex parts, of which each triangle lies in one; None when V-HACD does not come to an end, or can't do it. They are kept on disk by
+    the mesh's content: a changed URDF has the same meshes, and so have arms with the same gripper."""
+    name = f"parts-1-{cache.key(mesh.vertices.tobytes(), mesh.faces.tobytes(), str(most))}"
+    if (kept := cache.load(name)) is not None:
+        return tuple(np.asarray(kept[str(i)], float) for i in range(len(kept)))
+    parts = _by_vhacd(mesh, most)
+    if parts is None:
+        return None
+    cache.store(name, {str(i): part for i, part in enumerate(parts)})
+    return parts
+
+
+def _by_vhacd(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
     given = io.BytesIO()
     np.savez(given, points=mesh.vertices, faces=mesh.faces, most=most)
     try:

@@ -288,7 +288,8 @@ def test_collada_files_say_their_unit_and_which_way_is_up(up: str, tool: str, si
     assert np.linalg.det(collada_frame(file)) == pytest.approx(1e-6)
 
 
-def test_a_frame_is_taken_apart_and_every_triangle_lies_in_a_part(tmp_path: Path) -> None:
+def test_a_frame_is_taken_apart_once_and_every_triangle_lies_in_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     frame = trimesh.creation.box((0.9, 0.9, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0)))
     write_mesh(tmp_path / "frame.stl", frame)
     found = hulls(tmp_path, arm('<mesh filename="frame.stl"/>'))
@@ -301,11 +302,16 @@ def test_a_frame_is_taken_apart_and_every_triangle_lies_in_a_part(tmp_path: Path
     )
     assert depth.max() < 1e-6
     assert sum(p.volume for p in parts) < 1.3 * frame.volume
+    monkeypatch.setattr(link_geometry, "_TAKE_APART", "raise SystemExit(1)")
+    link_geometry._mesh_parts.cache_clear()
+    again = hulls(tmp_path, arm('<mesh filename="frame.stl"/>'))
+    assert all(np.array_equal(a.vertices, b.vertices) for a, b in zip(found, again, strict=True)), "from the disk"
 
 
 def test_where_nothing_can_be_taken_apart_a_note_says_how_much_the_hull_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frame = trimesh.creation.box((0.9, 0.9, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0)))
     write_mesh(tmp_path / "frame.stl", frame)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(link_geometry, "_TAKE_APART", "raise SystemExit(1)")
     root, _ = read(tmp_path, arm('<mesh filename="frame.stl"/>'))
     data = derive(urdf.to_string(root), "a", None, {})

@@ -17,7 +17,7 @@ from planning.grasping import finger_grasps, hand_poses
 from planning.grasping.finger_grasps import CLEARANCE_M, FRICTION_ANGLE, MESH_FRICTION_ANGLE, closing_directions, open_width, sample_grasps
 from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, set_back, usual_lowest
 from planning.grasping.line_contacts import line_contacts
-from planning.grasping.pads import pad_of
+from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import PITCHES
 from planning.motion.picking import sampled_grasps
 from planning.verdict import judge_grasp
@@ -43,6 +43,10 @@ def test_the_numbers() -> None:
     assert {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)} == PITCHES
     assert LOWEST_M == {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
     assert hand_poses.UP.tolist() == [0.0, 0.0, 1.0]
+    assert finger_grasps.SET_BACKS == (1.0, 0.5, 0.0)
+    assert finger_grasps.BESIDE == (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
+    assert finger_grasps.MESH_HEIGHTS == (0.45, 0.3)
+    assert finger_grasps.SPARE_M == 0.004
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ lines
@@ -427,6 +431,79 @@ def test_pads_close_on_a_skew_side_only_within_the_friction_cone() -> None:
             corners[(base[:, 1] == 0.02 * side) & (base[:, 0] > 0), 1] -= side * lean
             mesh = ConvexMesh((corners,))
             assert any(looks(g) == (0.0, 0.0) for g in found_on(mesh, "horizontal")) == holds
+
+
+def spade(*stretches: tuple[float, float]) -> ConvexMesh:
+    """6 cm long along x: from its end at x = 0.03 on, stretches (to x, by how many degrees its two sides lean), 4 cm wide at that end."""
+    x, y, outline = 0.03, 0.02, [(0.03, 0.02)]
+    for to, degrees in stretches:
+        x, y = to, y - (x - to) * np.tan(np.radians(degrees))
+        outline.append((x, y))
+    return ConvexMesh((np.array([[x, s * y, z] for x, y in outline for s in (1.0, -1.0) for z in (-0.05, 0.05)]),))
+
+
+@pytest.mark.parametrize("turned", [0.0, 30.0, 180.0, 210.0])
+@pytest.mark.parametrize(
+    ("mesh", "beside"),
+    [
+        (spade((0.009, 0.0), (0.003, 15.0), (-0.03, 25.0)), 0.012),  # in the middle too skew, a fifth beside it nearly so, then square
+        (spade((0.016, 0.0), (-0.03, 25.0)), 0.018),
+        (spade((-0.03, 5.0)), 0.0),
+    ],
+    ids=["two fifths", "three fifths", "middle"],
+)
+def test_a_mesh_is_held_beside_its_middle_where_its_sides_face_the_pads_best(mesh: ConvexMesh, beside: float, turned: float) -> None:
+    """Turned askew, the middle is that of the box around it along the world's axes; the pads stay on the object's own axis."""
+    T = transform(rotation_about(Z, np.radians(turned)), [0.3, 0.2, 0.0])
+    across = [g for g in found_on(mesh, "horizontal", T=T) if abs(g.T_world_hand[:3, 1] @ T[:3, 1]) > 0.999]
+    assert {round(float(g.T_world_hand[:3, 2] @ T[:3, 0])) for g in across} == {1, -1}
+    for grasp in across:
+        x, y = (inverse(T) @ grasp.T_world_hand)[:2, 3]
+        assert y == pytest.approx(0.0, abs=1e-6)
+        if turned % 180 == 0:
+            assert x == pytest.approx(beside, abs=1e-6)
+        assert grasp.width_m == pytest.approx(0.04 if beside else 0.04 - 2 * (0.03 - x) * np.tan(np.radians(5.0)), abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["horizontal", "diagonal", "downward"])
+@pytest.mark.parametrize("half_turn", [False, True])
+def test_an_arm_of_few_joints_says_where_it_can_look(kind: str, *, half_turn: bool) -> None:
+    """It is asked along the bearing, between the pads, at the heights of hands that close across; what it says comes first."""
+    T, deep = transform(p=[0.3, 0.1, 0.0]), table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.0, 0.06]))
+    asked: list[tuple[Array, float]] = []
+
+    def headings(T_middle: Array, width_m: float) -> list[Array]:
+        asked.append((T_middle, width_m))
+        return [T_middle[:3, :3] @ rotation_about(Z, np.pi * half_turn)]
+
+    for toward in (0.0, 0.5):
+        found = list(sample_grasps(Body("it", CAN, T), deep, [kind], -0.05, toward, headings=headings))
+        ahead = np.array([np.cos(toward), np.sin(toward), 0.0])
+        assert len(asked) == {"horizontal": 2, "diagonal": 4, "downward": 1}[kind]
+        for T_middle, width_m in asked:
+            assert width_m == pytest.approx(0.06)
+            assert T_middle[:2, 3] == pytest.approx([0.3, 0.1])
+            assert T_middle[2, 1] == pytest.approx(0.0)
+            assert T_middle[:3, 2] @ np.cross(ahead, Z) == pytest.approx(0.0, abs=1e-12)
+        assert np.allclose(found[0].T_world_hand[:3, :3] @ rotation_about(Z, np.pi * half_turn), asked[0][0][:3, :3])
+        if toward == 0.0:  # a direction that is sampled all round, too
+            alike = [g for g in sample_grasps(Body("it", CAN, T), deep, [kind], -0.05, toward) if looks(g)[0] == 0.0 or kind == "downward"]
+            assert {round(float(M[2, 3]), 6) for M, _ in asked} == {round(float(g.T_world_hand[2, 3]), 6) for g in alike}
+        asked.clear()
+
+
+@pytest.mark.parametrize("shape", [BOX, CAN], ids=["box", "can"])
+def test_flat_pads_close_on_boxes_and_cans_as_lines_do(shape: Shape) -> None:
+    body, pad = Body("it", shape, np.eye(4)), Pad(0.01, -0.01, 0.01)
+    wide, narrow = (list(sample_grasps(body, PLAIN, ["horizontal"], -0.05, 0.0, pad=p)) for p in (pad, None))
+    assert [(g.T_world_hand.tolist(), g.width_m) for g in wide] == [(g.T_world_hand.tolist(), g.width_m) for g in narrow]
+
+
+def test_what_has_faces_is_not_asked_about() -> None:
+    """A box's faces say how the fingers close, whatever an arm can do."""
+    body = Body("it", BOX, np.eye(4))
+    found = list(sample_grasps(body, PLAIN, ["horizontal"], -0.05, 0.0, headings=lambda T, width_m: [T[:3, :3]]))
+    assert len(found) == len(found_on(BOX, "horizontal"))
 
 
 def test_normals_at_the_edge_of_the_friction_cone_hold(monkeypatch: pytest.MonkeyPatch) -> None:

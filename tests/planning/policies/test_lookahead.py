@@ -226,6 +226,9 @@ def test_where_unseen_space_is_in_every_way_all_is_proposed_by_preference() -> N
     world.partly_unseen = True
     found = asked(look(world), world)
     assert [name for name, _ in found] == [*"a" * 12, *"b" * 12]
+    dear = Preferences(lambda seen: {"a": 2.0, "b": 1.0}.__getitem__, IN_ORDER.regions)
+    found = asked(Lookahead(world, dear, SOME, no_proof, most=5), world)
+    assert [name for name, _ in found] == [*"b" * 12, *"a" * 12]
 
 
 def test_where_the_quick_look_finds_no_way_a_thorough_one_does() -> None:
@@ -331,6 +334,10 @@ def test_two_blockers_are_not_for_a_glance() -> None:
     first = asked(look(world, glance=True), world)
     assert len(first) == 1
     assert world.tried
+    stuck = WrittenWorld("ab", at_first({"t": ["ab"], "a": ["b"], "b": ["a"]}))
+    policy = look(stuck, glance=True)
+    assert asked(policy, stuck) == []
+    assert policy.outlook.least_moves is None  # one would be too few, and no number would do
 
 
 def test_preferences_of_the_shipped_policies_name_every_object() -> None:

@@ -50,7 +50,7 @@ TESTS = {
     "planning/retrieval.py": ("tests/planning/test_retrieval.py",),
     "planning/metrics.py": ("tests/planning/test_metrics.py",),
     "planning/grasping/finger_grasps.py": ("tests/planning/grasping/test_finger_grasps.py",),
-    "planning/grasping/hand_poses.py": ("tests/planning/grasping/test_finger_grasps.py",),
+    "planning/grasping/hand_poses.py": ("tests/planning/grasping/test_hand_poses.py", "tests/planning/grasping/test_finger_grasps.py"),
     "planning/grasping/line_contacts.py": ("tests/planning/grasping/test_finger_grasps.py",),
     "planning/grasping/pads.py": ("tests/planning/grasping/test_pads.py", "tests/planning/grasping/test_finger_grasps.py"),
     "planning/grasping/sampling.py": ("tests/planning/grasping/test_finger_grasps.py",),

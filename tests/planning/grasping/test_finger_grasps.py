@@ -117,6 +117,11 @@ def test_on_the_rim_the_side_counts() -> None:
     assert normals(CAN, [0.03, 0, -0.05], down) == [pytest.approx([-1, 0, 0]), [1, 0, 0]]
 
 
+def test_a_line_into_an_edge_of_a_box_meets_the_first_of_its_faces() -> None:
+    assert normals(BOX, [-0.02, -0.03, 0.0], [0.6, 0.8, 0.0])[0] == [-1, 0, 0]
+    assert normals(BOX, [0.0, 0.03, -0.05], [0.0, -0.8, 0.6])[0] == [0, 1, 0]
+
+
 def test_a_line_across_an_edge_of_a_box() -> None:
     """It enters through one face and leaves through another, whose normals are told."""
     assert crossing(BOX, [0, 0.02, 0], np.array([0.6, 0.8, 0.0])) == pytest.approx((-0.02 / 0.6, 0.01 / 0.8))

@@ -119,6 +119,12 @@ def test_what_the_arm_does_not_get_to_is_no_detour() -> None:
     assert world.tried == [("a", 0), *(("b", region) for region in range(16))]
 
 
+def test_where_nothing_else_can_go_first_the_search_ends() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), reached=lambda name, regions: name != "a")
+    assert solve(world) == []
+    assert world.tried == [("a", 0)]
+
+
 def test_a_detour_counts_as_a_move() -> None:
     """With one move left, b can't make room for a, which the arm does not get to: only a is tried, and once."""
     world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}), reached=lambda name, regions: name != "a")

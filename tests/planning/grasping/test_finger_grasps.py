@@ -11,7 +11,7 @@ import trimesh
 from kinematics.robots.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners, prism
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.grasping import finger_grasps, hand_poses
 from planning.grasping.finger_grasps import CLEARANCE_M, FRICTION_ANGLE, MESH_FRICTION_ANGLE, closing_directions, open_width, sample_grasps
@@ -532,6 +532,13 @@ def test_heights_that_coincide_are_tried_once() -> None:
     assert len(found_on(Cylinder(0.03, 0.05), "horizontal", floor_z=-0.025)) == 0
     assert len(found_on(CAN, "downward")) == 24
     assert found_on(CAN) == []
+
+
+def test_a_mesh_is_held_lower_too_where_what_is_round_is_widest() -> None:
+    """At 0.45 of its height, besides 0.6 and 0.85, and at 0.3, or as low as the pads may be."""
+    heights = {round(float(g.T_world_hand[2, 3]), 6) for g in found_on(ConvexMesh((prism(0.03, 0.1, 8),)), "horizontal", floor_z=-0.05)}
+    low, _ = bounds(ConvexMesh((prism(0.03, 0.1, 8),)), np.eye(4))
+    assert heights == {round(float(max(low[2] + share * 0.1, -0.05 + 0.04)), 6) for share in (0.3, 0.45, 0.6, 0.85)}
 
 
 def test_the_height_nearest_to_its_natural_share_comes_first() -> None:

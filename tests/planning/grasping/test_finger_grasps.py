@@ -16,7 +16,7 @@ from kinematics.transforms import Array, apply, inverse, rotation_about, transfo
 from planning.grasping import finger_grasps, hand_poses
 from planning.grasping.finger_grasps import CLEARANCE_M, FRICTION_ANGLE, MESH_FRICTION_ANGLE, closing_directions, open_width, sample_grasps
 from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, set_back, usual_lowest
-from planning.grasping.line_contacts import line_contacts
+from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import PITCHES
 from planning.motion.picking import sampled_grasps
@@ -509,6 +509,13 @@ def test_what_has_faces_is_not_asked_about() -> None:
     body = Body("it", BOX, np.eye(4))
     found = list(sample_grasps(body, PLAIN, ["horizontal"], -0.05, 0.0, headings=lambda T, width_m: [T[:3, :3]]))
     assert len(found) == len(found_on(BOX, "horizontal"))
+
+
+def test_a_line_is_as_skew_as_the_surface_that_faces_it_less() -> None:
+    leans = np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    for enter, leave, angle in ((-X, X, 0.0), (-X, leans, 0.3), (-leans, X, 0.3), (-X * (1 + 1e-15), X * (1 + 1e-15), 0.0), (X, X, np.pi)):
+        assert finger_grasps._skew(Contact(-0.02, 0.02, enter, leave), X) == pytest.approx(angle, abs=1e-7)
+    assert finger_grasps._skew(None, X) == np.pi
 
 
 def test_normals_at_the_edge_of_the_friction_cone_hold(monkeypatch: pytest.MonkeyPatch) -> None:

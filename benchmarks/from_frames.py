@@ -22,40 +22,31 @@ import numpy as np
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
-from perception.camera import DepthNoise
 from perception.frames import write_frames
-from perception.mapping.voxels import unknown_voxels
-from perception.rendering.synthetic_camera import synthetic_camera
 from planning.io.files import read_plans, read_scenes
 from planning.io.results import plan_writer, scene_writer
-from planning.motion.pick_place import Motions
 from planning.motion.verify import verify
 from planning.plan import Plan
-from planning.sensing.look_around import Limits, look_around
+from planning.sensing.survey import RECORDING
 from planning.sensing.world import SimulatedWorld
 from planning.statistics import wilson
 from retrieve_cli.gen import run as gen
 from retrieve_cli.plan import run as plan
 from retrieve_cli.plan_job import Job
+from retrieve_cli.sense import record as recorded
 from retrieve_cli.sense import run as sense
 
-LIMITS = Limits(share=0.999, least=0.0003, views=16)
-"""Somebody who records looks longer than one who only needs a first idea."""
 STAGE = 9  # this benchmark's own word in the seeds
 
 
 def record(truth: Path, folder: Path) -> None:
     """Noisy frames of every scene, in folders of their own, without masks of the objects; those that are there already are kept."""
-    robot, noise = load("ur5e"), DepthNoise()
+    robot = load("ur5e")
     for index, (_, scene) in enumerate(read_scenes(truth)):
         if (folder / f"{index:06d}" / "scene_camera.json").is_file():
             continue
-        rng = np.random.default_rng([STAGE, index])
-        empty = replace(scene, objects=())
-        camera = synthetic_camera(robot, scene, scene.poses(), noise=noise, rng=rng)
-        q = Motions(robot, empty).start().q
-        looked = look_around(empty, robot, camera, q, unknown_voxels(scene.cabinet), rng, limits=LIMITS, noise_1m_m=noise.axial_1m_m)
-        write_frames(folder, [replace(f, instance=None, names=()) for f in looked.frames], scene=index)
+        frames, _, _ = recorded(scene, robot, RECORDING, True, "geometry", np.random.default_rng([STAGE, index]))
+        write_frames(folder, frames, scene=index)
 
 
 def forget(truth: Path, out: Path) -> None:
@@ -119,7 +110,7 @@ def main() -> None:
     views.mkdir(exist_ok=True)
     record(truth, views)
     forget(truth, blank)
-    given = {"views": None, "max_views": 8, "share": 0.97, "noise": False, "by": "geometry", "target_box": None, "seed": 0}
+    given = {"views": None, "max_views": None, "share": None, "noise": False, "by": "geometry", "target_box": None, "seed": 0}
     sense(scenes=blank, from_views=views, out=out, **given)  # type: ignore[arg-type]
     robot, known, seen = load("ur5e"), [s for _, s in read_scenes(truth)], [s for _, s in read_scenes(out)]
     table: dict[str, object] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Literal
 
@@ -19,6 +19,7 @@ from perception.objects.clustering import cluster_instances
 from perception.objects.fit import standing_solids
 from perception.objects.prepared_frames import PreparedFrames, prepare
 from perception.objects.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
+from perception.objects.tops import seen_top
 from perception.observation import Observation
 
 FLAG_SHARE, FLAG_HEIGHT_M = 0.95, 0.05  # a region counts as observed when so much of the space up to this height over it is known
@@ -32,13 +33,14 @@ POINT_M = 0.03  # the grasp stands for a box of this size where no target box is
 class Belief:
     """bodies: upright solids, to plan with. boxes: name to the paper's box (6,), centre and size, grown into what is hidden.
 
-    frames: those that it comes from, and whose pixels are which object's.
+    frames: those that it comes from, and whose pixels are which object's. seen_tops: name to the share of the top face that was seen.
     """
 
     bodies: tuple[Body, ...]
     boxes: Mapping[str, Array]
     voxels: Voxels
     frames: tuple[Frame, ...] = ()
+    seen_tops: Mapping[str, float] = field(default_factory=dict)
 
     def body(self, name: str) -> Body | None:
         """The believed body of a name; None where there is none."""
@@ -69,6 +71,7 @@ def believe(
         views = _named_as_before(views, empty_scene.cabinet, tracked, before)
     shown = object_pixels(views)
     solids = standing_solids(views, shown, empty_scene.cabinet)
+    tops = {b.name: seen_top(b, apply(empty_scene.cabinet.T_world_cabinet, shown[b.name][0])) for b in solids}
     boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, empty_scene.cabinet).items()}
     wanted = _wanted(empty_scene, by, target_box)
     if wanted is not None:
@@ -77,9 +80,10 @@ def believe(
         names = {chosen: target, target: chosen} if chosen is not None else {target: f"{target}_other"}
         solids = tuple(replace(b, name=names.get(b.name, b.name) or b.name) for b in solids)
         boxes = {names.get(n, n) or n: b for n, b in boxes.items()}
+        tops = {names.get(n, n) or n: share for n, share in tops.items()}
         views = _renamed(views, {n: names.get(n, n) or n for n in shown})
     bodies = [*solids, *tracked.values()]
-    return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels, views.frames)
+    return Belief(tuple(bodies), {**boxes, **{n: object_box(b) for n, b in tracked.items()}}, voxels, views.frames, tops)
 
 
 def _wanted(empty_scene: Scene, by: str, target_box: Array | None) -> Array | None:

@@ -105,7 +105,12 @@ def plan_scene(
     motions.start()
     chooses = make_policy(policy, motions, model=model, max_moves=max_moves) if isinstance(policy, str) else policy(motions)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])
-    return retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
+    plan = retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
+    if not unseen or plan.success:
+        return plan
+    from planning.sensing.missing_views import for_want_of_views  # views and what draws them: not every plan needs them
+
+    return for_want_of_views(robot, scene, plan)
 
 
 def verify_plan(scene: Scene, plan: Plan) -> tuple[Fault, ...]:

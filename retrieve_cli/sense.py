@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from kinematics.errors import InputError, blame, choose
 from planning.io.files import UNREADABLE, read_scene_lines
@@ -33,8 +33,8 @@ def run(
     scenes: Path | None,
     views: Path | None,
     from_views: Path | None,
-    max_views: int,
-    share: float,
+    max_views: int | None,
+    share: float | None,
     noise: bool,
     by: str,
     target_box: str | None,
@@ -42,6 +42,7 @@ def run(
     out: Path | None,
     resume: bool = False,
     target_pixel: str | None = None,
+    smallest_mm: float = 40.0,
 ) -> int:
     """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`.
 
@@ -53,8 +54,8 @@ def run(
     from perception.belief import believe, region_flags
     from perception.frames import write_frames, write_ply
     from perception.objects.prepared_frames import axial_noise
-    from planning.sensing.look_around import Limits, unknown_mask
-    from planning.sensing.recording import box_at_pixel, fused, seen_bodies, seen_scene, with_grasp
+    from planning.sensing.look_around import unknown_mask
+    from planning.sensing.recording import box_at_pixel, fused, may_hide, seen_bodies, seen_scene, with_grasp
 
     choose("way to tell objects apart (--by)", by, BY)
     box, pixel = None if target_box is None else parse_box(target_box), None if target_pixel is None else parse_pixel(target_pixel)
@@ -65,6 +66,7 @@ def run(
     asked |= {
         "target_box": target_box,
         "target_pixel": target_pixel,
+        "smallest_mm": smallest_mm,
         "from_views": None if from_views is None else str(from_views.absolute()),
     }
     with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", out=out) as advance:
@@ -83,7 +85,11 @@ def run(
                     if blind:
                         raise InputError("the scene lists no objects to look at: give recorded frames, --from-views DIR")
                     rng = np.random.default_rng([seed, STAGE, scene.random_word])
-                    frames, voxels, reason = look(scene, arm, Limits(share=share, views=max_views), noise, rng)
+                    limits = limits_of(share, max_views, recording=views is not None)
+                    if views is None:
+                        frames, voxels, reason = look(scene, arm, limits, noise, rng)
+                    else:
+                        frames, voxels, reason = record(scene, arm, limits, noise, "mask" if by == "mask" else "geometry", rng)
                     _, shares = fused(scene, frames, axial_noise(frames, scene.cabinet))
                 else:
                     frames = recorded(arm, scene, from_views, index)
@@ -94,10 +100,13 @@ def run(
                 if views is not None:
                     write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
             bodies, pieces = seen_bodies(belief, scene) if blind else (belief.bodies, ())
-            unknown = voxels.ranges(unknown_mask(voxels, [*bodies, *pieces]))
+            if blind:
+                mapped, hidden = may_hide(scene, frames, axial_noise(frames, scene.cabinet), belief, bodies, pieces, smallest_mm / 1e3)
+            else:
+                mapped, hidden = voxels, unknown_mask(voxels, bodies)
             views_known = [(f.T_world_camera, k) for f, k in zip(frames, shares)]
             regions = region_flags(empty_scene, belief)
-            document = observation_to_json(belief.boxes, regions, views_known, voxels.known, voxels.state.shape, unknown)
+            document = observation_to_json(belief.boxes, regions, views_known, voxels.known, mapped.state.shape, mapped.ranges(hidden))
             sensed = with_grasp(arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
             found = (
                 "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
@@ -120,6 +129,35 @@ def recorded(arm: Robot, scene: Scene, folder: Path, index: int) -> tuple[Frame,
     if why := misfit(frames, scene.cabinet):
         raise InputError(f"--from-views {folder}: {why}")
     return marked(arm, scene.robot.T_world_base, frames)
+
+
+def limits_of(share: float | None, max_views: int | None, *, recording: bool) -> Limits:
+    """When to stop: sooner for a first idea of a scene than for a recording, which is planned on without another look."""
+    from planning.sensing.look_around import MAX_VIEWS, SHARE, Limits
+    from planning.sensing.survey import RECORDING
+
+    if not recording:
+        return Limits(share=SHARE if share is None else share, views=max_views or MAX_VIEWS)
+    return replace(RECORDING, share=RECORDING.share if share is None else share, views=max_views or RECORDING.views)
+
+
+def record(
+    scene: Scene, arm: Robot, limits: Limits, noise: bool, by: Literal["mask", "geometry"], rng: np.random.Generator
+) -> tuple[tuple[Frame, ...], Voxels, str]:
+    """Take the views of a scene that a plan needs with the synthetic camera, the arm at home first."""
+    from perception.camera import DepthNoise
+    from planning.motion.trajectory import FULL
+    from planning.sensing.belief_state import BeliefState
+    from planning.sensing.survey import survey
+    from planning.sensing.world import SimulatedWorld
+
+    model = DepthNoise() if noise else None
+    world = SimulatedWorld(arm, scene, rng, model, by)
+    mind = BeliefState(arm, scene, rng, by=by, noise_1m_m=model.axial_1m_m if model else 0.0, target_box=None, pace=FULL)
+    if mind.start_blocked is not None:
+        raise ValueError(f"the arm can't begin where the scene's q_start has it: {mind.start_blocked}")
+    reason = survey(mind, world, limits)
+    return tuple(mind.frames), mind.voxels, reason
 
 
 def look(scene: Scene, arm: Robot, limits: Limits, noise: bool, rng: np.random.Generator) -> tuple[tuple[Frame, ...], Voxels, str]:

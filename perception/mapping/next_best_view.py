@@ -113,9 +113,9 @@ class InformationGain:
         self.guessed = False
         self._levels = np.empty((grid.LEVELS, views.fine.height, views.fine.width), np.float32)
 
-    def best(self, voxels: Voxels, cost: Array, usable: Callable[[int], bool]) -> tuple[int, float] | None:
-        """The view with the greatest gain less its cost (C,), among the usable ones, and its gain, the share of the space that it would
-        reveal; None when there is none. usable is asked as late as possible, about the views that come to the top.
+    def best(self, voxels: Voxels, cost: Array, usable: Callable[[int], bool], least: float = 0.0) -> tuple[int, float] | None:
+        """The view with the greatest gain less its cost (C,), among the usable ones that would reveal at least the share `least` of the
+        space, and its gain, that share; None when there is none. usable is asked as late as possible, about the views that come to the top.
         """
         now = self._moment(voxels)
         if not self.guessed:
@@ -126,7 +126,9 @@ class InformationGain:
         fresh, barred = np.zeros(len(cost), bool), np.isinf(cost)
         while not barred.all():
             i = int(np.argmax(np.where(barred, -np.inf, bound - cost)))
-            if not fresh[i]:
+            if bound[i] < least:
+                barred[i] = True  # its cost is low, but it is not worth taking
+            elif not fresh[i]:
                 bound[i], fresh[i] = self._gain(now, i), True
             elif usable(i):
                 return i, float(bound[i])

@@ -178,13 +178,10 @@ def _next(
                 return i, way.paths[i]
         return "no other view can be reached"
     cost = limits.travel * np.linalg.norm(way.spots.T[:, :3, 3] - T_now[:3, 3], axis=1) + np.where(done, np.inf, 0.0)
-    best = preview.best(voxels, cost, way.reach)
+    best = preview.best(voxels, cost, way.reach, limits.least)
     if best is None:
-        return "no other view can be reached"
-    i, gain = best
-    if gain < limits.least:
         return f"no view that can be reached would reveal another {100 * limits.least:g} %"
-    return i, way.paths[i]
+    return best[0], way.paths[best[0]]
 
 
 def _order(choose: str, spots: ReachableViews, cabinet: Cabinet, rng: np.random.Generator) -> Sequence[int]:
@@ -249,13 +246,17 @@ def unknown_space(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tu
     close by can't be seen whole from anywhere, for on one side there is the body itself.
     blocks: away from the bodies voxels are counted in cubes of so many, which makes fewer boxes, never smaller ones.
     """
-    which = unknown_mask(voxels, bodies)
-    if blocks > 1:
-        near = np.zeros(which.shape, bool)
-        for body in bodies:
-            near |= voxels.touched(body, NEAR_M)
-        which = which | (_in_blocks(which & ~near, blocks) & ~near)
-    return voxels.boxes(which)
+    return voxels.boxes(coarser(voxels, unknown_mask(voxels, bodies), bodies, blocks))
+
+
+def coarser(voxels: Voxels, which: NDArray[np.bool_], bodies: Sequence[Body], blocks: int) -> NDArray[np.bool_]:
+    """The marked voxels (X, Y, Z), and away from the bodies all of every cube of so many voxels of which some are: fewer boxes fill it."""
+    if blocks < 2:
+        return which
+    near = np.zeros(which.shape, bool)
+    for body in bodies:
+        near |= voxels.touched(body, NEAR_M)
+    return np.asarray(which | (_in_blocks(which & ~near, blocks) & ~near))
 
 
 def unknown_mask(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:

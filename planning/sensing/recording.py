@@ -12,6 +12,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.collision.fcl_solids import overlapping
 from kinematics.robots.robot import Robot
@@ -21,7 +22,7 @@ from kinematics.transforms import Array, apply
 from perception.belief import POINT_M, TARGET, Belief
 from perception.camera import cloud
 from perception.frames import Frame
-from perception.mapping.voxels import Voxels, unknown_voxels
+from perception.mapping.voxels import VOXEL_M, Voxels, unknown_voxels
 from perception.objects.pieces import upright_pieces
 from perception.objects.prepared_frames import prepare
 from perception.objects.segment import object_points
@@ -29,6 +30,8 @@ from perception.objects.settle import MOST_M, settled
 from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.pads import pad_of
 from planning.motion.pick_place import Motions
+from planning.sensing import hiding_places
+from planning.sensing.look_around import coarser
 from planning.sensing.unseen_space import unseen_space
 from planning.verdict import judge_grasp
 
@@ -40,9 +43,9 @@ NEAR_PX = 6
 """A pixel that measured nothing is as far as the nearest one, up to so many columns and rows away."""
 
 
-def fused(scene: Scene, frames: Sequence[Frame], noise_1m_m: float) -> tuple[Voxels, list[float]]:
+def fused(scene: Scene, frames: Sequence[Frame], noise_1m_m: float, voxel_m: float = VOXEL_M) -> tuple[Voxels, list[float]]:
     """The map that frames give, and the share of it known after each."""
-    voxels, shares = unknown_voxels(scene.cabinet), []
+    voxels, shares = unknown_voxels(scene.cabinet, voxel_m), []
     for f in frames:
         voxels = voxels.fuse(f.depth, f.intrinsics, f.T_world_camera, own=f.arm, noise_1m_m=noise_1m_m)
         shares.append(voxels.known)
@@ -75,6 +78,21 @@ def _too_deep(bodies: Sequence[Body], among: Mapping[str, Array] | None = None) 
     names = {n for contact in overlapping(tuple(bodies), DEEP_M) for n in (contact.a, contact.b)}
     deep = [b for b in bodies if b.name in names and (among is None or b.name in among)]
     return max(deep, key=lambda b: float(np.prod(object_box(b)[3:])), default=None)
+
+
+def may_hide(
+    scene: Scene, frames: Sequence[Frame], noise_1m_m: float, belief: Belief, bodies: Sequence[Body], pieces: Sequence[Body], given_m: float
+) -> tuple[Voxels, NDArray[np.bool_]]:
+    """A map of what the frames have not shown, and which of its voxels (X, Y, Z) may hold an object, see `hiding_places`.
+
+    given_m: how slim an object may be. A body whose top was not seen, and a piece of something rough, may reach further than is known.
+    """
+    voxels, _ = fused(scene, frames, noise_1m_m, hiding_places.VOXEL_M)
+    complete = {name for name, share in belief.seen_tops.items() if share >= hiding_places.COMPLETE}
+    together = [*bodies, *pieces]
+    least = hiding_places.smallest(bodies, given_m)
+    places = hiding_places.hiding_places(voxels, together, complete, least)
+    return voxels, coarser(voxels, places, together, round(VOXEL_M / hiding_places.VOXEL_M))
 
 
 def seen_scene(scene: Scene, bodies: Sequence[Body], pieces: Sequence[Body], observation: Mapping[str, Any]) -> Scene:

@@ -62,13 +62,21 @@ def gen(
 def sense(
     scenes: Annotated[Path | None, typer.Argument(help="Scenes, JSON Lines; stdin if left out or -.", metavar="SCENES")] = None,
     views: Annotated[
-        Path | None, typer.Option("--views", help="Also write the frames, BOP layout, and the fused cloud (PLY).", metavar="DIR")
+        Path | None,
+        typer.Option(
+            "--views", help="Take the views that a plan needs, and write frames (BOP layout) and the fused cloud (PLY).", metavar="DIR"
+        ),
     ] = None,
     from_views: Annotated[
         Path | None, typer.Option("--from-views", help="Take recorded frames, BOP layout, instead of looking.", metavar="DIR")
     ] = None,
-    max_views: Annotated[int, typer.Option("--max-views", help="How many views may be taken.", min=1)] = 8,
-    known: Annotated[float, typer.Option("--known", help="The share of the space that is enough.", min=0.01, max=1.0)] = 0.97,
+    max_views: Annotated[
+        int | None, typer.Option("--max-views", help="How many views may be taken; if left out 8, or 24 of a recording (--views).", min=1)
+    ] = None,
+    known: Annotated[
+        float | None,
+        typer.Option("--known", help="The share of the space that is enough; if left out 0.97, or 0.995 with --views.", min=0.01, max=1.0),
+    ] = None,
     noise: Annotated[bool, typer.Option("--noise", help="Depths as noisy as a stereo depth camera's.")] = False,
     by: Annotated[By, typer.Option("--by", help="How objects are told apart: by masks, or by geometry alone.")] = By.mask,
     target_box: Annotated[
@@ -78,6 +86,10 @@ def sense(
         str | None,
         typer.Option("--target-pixel", help="Where the target is in a frame: column and row, of frame 0.", metavar="[FRAME,]U,V"),
     ] = None,
+    smallest: Annotated[
+        float,
+        typer.Option("--smallest", help="With --from-views: nothing unseen is slimmer, in mm, or than the slimmest seen; 0: any.", min=0.0),
+    ] = 40.0,
     seed: Seed = 0,
     resume: Resume = False,
     out: Annotated[
@@ -98,6 +110,7 @@ def sense(
         by=by.value,
         target_box=target_box,
         target_pixel=target_pixel,
+        smallest_mm=smallest,
         seed=seed,
         resume=resume,
         out=out,

@@ -101,6 +101,19 @@ def test_the_best_view_is_the_best_and_asks_late_whether_it_is_usable(ur5e: Robo
     assert preview.best(voxels, np.zeros(40), lambda _: False) is None
 
 
+def test_a_view_that_costs_nothing_is_not_taken_for_one_that_shows_something(ur5e: Robot) -> None:
+    poses, voxels = sample_poses(CABINET, 40, np.random.default_rng(2)), unknown_voxels(CABINET)
+    gains = np.array(all_gains(poses, voxels))
+    far = np.where(gains < np.median(gains), 0.0, 2.0)
+    near = previewed(poses).best(voxels, far, lambda _: True)
+    assert near is not None
+    assert near[1] < np.median(gains)
+    worth_it = previewed(poses).best(voxels, far, lambda _: True, float(np.median(gains)))
+    assert worth_it is not None
+    assert worth_it[1] >= np.median(gains)
+    assert previewed(poses).best(voxels, far, lambda _: True, 1.0) is None
+
+
 def test_what_is_kept_from_view_to_view_changes_no_choice(ur5e: Robot) -> None:
     """As the map grows, the view chosen with the kept bounds is the best of all views counted anew, and few of them are counted."""
     camera = synthetic_camera(ur5e, replace(SCENE, robot=RobotRef(transform(p=[-5, 0, 0]), "ur5e")), SCENE.poses())

@@ -78,7 +78,28 @@ def test_frames_become_bodies_a_target_and_a_grasp_that_can_be_planned_on(
     plan = plan_scene(Job("local", "deep", 0, None, None, 5), "here", scene)
     free = plan_scene(Job("local", "deep", 0, None, None, 5, unseen="free"), "here", scene)
     assert free.success
-    assert plan.success or (plan.reason is not None and (plan.reason.body or "").startswith("unknown_"))
+    assert plan.success
+    assert plan.verified
+
+
+def test_what_no_frame_has_shown_is_an_obstacle_and_the_reason_says_where_to_look(
+    recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path
+) -> None:
+    from retrieve_cli.plan import Job
+
+    write_frames(tmp_path / "few", recording[1][:2])
+    true = object_box(placed(BODIES, CABINET)[1])
+    shown = {
+        n: sensed(blank(tmp_path / "a.jsonl", target_box=true), tmp_path / "few", tmp_path / "b.jsonl", smallest_mm=n) for n in (0.0, 40.0)
+    }
+    least, most = (sum(float(np.prod(b.shape.size_m)) for b in unseen_space(shown[n])) for n in (40.0, 0.0))  # type: ignore[union-attr]
+    assert 0 < least < most
+    plan = plan_scene(Job("local", "deep", 0, None, None, 5), "here", shown[0.0])
+    assert plan.reason is not None
+    assert plan.reason.stage == "look"
+    assert plan.unsolvable is None
+    assert "unseen space" in str(plan.reason.detail)
+    assert "look from (" in str(plan.reason.detail)
 
 
 def test_a_pixel_says_which_object_is_wanted(recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path) -> None:
@@ -107,7 +128,7 @@ def test_unseen_space_is_that_of_the_observation(recording: tuple[Path, tuple[Fr
     assert scene.target is None
     assert scene.observation is not None
     boxes = unseen_space(scene)
-    cells = np.array([b.shape.size_m for b in boxes]) / (CABINET.size_m / [56, 86, 50])
+    cells = np.array([b.shape.size_m for b in boxes]) / (CABINET.size_m / [112, 172, 100])
     assert len(boxes)
     assert np.allclose(cells, np.round(cells))
     seen = np.array([0.45, 0.1, 0.35])  # over the can, before the back

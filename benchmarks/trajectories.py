@@ -1,14 +1,15 @@
 """How long plans take on the robot, whether they stop on the way, whether they keep the limits, and what it costs to make them smooth.
 
 Plans scenes of a spec with a policy, and prints one JSON line: `duration_s`, the mean over solved scenes, and `moves`, of how many
-relocations; the same waypoints driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`,
-the time-optimal bound of the polyline that stops at its corners), and `stopped_ratio`, the duration over that bound; `stops` inside
-motions, median and mean; `velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`: processor time to
-make all trajectories of a plan, and `quickest_ms`, to choose and quicken its ways before, medians; `hand_travel_m` and, of the moves
-before the target alone, `relocation_travel_m`; `free_3mm`, `all_3mm`: the share of plans whose free motions, and whose motions besides
-grasping and releasing, all keep 3 mm; `straight_ratio`: the joints' way in free motions over the straight joint line; `off_line_mm`: the
-furthest that the hand is from its line where it is to move straight. With toppra installed (it is no dependency) `toppra_ratio`: duration
-over that of the same paths without a limit of the jerk.
+relocations; the same waypoints driven from stop to stop with the same limits (`stopping_s`) and with no limit of the jerk (`no_jerk_s`, the
+time-optimal bound of the polyline that stops at its corners), and `stopped_ratio`, the duration over that bound; `through_share`, what
+would be left of the arm's time at least if it did not stop between motions where no contact changes, their corners rounded as far as it
+likes; `stops` inside motions, median and mean; `velocity`, `acceleration`, `jerk`: the largest shares of their limits at 1 kHz; `make_ms`:
+processor time to make all trajectories of a plan, and `quickest_ms`, to choose and quicken its ways before, medians; `hand_travel_m` and,
+of the moves before the target alone, `relocation_travel_m`; `free_3mm`, `all_3mm`: the share of plans whose free motions, and whose motions
+besides grasping and releasing, all keep 3 mm; `straight_ratio`: the joints' way in free motions over the straight joint line;
+`off_line_mm`: the furthest that the hand is from its line where it is to move straight. With toppra installed (it is no dependency)
+`toppra_ratio`: duration over that of the same paths without a limit of the jerk.
 
 Usage: python benchmarks/trajectories.py [-n 100] [--seed 20261122] [--spec paper] [--robot ur5e] [--policy neural] [--hand-speed 100]
 """
@@ -31,7 +32,7 @@ from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import Array, transform
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.smoothing.blending import make_corners, write_rows
+from planning.motion.smoothing.blending import choose_speeds, make_corners, write_rows
 from planning.motion.trajectory import STRAIGHT, Pace
 from planning.motion.verify import hand_poses
 from planning.plan import Motion, Plan
@@ -91,6 +92,28 @@ def from_stop_to_stop(robot: Robot, q: Array, jerk: Array) -> float:
         return 0.0
     t, rows = np.empty(10 * len(q)), np.empty((10 * len(q), 3, q.shape[1]))
     return float(t[write_rows(*make_corners(q, robot.velocity, robot.acceleration, jerk, np.ones(q.shape[1])), t, rows) - 1])
+
+
+def through_s(robot: Robot, motions: Sequence[Motion]) -> tuple[float, float]:
+    """Seconds of waypoints that are driven motion by motion, and of the same if the arm ran through where one motion goes over into the
+    next without a contact that changes, its corners there rounded as far as it likes: what joining motions could bring at most. Straight
+    ways of the hand are taken to be straight in joint space."""
+    arm, chains = list(robot.arm_joints), [list[Array]()]
+    for m in motions:
+        if np.ptp(m.q[:, arm], axis=0).max() < 1e-9:
+            chains.append([])
+        else:
+            chains[-1].append(m.q[:, arm] if m.stage in FREE else m.q[[0, -1]][:, arm])
+    parts = [q for chain in chains for q in chain]
+    joined = [np.concatenate([chain[0][:1], *(q[1:] for q in chain)]) for chain in chains if chain]
+    apart_s, joined_s = (sum(rounded_s(robot, q) for q in ways) for ways in (parts, joined))
+    return apart_s, joined_s
+
+
+def rounded_s(robot: Robot, q: Array) -> float:
+    """Seconds along the arm's waypoints q (K, A), the corners rounded as is quickest."""
+    q = q[np.append(True, np.abs(np.diff(q, axis=0)).max(1) > 1e-9)]
+    return float(choose_speeds(*make_corners(q, *robot.arm_limits, np.ones(q.shape[1])))) if len(q) > 1 else 0.0
 
 
 def off_line_mm(robot: Robot, scene: Scene, motion: Motion) -> float:
@@ -156,6 +179,7 @@ def main() -> None:
     duration_s = float(np.mean([plan.duration_s for _, plan, _ in solved]))
     no_jerk_s = float(np.mean([sum(from_stop_to_stop(robot, m.q, rigid) for m in r.waypoints) for *_, r in solved]))
     free = [m for *_, r in solved for m in r.waypoints if m.stage in FREE]
+    ways = [through_s(robot, r.waypoints) for *_, r in solved]
     found: dict[str, Any] = {
         "robot": args.robot, "spec": args.spec, "policy": args.policy, "scenes": args.n, "solved": len(solved),
         "verified": sum(plan.verified is True for _, plan, _ in solved),
@@ -163,6 +187,7 @@ def main() -> None:
         "duration_s": round(duration_s, 2),
         "stopping_s": round(float(np.mean([sum(from_stop_to_stop(robot, m.q, robot.jerk) for m in r.waypoints) for *_, r in solved])), 2),
         "no_jerk_s": round(no_jerk_s, 2), "stopped_ratio": round(duration_s / no_jerk_s, 3),
+        "through_share": round(sum(t for _, t in ways) / sum(t for t, _ in ways), 3),
         "stops": float(np.median([sum(map(stops, plan.motions)) for _, plan, _ in solved])),
         "stops_mean": round(float(np.mean([sum(map(stops, plan.motions)) for _, plan, _ in solved])), 2),
         "velocity": round(worst[0], 6), "acceleration": round(worst[1], 6), "jerk": round(worst[2], 6),

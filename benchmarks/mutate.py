@@ -52,7 +52,7 @@ TESTS = {
     "planning/grasping/finger_grasps.py": ("tests/planning/grasping/test_finger_grasps.py",),
     "planning/grasping/hand_poses.py": ("tests/planning/grasping/test_hand_poses.py", "tests/planning/grasping/test_finger_grasps.py"),
     "planning/grasping/line_contacts.py": ("tests/planning/grasping/test_finger_grasps.py",),
-    "planning/grasping/pads.py": ("tests/planning/grasping/test_pads.py", "tests/planning/grasping/test_finger_grasps.py"),
+    "planning/grasping/pads.py": ("tests/planning/grasping/test_pad_size.py", "tests/planning/grasping/test_finger_grasps.py"),
     "planning/grasping/sampling.py": ("tests/planning/grasping/test_sampling.py", "tests/planning/grasping/test_finger_grasps.py"),
     "planning/motion/verify.py": ("tests/planning/motion/test_verify_rules.py",),
     "planning/policies/__init__.py": ("tests/planning/policies/test_by_name.py",),

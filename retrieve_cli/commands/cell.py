@@ -15,6 +15,12 @@ def robots(
     name: Annotated[str | None, typer.Argument(help="A named robot or a URDF; all named ones if left out.", metavar="NAME|FILE")] = None,
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
+    tool: Annotated[
+        Path | None, typer.Option("--tool", help="Hang the gripper of this URDF on it, into --urdf FILE.", metavar="URDF")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option("--at", help="The arm's link that carries --tool; its flange if left out.", metavar="LINK")
+    ] = None,
     urdf: Annotated[Path | None, typer.Option("--urdf", help="Write its joined, cleaned URDF.", metavar="FILE")] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Write a picture of it, with its hand frame and pads.", metavar="FILE")] = None,
     as_json: AsJson = False,
@@ -23,7 +29,7 @@ def robots(
     from retrieve_cli import robots as command
 
     return partial(
-        command.run, name=name, hand_frame=hand_frame, gripper_joint=gripper_joint, urdf=urdf, png=png, as_json=as_json
+        command.run, name=name, hand_frame=hand_frame, gripper_joint=gripper_joint, tool=tool, at=at, urdf=urdf, png=png, as_json=as_json
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 
 from kinematics.robots.load import from_ref, load
 from planning.fitting import fit
@@ -34,6 +35,39 @@ def test_what_was_understood_of_a_urdf_is_told_drawn_and_written(tmp_path: Path,
     assert all(words in told for words in ("opening: 0 to 90 mm", "hand frame (measured): p [", "gripper: two fingers, by grip"))
     assert main(["robots", str(OWN), "--urdf", str(urdf)]) == 0
     assert '<link name="hand"' in urdf.read_text()
+
+
+def test_an_arm_and_a_gripper_of_two_files_become_one_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The toy arm, cut at its palm, and put together again: the same hand, on the link that ends the arm."""
+    text, out = OWN.read_text(), tmp_path / "both.urdf"
+    root = etree.fromstring(text.encode())
+    hand = etree.Element("robot", name="hand")
+    joints = {joint.find("child").get("link"): joint for joint in root.iter("joint")}
+    palm = joints.pop("palm")
+    of_hand = {
+        "palm",
+        *(child for child, joint in joints.items() if joint.find("parent").get("link") in ("palm", "left_finger", "right_finger")),
+    }
+    for link in [link for link in root.iter("link") if link.get("name") in of_hand]:
+        hand.append(link)
+        if link.get("name") in joints:
+            hand.append(joints[link.get("name")])
+    root.remove(palm)
+    (tmp_path / "arm.urdf").write_bytes(etree.tostring(root))
+    (tmp_path / "hand.urdf").write_bytes(etree.tostring(hand))
+    end = palm.find("parent").get("link")
+    assert main(["robots", str(tmp_path / "arm.urdf"), "--tool", str(tmp_path / "hand.urdf"), "--urdf", str(out), "--json"]) == 0
+    spoken = capsys.readouterr()
+    assert f"hand.urdf hangs on the link {end!r}" in spoken.err
+    row = json.loads(spoken.out)
+    assert (row["gripper"]["joints"], row["opening_m"], row["gripper"]["pads"]) == (["grip"], 0.09, ["left_finger", "right_finger"])
+    for words, says in (
+        (("--tool", "h.urdf"), "say where the arm with its tool goes"),
+        (("--at", end), "--at says where a tool is; say which"),
+        (("--tool", str(tmp_path / "hand.urdf"), "--at", "nose", "--urdf", str(out)), "has no link 'nose' to hang a tool on; it has "),
+    ):
+        assert main(["robots", str(tmp_path / "arm.urdf"), *words]) == 2
+        assert says in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -70,12 +70,13 @@ def level_hand(ahead: Array, pitch: float) -> Array:
 
 
 def height_of(kind: str, low: float, high: float, floor: float, share: float, least: float = -np.inf) -> float | None:
-    """The height of the pads' centre, or None when the body is too low for this approach. floor: the lowest that the pads may be, world.
+    """The height of the pads' centre, or None when the body is too low for this approach. share: of the body's height; 1 is as high as the
+    pads hold it. floor: the lowest that the pads may be, world.
     least: from here on the body's top fits before what lies behind the pads of a pitched hand; where the pads can't be as high as that,
     they are as high as they can."""
     highest = high - min(BELOW_TOP_M, 0.3 * (high - low))
     wanted = high - 0.02 if kind == "downward" else low + share * (high - low)
-    z = max(wanted, floor, min(least, highest))
+    z = max(highest if share >= 1 and kind != "downward" else wanted, floor, min(least, highest))
     return round(z, 6) if z <= highest else None
 
 

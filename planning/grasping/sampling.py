@@ -18,8 +18,8 @@ the vertical, or by half a turn about its z. The rotations (3, 3) that it then h
 @dataclass(frozen=True)
 class Sampling:
     """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
-    than the middle, or than the gripper's depth lets it, a box may be taken. heights: of the pads, in shares of the object's. pitches: by
-    approach, in rad."""
+    than the middle, or than the gripper's depth lets it, a box may be taken; inf: as near as the pads still hold it. heights: of the pads,
+    in shares of the object's; 0 and 1: as low, and as high, as they can be. pitches: by approach, in rad."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
@@ -28,5 +28,11 @@ class Sampling:
 
 
 USUAL = Sampling()
-DENSE = Sampling(36, (0.0, 0.01, 0.02), (0.3, 0.45, 0.6, 0.72, 0.85, 0.95), {**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)})
-"""All of the usual ones and many more: where a grasp that was not sampled would matter, as for proofs that there is none."""
+DENSE = Sampling(
+    yaws=36,
+    backs_m=(0.0, 0.01, 0.02, np.inf),
+    heights=(0.0, 0.3, 0.45, 0.6, 0.72, 0.85, 0.95, 1.0),
+    pitches={**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)},
+)
+"""All of the usual ones and many more, the outermost that hold among them: where a grasp that was not sampled would matter, as for proofs
+that there is none."""

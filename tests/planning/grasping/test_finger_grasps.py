@@ -281,6 +281,7 @@ def test_the_height_of_a_grasp_from_the_side(kind: str) -> None:
     assert lowest == 0.5 + LOWEST_M[kind]
     assert hand_poses.height_of(kind, 0.5, 0.7, lowest, 0.6) == pytest.approx(0.62)
     assert hand_poses.height_of(kind, 0.5, 0.7, lowest, 0.85) == pytest.approx(0.67)
+    assert hand_poses.height_of(kind, 0.5, 0.7, lowest, 1.0) == pytest.approx(0.7 - hand_poses.BELOW_TOP_M)
     assert hand_poses.height_of(kind, 0.5, 0.58, lowest, 0.1) == pytest.approx(lowest)
     top = lowest + BELOW_TOP_M
     assert hand_poses.height_of(kind, 0.45, top + 1e-5, lowest, 0.1) == pytest.approx(lowest)

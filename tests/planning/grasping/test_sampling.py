@@ -11,7 +11,7 @@ from planning.grasping.sampling import DENSE, USUAL, Sampling
 def test_the_numbers() -> None:
     assert Sampling() == USUAL
     assert (USUAL.yaws, USUAL.backs_m, USUAL.heights) == (12, (0.0,), (0.6, 0.85))
-    assert (DENSE.yaws, DENSE.backs_m, DENSE.heights) == (36, (0.0, 0.01, 0.02), (0.3, 0.45, 0.6, 0.72, 0.85, 0.95))
+    assert (DENSE.yaws, DENSE.backs_m, DENSE.heights) == (36, (0.0, 0.01, 0.02, np.inf), (0.0, 0.3, 0.45, 0.6, 0.72, 0.85, 0.95, 1.0))
     assert np.degrees(DENSE.pitches["diagonal"]) == pytest.approx([30, 45, 60])
 
 

@@ -29,7 +29,8 @@ def clearance_plot(film: Film) -> str:
         t = np.linspace(0, s.motion.t_s[-1], 2 + int(s.motion.t_s[-1] / STEP_S))
         q = film.full(s.motion, t)
         times.append(s.start_s + t)
-        values.append(clearances(bodies, q, s.poses, s.motion.held, s.motion.allowed_contacts, MOST_M))
+        least = min(s.motion.clearance_m or 0.0, MOST_M)  # measured on all of the way; the curve's fingers are rounded
+        values.append(np.maximum(clearances(bodies, q, s.poses, s.motion.held, s.motion.allowed_contacts, MOST_M), least))
     t, mm = np.concatenate(times), 1000 * np.concatenate(values)
     x, y = _x(film, t), HEIGHT * (1 - mm / (1000 * MOST_M))
     area = f'<path d="{_path(x, y)} L{WIDTH} {HEIGHT} L0 {HEIGHT} Z" class="area"/><path d="{_path(x, y)}" class="edge"/>'

@@ -25,6 +25,8 @@ GLANCED = 12
 """Regions that are proposed at a glance, and for each object where nothing but a guess is left."""
 QUICKLY = 2 / 3
 """Share of all attempts that may be made with the grasps that are quick to sample."""
+ONCE_MORE = 1 / 2
+"""As many attempts more, as a share of all, may be made with the likeliest regions where near ones have not done."""
 Prove = Callable[[State], Unsolvable | None]
 
 
@@ -119,17 +121,22 @@ class Lookahead:
                 yield region
 
     def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
-        """The moves that a search finds: with the grasps that are quick to sample, and where these don't do, with many more."""
+        """The moves that a search finds: with the grasps that are quick to sample; where these don't do, with many more; and at last not to
+        near regions but to the likeliest."""
         assert self._state is not None
-        left, attempts = self.most - self._made, self.effort.attempts
-        for world, share in ((self.world, QUICKLY), (self.world.thorough, 1.0)):
+        left, attempts, preferred = self.most - self._made, self.effort.attempts, self.preferences
+        rounds = [(self.world, preferred, QUICKLY), (self.world.thorough, preferred, 1.0)]
+        if preferred.nearby is not None:
+            rounds.append((self.world.thorough, replace(preferred, nearby=None), ONCE_MORE))
+        for world, preferences, share in rounds:
             plan = relaxed_plan(world.obstructions(self._state.poses), self._target, frozenset(seen.movable))
             if plan is None:
                 continue
             self._needed(plan.length)
             if plan.length > left:
                 continue
-            search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
+            budget = self.effort.attempts if preferences is not preferred else attempts
+            search = Search(world, preferences, replace(self.effort, attempts=round(share * budget)), left, rng)
             if found := search.run(self._state):
                 return found
             attempts -= search.tried

@@ -58,6 +58,7 @@ def run(
     from planning.sensing.recording import box_at_pixel, fused, may_hide, seen_bodies, seen_scene, with_grasp
 
     choose("way to tell objects apart (--by)", by, BY)
+    told_by: Literal["mask", "geometry"] = "mask" if by == "mask" else "geometry"
     box, pixel = None if target_box is None else parse_box(target_box), None if target_pixel is None else parse_pixel(target_pixel)
     if box is not None and pixel is not None:
         raise InputError("sense: --target-box and --target-pixel exclude each other: say once where the target is")
@@ -89,21 +90,23 @@ def run(
                     if views is None:
                         frames, voxels, reason = look(scene, arm, limits, noise, rng)
                     else:
-                        frames, voxels, reason = record(scene, arm, limits, noise, "mask" if by == "mask" else "geometry", rng)
-                    _, shares = fused(scene, frames, axial_noise(frames, scene.cabinet))
+                        frames, voxels, reason = record(scene, arm, limits, noise, told_by, rng)
+                    noise_1m_m = axial_noise(frames, scene.cabinet)
+                    _, shares = fused(scene, frames, noise_1m_m)
                 else:
                     frames = recorded(arm, scene, from_views, index)
-                    voxels, shares = fused(scene, frames, axial_noise(frames, scene.cabinet))
+                    noise_1m_m = axial_noise(frames, scene.cabinet)
+                    voxels, shares = fused(scene, frames, noise_1m_m)
                     reason = f"{len(frames)} recorded views"
                 wanted = box if pixel is None else box_at_pixel(frames, *pixel)
-                belief = believe(empty_scene, frames, voxels, by="mask" if by == "mask" else "geometry", target_box=wanted)
+                belief = believe(empty_scene, frames, voxels, by=told_by, target_box=wanted)
                 if views is not None:
                     write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
-            bodies, pieces = seen_bodies(belief, scene) if blind else (belief.bodies, ())
             if blind:
-                mapped, hidden = may_hide(scene, frames, axial_noise(frames, scene.cabinet), belief, bodies, pieces, smallest_mm / 1e3)
+                bodies, pieces = seen_bodies(belief, scene)
+                mapped, hidden = may_hide(scene, frames, noise_1m_m, belief, bodies, pieces, smallest_mm / 1e3)
             else:
-                mapped, hidden = voxels, unknown_mask(voxels, bodies)
+                mapped, hidden = voxels, unknown_mask(voxels, belief.bodies)
             views_known = [(f.T_world_camera, k) for f, k in zip(frames, shares)]
             regions = region_flags(empty_scene, belief)
             document = observation_to_json(belief.boxes, regions, views_known, voxels.known, mapped.state.shape, mapped.ranges(hidden))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -15,7 +15,7 @@ from kinematics.chain import Int
 from kinematics.collision import edge_problem
 from kinematics.collision.edge_problem import Problem, Scratch
 from kinematics.collision.geometry import Query, Solids, place_solids, scene_solids
-from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
 from kinematics.collision.sphere_batch import SphereScratch, scratch_for
 from kinematics.collision.sphere_check import open_pairs
@@ -68,13 +68,13 @@ class BroadPhase:
         self._of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name] for b in scene.objects}
         self._pieces = lru_cache(maxsize=None)(lambda name: shape_geometry(scene.body(name).shape))
         self._pairs = _self_pairs(robot)
-        self._fingers = np.isin(self.robot_collision_model.links, sorted(robot.fingers))
+        self._fingers = self.robot_collision_model.fingers
         self._placed: dict[bytes, tuple[Solids, SphereWorld]] = {}
         self._scratch: Scratch | None = None
         self._spheres: tuple[int, int, int, SphereScratch] | None = None
         self._finger_posed: dict[float, PosedGeometry] = {}
         self._judged: dict[tuple[tuple[str, ...], tuple[str, ...]], NDArray[np.bool_]] = {}
-        self._finger_links = tuple(link for link, finger in zip(self.robot_collision_model.links, self._fingers) if finger)
+        self._finger_links = tuple(self.robot_collision_model.links[i] for i in self._fingers)
         self._known: dict[object, tuple[PosedGeometry, SphereModel, tuple[str, ...]]] = {}
 
     def judge(
@@ -125,8 +125,7 @@ class BroadPhase:
         if gripper not in self._finger_posed:
             if len(self._finger_posed) == KEPT:
                 self._finger_posed.pop(next(iter(self._finger_posed)))  # the oldest
-            which = np.flatnonzero(self._fingers)
-            self._finger_posed[gripper] = self.robot_collision_model.posed_links(which, self._finger_pieces, [gripper])
+            self._finger_posed[gripper] = self.robot_collision_model.posed_fingers([gripper])
         return self._finger_posed[gripper], self._finger_links
 
     def moving(self, gripper: float, held: Held | None) -> tuple[PosedGeometry, SphereModel, tuple[str, ...]]:
@@ -176,10 +175,6 @@ class BroadPhase:
             known = self._scratch = edge_problem.scratch_for(len(chain.q_index), len(chain.lower), len(self._owners), 2 * pairs)
         edge_problem.enter(problem, known)
         return known
-
-    @cached_property
-    def _finger_pieces(self) -> GeometryModel:
-        return make_geometry_model([hull.vertices for hull, finger in zip(self.robot.hulls, self._fingers) if finger])
 
     def _elsewhere(self, q: Array) -> bool:
         """Whether a joint that the robot collision model takes to be at home is not."""

@@ -31,6 +31,13 @@ def _link_pieces(robot: Robot) -> GeometryModel:
     return make_geometry_model([hull.vertices for hull in robot.hulls], link_covers(robot))
 
 
+@lru_cache(maxsize=16)
+def _finger_pieces(robot: Robot, times: int) -> GeometryModel:
+    """The hulls that move with the gripper's joint, so many times: each time they may stand elsewhere."""
+    own = [i for i, hull in enumerate(robot.hulls) if hull.link in robot.fingers] * times
+    return make_geometry_model([robot.hulls[i].vertices for i in own], [link_covers(robot)[i] for i in own])
+
+
 def shape_covers(shape: Shape) -> tuple[Levels, ...]:
     """Covers of a shape's convex parts, in its own frame."""
     match shape:
@@ -67,7 +74,7 @@ class RobotCollisionModel:
         frames, T = self._carried(float(robot.home[robot.gripper_joint]))
         hand = robot.tree.index["hand"]
         self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
-        self._fingers = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))  # nothing else moves with the gripper's joint
+        self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))  # nothing else moves with the gripper's joint
         self._home: PosedGeometry | None = None
         self._posed: dict[float, tuple[PosedGeometry, SphereModel]] = {}
 
@@ -88,15 +95,15 @@ class RobotCollisionModel:
             frames, T = self._carried(gripper)
             if self._home is None:
                 self._home = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
-            posed = pose_others(self.chain, self.pieces, self._home, self._fingers, T[self._link])
+            posed = pose_others(self.chain, self.pieces, self._home, self.fingers, T[self._link])
             known[gripper] = posed, posed_sphere_model(self.chain, posed)
         return known[gripper]
 
-    def posed_links(self, which: Int, pieces: GeometryModel, openings: Sequence[float]) -> PosedGeometry:
-        """Some of the link hulls alone, which (n,) of them, at each of some gripper values. pieces: they, as often as there are values."""
+    def posed_fingers(self, openings: Sequence[float]) -> PosedGeometry:
+        """The fingers alone, at each of some gripper values, one after the other."""
         frames, T = zip(*(self._carried(gripper) for gripper in openings), strict=True)
-        links = self._link[which]
-        return pose_geometry(self.chain, pieces, np.concatenate([f[links] for f in frames]), np.concatenate([t[links] for t in T]))
+        own, pieces = self._link[self.fingers], _finger_pieces(self.robot, len(openings))
+        return pose_geometry(self.chain, pieces, np.concatenate([f[own] for f in frames]), np.concatenate([t[own] for t in T]))
 
     def in_hand(self, pieces: GeometryModel, T_hand_body: Array) -> PosedGeometry:
         """A held object, alone."""

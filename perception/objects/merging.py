@@ -20,7 +20,7 @@ CONTACT_M = 2 * CELL_M
 """Cells so near to each other touch."""
 SMALL_CELLS, SMALL_M = 60, 0.03
 """A cluster with fewer cells, or less long, that touches another is the fillet of a crease or the like."""
-CRUMB_CELLS, CRUMB_SHARE, CRUMB_GAP_M = 150, 0.08, 0.02
+FRAGMENT_CELLS, FRAGMENT_SHARE, FRAGMENT_GAP_M = 150, 0.08, 0.02
 """A cluster with fewer cells, less than this share of another's, and so near to it, is a part of it that stands out, such as a handle."""
 STRAY_CELLS, STRAY_GAP_M = 40, 0.025
 """What has fewer cells is no object by itself, but belongs to one that is so near."""
@@ -261,7 +261,7 @@ def _shared(patches: Patches, a: Int, b: Int) -> float:
 
 def fragments_absorbed(cells: Cells, label: Int) -> Int:
     """What is small and near to a much larger cluster is a part of it; what is very small and near to any, of that."""
-    for most, share, reach in ((CRUMB_CELLS, CRUMB_SHARE, CRUMB_GAP_M), (STRAY_CELLS, 1.0, STRAY_GAP_M)):
+    for most, share, reach in ((FRAGMENT_CELLS, FRAGMENT_SHARE, FRAGMENT_GAP_M), (STRAY_CELLS, 1.0, STRAY_GAP_M)):
         for s in np.argsort(np.bincount(label), kind="stable"):
             size = np.bincount(label)
             larger = np.flatnonzero((size[label] * share > size[s]) & (size[label] >= min(most, STRAY_CELLS)) & (label != s))

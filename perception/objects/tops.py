@@ -14,12 +14,9 @@ CELL_M, LEVEL_M = 0.008, 0.012
 
 def seen_top(body: Body, points: Array) -> float:
     """The share of an upright body's top face that points (N, 3) in the world show; 0 for other shapes than boxes and cylinders."""
-    if isinstance(body.shape, Box):
-        half, top = body.shape.half[:2], float(body.shape.half[2])
-    elif isinstance(body.shape, Cylinder):
-        half, top = np.full(2, body.shape.radius_m), body.shape.height_m / 2
-    else:
+    if not isinstance(body.shape, (Box, Cylinder)):
         return 0.0
+    half, top = body.shape.half[:2], float(body.shape.half[2])
     local = apply(inverse(body.T_world_body), points)
     local = local[np.abs(local[:, 2] - top) < LEVEL_M]
     n = np.maximum(np.floor(2 * half / CELL_M), 1).astype(np.int64)

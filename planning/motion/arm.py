@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from kinematics import inverse
 from kinematics.chain import Int, forward
-from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, join_posed, make_geometry_model
-from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, link_covers, robot_collision_model
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed
+from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, robot_collision_model
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
@@ -55,7 +55,6 @@ class Arm(RobotCollisionModel):
         self._posed = robot_collision_model(robot, T_world_base)._posed  # what the final check packs is what the planner has packed
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
-        self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))
         self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
         self._any_opening: dict[tuple[float, float], AnyOpening | None] = {}
 
@@ -109,10 +108,6 @@ class Arm(RobotCollisionModel):
             pairs.append(copies[pairs[0]])
         return posed, links, np.concatenate(pairs)
 
-    def posed_fingers(self, openings: Sequence[float]) -> PosedGeometry:
-        """The fingers alone, at each of some gripper values."""
-        return self.posed_links(self.fingers, finger_pieces(self.robot, len(openings)), openings)
-
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""
         frames = np.empty((len(self.chain.q_index) + 1, 4, 4))
@@ -128,13 +123,6 @@ class Arm(RobotCollisionModel):
         """How far x is turned about the vertical from T_world_x (4, 4) at an arm's configuration q (A,), rad."""
         R = (self.hand_pose(q) @ T_hand_x)[:3, :3] @ T_world_x[:3, :3].T
         return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
-
-
-@lru_cache(maxsize=16)
-def finger_pieces(robot: Robot, times: int) -> GeometryModel:
-    """The links that move with the gripper's joint, so many times: each time they may stand elsewhere."""
-    own = [i for i, hull in enumerate(robot.hulls) if hull.link in robot.fingers] * times
-    return make_geometry_model([robot.hulls[i].vertices for i in own], [link_covers(robot)[i] for i in own])
 
 
 def arm_at(robot: Robot, T_world_base: Array) -> Arm:

@@ -124,24 +124,23 @@ class Lookahead:
         """The moves that a search finds: with the grasps that are quick to sample; where these don't do, with many more; and at last not to
         near regions but to the likeliest."""
         assert self._state is not None
-        left, attempts, preferred = self.most - self._made, self.effort.attempts, self.preferences
-        rounds = [(self.world, preferred, QUICKLY), (self.world.thorough, preferred, 1.0)]
-        if preferred.nearby is not None:
-            rounds.append((self.world.thorough, replace(preferred, nearby=None), ONCE_MORE))
-        for world, preferences, share in rounds:
+        left, attempts = self.most - self._made, self.effort.attempts
+        for world, share in ((self.world, QUICKLY), (self.world.thorough, 1.0)):
             plan = relaxed_plan(world.obstructions(self._state.poses), self._target, frozenset(seen.movable))
             if plan is None:
                 continue
             self._needed(plan.length)
             if plan.length > left:
                 continue
-            budget = self.effort.attempts if preferences is not preferred else attempts
-            search = Search(world, preferences, replace(self.effort, attempts=round(share * budget)), left, rng)
+            search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
             if found := search.run(self._state):
                 return found
             attempts -= search.tried
         if plan is None:
             self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
+        elif plan.length <= left and self.preferences.nearby is not None:
+            likeliest, effort = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
+            return Search(self.world.thorough, likeliest, replace(self.effort, attempts=effort), left, rng).run(self._state)
         return []
 
     def _needed(self, moves: int) -> None:

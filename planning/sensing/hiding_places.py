@@ -77,11 +77,7 @@ def _middles(voxels: Voxels, closed: NDArray[np.bool_], bodies: Sequence[Body], 
 
 def _extent(body: Body) -> Array:
     """Width, depth and height (3,) of an upright body in its own frame; of the box around other shapes."""
-    if isinstance(body.shape, Box):
-        return np.asarray(body.shape.size_m, float)
-    if isinstance(body.shape, Cylinder):
-        return np.array([2 * body.shape.radius_m, 2 * body.shape.radius_m, body.shape.height_m])
-    return object_box(body)[3:]
+    return 2 * body.shape.half if isinstance(body.shape, (Box, Cylinder)) else object_box(body)[3:]
 
 
 def _distance(body: Body, points: Array) -> Array:

@@ -72,17 +72,18 @@ class _Checker:
         self.T_world_base = scene.robot.T_world_base
         self.links = link_solids(robot)
         self.at = [self.arm.links[s.name] for s in self.links]
-        self.fixed = [(s, w.T_world_body) for w in standing_still(scene) for s in shape_solids(w.name, w.shape)]
-        self.objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
+        fixed, objects = (standing_still(scene), scene.objects) if settings.contact else ((), ())  # else the robot is alone
+        self.fixed = [(s, w.T_world_body) for w in fixed for s in shape_solids(w.name, w.shape)]
+        self.objects = {b.name: shape_solids(b.name, b.shape) for b in objects}
         pairs = pairs_of(robot)
         self.pairs = pairs if settings.contact else Pairs(pairs.checked[:0], pairs.switched_off)
         self.pads = {*robot.pads, *(pad.link for pad in hand.pads)}
 
     def course(self, course: Course, standing: Mapping[str, Array], at_hand: frozenset[str]) -> tuple[list[Fault], list[Fault]]:
         """Faults and notes of one motion."""
-        held, n = course.held if self.settings.contact else None, len(self.links)
-        grip = self.objects[held.body] if held is not None else []
-        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects[name])] if self.settings.contact else []
+        held, n = course.held, len(self.links)
+        grip = self.objects.get(held.body, []) if held is not None else []
+        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects.get(name, ()))]
         solids = [*self.links, *grip, *(s for s, _ in around)]
         T_held = self.hand.T_carrier_hand @ held.T_hand_body if held is not None else np.eye(4)
         carrier = np.array([*(c for c, _ in self.at), *[self.hand.carrier] * len(grip)])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kinematics.chain import Int
-from kinematics.robots.opening import ROOM_M, Opening
+from kinematics.robots.opening import ROOM_M, SLICES, TILTS, Opening
 from kinematics.robots.tree import FIXED, TURNS, LinkHull, Tree
 from kinematics.transforms import Array, inverse
 
@@ -68,8 +68,11 @@ def measure(
     order = np.argsort([widths[i] for i in usable], kind="stable")
     columns = (values[usable], [widths[i] for i in usable], pad_z, depth, [middles[i] for i in usable])
     table = np.stack([np.asarray(c, float) for c in columns])[:, order]
-    value, width, z, deep, y = table[:, np.concatenate([[True], np.diff(table[1]) > 1e-6])]
-    return Opening(value, width, z, deep, y, jaw, hinged), pads
+    kept = np.concatenate([[True], np.diff(table[1]) > 1e-6])
+    value, width, z, deep, y = table[:, kept]
+    at = [(usable[k], pad_z[k]) for k in order[kept]]
+    tilted = np.array([_free_depths(_centred(places[i], middles[i]), pads, widths[i], middle) for i, middle in at])
+    return Opening(value, width, z, deep, y, jaw, hinged, tilted_m=tilted), pads
 
 
 LEAST_WAY_M = 0.005
@@ -226,6 +229,43 @@ def _furthest(vertices: Array, faces: Int, half: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             z = a[:, 2] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 2] - a[:, 2])
         best = np.maximum(best, np.where(crosses, z, -np.inf).max(1, initial=-np.inf))
+    return np.asarray(best)
+
+
+def _free_depths(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> Array:
+    """The same along each of TILTS, for each of SLICES of an object of this width: (T, S); of links behind the pads alone, so of no camera
+    that looks past them."""
+    half, along = width / 2, np.stack([np.sin(TILTS), np.cos(TILTS)])
+    steps = np.linspace(0.0, ROOM_M, 6)
+    starts, forward = half * SLICES, np.full((len(TILTS), len(SLICES)), float(_Z[0]))
+    straight = int(np.argmin(np.abs(TILTS)))
+    for link, vertices, faces in placed:
+        if link in pads or not vertices[:, 0].min() < 0.0 < vertices[:, 0].max():
+            continue
+        beside, ahead = np.abs(vertices[:, 1]), (vertices[:, ::2] - [0.0, pad_z]) @ along
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        edges = edges[edges[:, 0] < edges[:, 1]]
+        slices = [(s, low, high, 0.0) for s, (low, high) in enumerate(zip(starts, [*starts[1:], half + steps[1]]))]
+        more = [(len(starts) - 1, half, half + outer, inner) for inner, outer in itertools.pairwise(steps[1:])]
+        for s, low, high, inner in [*slices, *more]:  # what is beside it has to be less far behind it
+            reach = _forward(vertices[:, 1], beside, ahead, edges, low, high)
+            if reach[straight] < 0.0:
+                forward[:, s] = np.maximum(forward[:, s], reach - ROOM_M + np.sqrt(ROOM_M**2 - inner**2))
+    return -forward
+
+
+def _forward(y: Array, beside: Array, ahead: Array, edges: Int, low: float, high: float) -> Array:
+    """The largest of each column of `ahead` (V, T) that a convex hull has where low ≤ |y| ≤ high: (T,), -inf where it has nothing there.
+
+    beside (V,): |y| of its vertices.
+    """
+    best = ahead[(beside >= low) & (beside <= high)].max(0, initial=-np.inf)
+    for plane in (-high, -low, low, high):
+        a, b = y[edges[:, 0]] - plane, y[edges[:, 1]] - plane
+        crosses = a * b < 0
+        i, j = edges[crosses].T
+        share = (a[crosses] / (a[crosses] - b[crosses]))[:, None]
+        best = np.maximum(best, (ahead[i] + share * (ahead[j] - ahead[i])).max(0, initial=-np.inf))
     return np.asarray(best)
 
 

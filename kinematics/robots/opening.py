@@ -17,6 +17,11 @@ BESIDE_M, PUSH_M = 0.00062, 0.0004
 """So far from an object is the pad that stands still while the hand comes, more than what planned motions keep from everything; and so far
 does the jaw that moves push the object against it. The 0.22 mm that are left are less than half of what counts as no contact."""
 
+TILTS = np.radians(np.arange(-75, 76, 15))
+"""How far directions are turned about the hand's y, from its z towards its x, along which it is measured what lies behind the pads."""
+SLICES = np.sin(np.linspace(0.0, np.pi / 2, 9))[:-1]
+"""Where slices of what is in the hand begin, from its middle outwards, in shares of half its width; the last one ends beside it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Opening:
@@ -25,7 +30,8 @@ class Opening:
     where the pads' middle is along the hand's y, which is 0 but for a jaw that moves alone; metres.
     cup_m: the diameter of a suction cup, which holds at that width, is off at any larger one, and takes what comes near along z; else 0.
     jaw: on which side along y the one jaw is that moves against a fixed one, 1 or -1; 0 where both sides move. round_only: a hinged jaw
-    stands askew on whatever is between the pads, and holds what is round.
+    stands askew on whatever is between the pads, and holds what is round. tilted_m (widths, T, S): like depth_m, along each of TILTS,
+    for each of SLICES; where it is empty, nothing is known of directions but the hand's z.
     """
 
     value: Array
@@ -36,6 +42,7 @@ class Opening:
     jaw: int = 0
     round_only: bool = False
     cup_m: float = 0.0
+    tilted_m: Array = field(default_factory=lambda: np.zeros((0, len(TILTS), len(SLICES))))
 
     @property
     def max_m(self) -> float:
@@ -94,6 +101,15 @@ class Opening:
     def depth_at(self, width_m: float) -> float:
         """How far behind the pads' middle an object of this width may reach."""
         return float(np.interp(width_m, self.width_m, self.depth_m))
+
+    def depths_at(self, width_m: float) -> Array:
+        """How far behind the pads' middle each of SLICES of an object of this width may reach, along each of TILTS: (T, S)."""
+        if len(self.tilted_m) == 0:
+            return np.where(TILTS[:, None] == 0.0, self.depth_at(width_m), -np.inf) + np.zeros(len(SLICES))
+        i = int(np.clip(np.searchsorted(self.width_m, width_m), 1, len(self.width_m) - 1))
+        low, high = self.width_m[i - 1 : i + 1]
+        share = float(np.clip((width_m - low) / (high - low), 0.0, 1.0))
+        return np.asarray((1 - share) * self.tilted_m[i - 1] + share * self.tilted_m[i])
 
 
 def _moved(T: Array, by_m: Array) -> Array:

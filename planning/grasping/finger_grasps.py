@@ -18,7 +18,7 @@ from kinematics.robots.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform
-from planning.grasping.hand_poses import BEHIND_M, STEEP, Lowest, height_of, level_hand, set_back_pitched, usual_lowest
+from planning.grasping.hand_poses import STAY, STEEP, Lowest, fit_box, fit_round, height_of, level_hand, most_above, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, under_pads
 from planning.grasping.sampling import USUAL, Headings, Sampling
@@ -29,6 +29,7 @@ SET_BACKS = (1.0, 0.5, 0.0)  # shares of how far a mesh, taken for a box, is set
 BESIDE = (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)  # where meshes are crossed beside their middle: shares of how far they reach there
 MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
+UPRIGHT = np.cos(np.radians(1))
 SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
 
 
@@ -85,7 +86,7 @@ def sample_grasps(
 @dataclass(frozen=True, eq=False)
 class _Candidate:
     """A hand that may close. rank: the smaller the more natural; point (3,): between the pads; u (3,): along which; R (3, 3): the
-    hand's; extent: the body's, see `hand_poses.set_back_pitched`; back_m: how much nearer to the hand than it must be."""
+    hand's; extent: the body's, see `hand_poses.fit_box`; back_m: how much nearer to the hand than it must be."""
 
     rank: float
     point: Array
@@ -122,7 +123,7 @@ class _Candidates:
         body, (low, high) = self.body, self.bounds
         middle, there = (low + high) / 2, np.array([np.cos(self.toward), np.sin(self.toward), 0.0])
         for kind, pitch in self.kinds:
-            for order, z in enumerate(self._heights(kind, pitch, self._width(self.toward + np.pi / 2))):
+            for order, z in enumerate(self._heights(kind, pitch)):
                 T = transform(level_hand(there, pitch), [middle[0], middle[1], z])
                 through = line_contacts(body.shape, body.T_world_body, T[:3, 3], T[:3, 1])
                 for R in [] if through is None else headings(T, through.leave - through.enter):
@@ -132,13 +133,12 @@ class _Candidates:
     def all_round(self) -> Iterator[_Candidate]:
         """Hands from both sides of every closing direction."""
         for yaw in closing_directions(self.body.shape, self.body.T_world_body, self.sampling):
-            width, u = self._width(yaw), np.array([np.cos(yaw), np.sin(yaw), 0.0])
+            u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
             for kind, pitch in self.kinds:
-                heights = self._heights(kind, pitch, width)
                 for side in (1.0, -1.0):
                     ahead = side * np.array([-u[1], u[0], 0.0])
                     R = level_hand(ahead, pitch)
-                    for order, z in enumerate(heights):
+                    for order, z in enumerate(self._heights(kind, pitch)):
                         yield from self._hand(R, ahead, u, pitch, order, z)
 
     def _hand(self, R: Array, ahead: Array, u: Array, pitch: float, order: int, z: float) -> Iterator[_Candidate]:
@@ -150,17 +150,19 @@ class _Candidates:
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
             yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back)
 
-    def _width(self, yaw: float) -> float:
-        """How wide the body is along a closing direction, m."""
-        return 2 * half_along(self.body, [np.cos(yaw), np.sin(yaw), 0.0])
-
-    def _heights(self, kind: str, pitch: float, width: float) -> list[float]:
+    def _heights(self, kind: str, pitch: float) -> list[float]:
         """Heights of the pads, world."""
+        return self._known_heights[kind, pitch]
+
+    @cached_property
+    def _known_heights(self) -> dict[tuple[str, float], list[float]]:
+        return {(kind, pitch): self._find_heights(kind, pitch) for kind, pitch in self.kinds}
+
+    def _find_heights(self, kind: str, pitch: float) -> list[float]:
         shape, (low, high) = self.body.shape, self.bounds
-        room = max(self.opening.depth_at(width) - BEHIND_M, 0.0)
-        # a round body is no wider than a line where the knuckles are: its top alone has to fit before them
-        least = high[2] - room / np.sin(pitch) if kind == "diagonal" and isinstance(shape, Cylinder) else -np.inf
-        floor = self.floor_z + self.lowest(kind, pitch)
+        least, floor = -np.inf, self.floor_z + self.lowest(kind, pitch)
+        if isinstance(shape, Cylinder) and pitch > 0.0 and _is_upright(self.body):
+            least = high[2] - most_above(shape.radius_m, pitch, self.opening)
         usual = (height_of(kind, low[2], high[2], floor, share, least) for share in self.sampling.heights)
         heights = sorted({z for z in usual if z is not None})
         if isinstance(shape, ConvexMesh):
@@ -173,6 +175,11 @@ class _Candidates:
 def half_along(body: Body, direction: Array | Sequence[float]) -> float:
     """Half of how far a body's own box extends along a unit direction (3,), world, in metres."""
     return float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ direction))
+
+
+def _is_upright(body: Body) -> bool:
+    """Whether the body's z is the vertical."""
+    return bool(abs(body.T_world_body[2, 2]) > UPRIGHT)
 
 
 def _less_squarely(
@@ -215,9 +222,11 @@ def _antipodal(
     if hit is None:
         return None
     point, u = c.point, c.u
-    back = 0.0 if isinstance(body.shape, Cylinder) else set_back_pitched(*c.extent, hit.leave - hit.enter, opening, c.back_m)
-    if back > 0.0:
-        point = point - share * back * c.R[:, 2]
+    if isinstance(body.shape, Cylinder):
+        if _is_upright(body):
+            point = point + fit_round(body.shape.radius_m, *c.extent[1:], opening).by(c.R)
+    elif (back := fit_box(*c.extent, hit.leave - hit.enter, opening, c.back_m)) != STAY:
+        point = point + share * back.by(c.R)
         hit = line_contacts(body.shape, body.T_world_body, point, u)
     cone = np.cos(friction_angle)
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:

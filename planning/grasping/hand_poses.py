@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from kinematics.robots.opening import ROOM_M, Opening
+from kinematics.robots.opening import ROOM_M, SLICES, TILTS, Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, inverse
 
@@ -16,9 +18,10 @@ LOWEST_M = {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
 IN_CABINET_M, CLEAR_M = 0.08, 0.003  # so much of a hand is in the cabinet with its fingers, and keeps so far from the floor
 BELOW_TOP_M = 0.015
 BEHIND_M = ROOM_M  # room between an object and what lies behind the pads: knuckles, palm
-KNUCKLE_M = 0.020  # half of how wide a knuckle is, across the way the fingers close
 STEEP = 1.5  # rad: a hand of this pitch looks straight down
-LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end, at least
+ALONG = 1e-6  # what leads along a direction has at least that cosine with it
+LEAST_BITE_M = 0.010  # how far the pads' middle reaches over an object's near end along the approach, at least
+MOST_BESIDE_M = 0.005  # how far behind the middle of what is round the pads' middle is, at most
 UP = np.array([0.0, 0.0, 1.0])
 Lowest = Callable[[str, float], float]
 """How high the pads' centre is above the floor, at least, by the approach and its pitch (rad), in metres."""
@@ -80,13 +83,6 @@ def height_of(kind: str, low: float, high: float, floor: float, share: float, le
     return round(z, 6) if z <= highest else None
 
 
-def _behind(reach: float, above: float, pitch: float) -> float:
-    """How far a box reaches behind the pads' middle along the approach of a pitched hand, between its knuckles: `reach` towards the hand
-    and `above` upwards. Its near face ends that, or its top."""
-    by_face = (reach + KNUCKLE_M * np.sin(pitch)) / max(np.cos(pitch), 1e-9)
-    return float(min(by_face, reach * np.cos(pitch) + above * np.sin(pitch)))
-
-
 def set_back(reach: float, width_m: float, opening: Opening) -> float:
     """How far before an object's middle the pads must close, so that what lies behind them fits: metres along the approach.
 
@@ -100,10 +96,92 @@ def _most_back(reach: float) -> float:
     return max(0.0, reach - LEAST_BITE_M)
 
 
-def set_back_pitched(reach: float, above: float, pitch: float, width_m: float, opening: Opening, more: float) -> float:
-    """`set_back`, for a level hand by so much more; for a pitched one, which moves upwards with it, so that the pads stay on the body."""
+@dataclass(frozen=True)
+class Move:
+    """How a hand moves from where its pads' middle is in an object's: back along the approach, up, and back on a level, in metres."""
+
+    along_m: float = 0.0
+    up_m: float = 0.0
+    level_m: float = 0.0
+
+    def by(self, R: Array) -> Array:
+        """The same (3,) for a hand that is turned by R (3, 3), its y level."""
+        return np.asarray(-self.along_m * R[:, 2] + [self.level_m * R[1, 1], -self.level_m * R[0, 1], self.up_m])
+
+
+STAY = Move()
+
+
+@lru_cache(maxsize=256)
+def fit_box(reach: float, above: float, pitch: float, width_m: float, opening: Opening, more: float) -> Move:
+    """So far back that what lies behind the pads fits, if the pads' middle may stay over the object.
+
+    reach: how far the object, taken for a box, extends from its middle towards the hand; above: from there upwards. more: by so much more,
+    for a level hand. A pitched one moves upwards as it goes back.
+    """
     if pitch == 0.0:
-        return min(set_back(reach, width_m, opening) + more, _most_back(reach))
-    back = max(0.0, _behind(reach, above, pitch) + BEHIND_M - opening.depth_at(width_m))
-    over = _most_back(reach) / max(np.cos(pitch), 1e-9)
-    return float(min(back, over, max(0.0, above - BELOW_TOP_M) / np.sin(pitch)))
+        return Move(min(set_back(reach, width_m, opening) + more, _most_back(reach)))
+    co, si, planes = max(float(np.cos(pitch)), 1e-9), float(np.sin(pitch)), _planes(pitch)
+    depths = opening.depths_at(width_m)[planes.between].min(1, keepdims=True)
+    along = planes.needed(_lacking(reach, above, planes, depths), planes.tilts)
+    most = min(max(0.0, reach / co - LEAST_BITE_M), max(0.0, above - BELOW_TOP_M) / si)
+    if along <= most or pitch > STEEP:
+        return Move(min(along, most))
+    reach, above = reach - most * co, above - most * si
+    up = min(planes.needed(_lacking(reach, above, planes, depths), planes.rises), max(0.0, above - BELOW_TOP_M))
+    level = planes.needed(_lacking(reach, above - up, planes, depths), planes.faces)
+    return Move(most, up, min(level, max(0.0, reach - LEAST_BITE_M * co)))
+
+
+@lru_cache(maxsize=256)
+def fit_round(radius: float, above: float, pitch: float, opening: Opening) -> Move:
+    """The same for an upright cylinder: the pads meet it in one line on either side, and it stays between them."""
+    if opening.round_only:
+        return STAY  # it is held where the table says
+    planes = _planes(pitch)
+    lacks = _lacking(_chords(radius), above, planes, opening.depths_at(2 * radius)[planes.between])
+    return Move(min(planes.needed(lacks, planes.tilts), MOST_BESIDE_M))
+
+
+def most_above(radius: float, pitch: float, opening: Opening) -> float:
+    """How far an upright cylinder may extend above the pads' middle, so that it fits before what lies behind them."""
+    planes = _planes(pitch)
+    lacks, rises = _lacking(_chords(radius), 0.0, planes, opening.depths_at(2 * radius)[planes.between]), planes.rises
+    some = rises > ALONG
+    return float((-lacks[some] / rises[some, None]).max(0).min())
+
+
+def _chords(radius: float) -> Array:
+    """How far each slice (S,) of an upright cylinder reaches towards the hand."""
+    return np.asarray(radius * np.sqrt(1 - SLICES**2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Planes:
+    """The planes, across some of TILTS, that may lie between an object's near and upper sides and a pitched hand.
+
+    between (T,): across which. tilts, rises, faces (P,): the cosines between them and the approach, the vertical, and the level ahead.
+    """
+
+    between: NDArray[np.bool_]
+    tilts: Array
+    rises: Array
+    faces: Array
+
+    def needed(self, lacks: Array, gains: Array) -> float:
+        """How far the hand has to move for nothing to be lacking (P, S): a metre gains so much across each plane (P,)."""
+        some = gains > ALONG
+        return max(0.0, float((lacks[some] / gains[some, None]).min(0).max()))
+
+
+@lru_cache(maxsize=64)
+def _planes(pitch: float) -> _Planes:
+    between = np.abs(TILTS - (pitch - np.pi / 4)) < np.pi / 4 + ALONG
+    tilts = TILTS[between]
+    return _Planes(between, np.cos(tilts), np.sin(pitch - tilts), np.cos(pitch - tilts))
+
+
+def _lacking(reach: float | Array, above: float, planes: _Planes, depths: Array) -> Array:
+    """By how much slices of an object that reach so far (S,) towards a pitched hand, and up, come too near to what lies behind the pads,
+    which is that far behind them (P, S), if one of the planes is to be between them: (P, S)."""
+    return np.asarray(reach * planes.faces[:, None] + above * planes.rises[:, None] + BEHIND_M - depths)

@@ -15,7 +15,7 @@ from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corn
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.grasping import finger_grasps, hand_poses
 from planning.grasping.finger_grasps import CLEARANCE_M, FRICTION_ANGLE, MESH_FRICTION_ANGLE, closing_directions, open_width, sample_grasps
-from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, set_back, usual_lowest
+from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, MOST_BESIDE_M, set_back, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import PITCHES
@@ -475,7 +475,7 @@ def test_a_mesh_is_held_beside_its_middle_where_its_sides_face_the_pads_best(mes
 @pytest.mark.parametrize("half_turn", [False, True])
 def test_an_arm_of_few_joints_says_where_it_can_look(kind: str, *, half_turn: bool) -> None:
     """It is asked along the bearing, between the pads, at the heights of hands that close across; what it says comes first."""
-    T, deep = transform(p=[0.3, 0.1, 0.0]), table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.0, 0.06]))
+    T, deep = transform(p=[0.3, 0.1, 0.0]), table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.0, 0.12]))
     asked: list[tuple[Array, float]] = []
 
     def headings(T_middle: Array, width_m: float) -> list[Array]:
@@ -568,10 +568,12 @@ def test_the_pads_close_where_their_table_says() -> None:
 
 
 def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
-    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.5 cm before its middle; a can is taken in it.
+    """The knuckles leave 2 cm, the box reaches 4 cm towards the hand: the pads close 2.5 cm before its middle; a can is taken 5 mm before
+    it at most, for it touches flat pads in a line on either side.
 
     Of a hand that is pitched by 30° the knuckles would leave 5 mm to its top edge, 5.5 cm behind the pads, when these close 4 cm further
-    back; but they keep a centimetre of it. A hand from above leaves the two centimetres over the pads 5 mm more.
+    back; but they keep a centimetre of it, along the approach, and close higher instead. A hand from above leaves the two centimetres over
+    the pads 5 mm more.
     """
     opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
     deep = Box(np.array([0.08, 0.05, 0.10]))
@@ -582,11 +584,14 @@ def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
     first = found_on(deep, "horizontal", opening=opening, T=turned)[0]
     ahead = turned[:3, 0]
     assert first.T_world_hand[:3, 3] == pytest.approx(-(0.04 + BEHIND_M - 0.02) * ahead + [0, 0, 0.01], abs=1e-6)
-    assert found_on(Cylinder(0.04, 0.1), "horizontal", opening=opening)[0].T_world_hand[:3, 3] == pytest.approx([0, 0, 0.01])
+    assert found_on(Cylinder(0.04, 0.1), "horizontal", opening=opening)[0].T_world_hand[:3, 3] == pytest.approx(
+        [-MOST_BESIDE_M, 0, 0.01], abs=1e-6
+    )
     steep = next(g for g in found_on(deep, "diagonal", opening=opening))
-    back = (0.04 - LEAST_BITE_M) / np.cos(np.pi / 6)
-    assert back < 0.04 * np.cos(np.pi / 6) + 0.04 * np.sin(np.pi / 6) + BEHIND_M - 0.02
-    assert steep.T_world_hand[:3, 3] == pytest.approx([-back * np.cos(np.pi / 6), 0.0, 0.01 + back * np.sin(np.pi / 6)])
+    co, si = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    back, wanted = 0.04 / co - LEAST_BITE_M, 0.04 * co + 0.04 * si + BEHIND_M - 0.02
+    assert back < wanted
+    assert steep.T_world_hand[:3, 3] == pytest.approx([-back * co, 0.0, 0.01 + back * si + (wanted - back) / si])
     above = found_on(Box(np.array([0.08, 0.05, 0.30])), "downward", opening=opening, floor_z=-0.15)[0]
     assert above.T_world_hand[:3, 3] == pytest.approx([0.0, 0.0, 0.13 + BEHIND_M])
 

@@ -2,16 +2,19 @@
 
 Half the questions are for a UR5e, half for a Panda, before cabinets of the `paper` spec with 5 to 10 objects. From home to a pregrasp, to a
 grasp, and with the target in the hand from home to where it was lifted. Every planner gets the same hulls, boxes and cylinders, start and
-goal, and BUDGET_S seconds; times are processor times. All paths are then judged by coal at a tenth of the step that sampling planners
-take.
+goal, and BUDGET_S seconds; times are processor times, the median of some rounds in which all take turns. All paths are then judged by
+coal at a tenth of the step that sampling planners take.
 
 Peers run in environments of their own, made by pip under the cache folder when first asked for; one that can't be had says why in its row.
-Usage: python benchmarks/motion.py [--problems 200] [--peers ompl,...]. The last line is one JSON object.
+VAMP has spheres of its own and a Panda with an empty hand only, so it is asked fewer questions; ratios are over those that both solved.
+Usage: python benchmarks/motion.py [--problems 200] [--peers ompl,...] [--rounds 3] [--busy 2]. The last line is one JSON object.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import itertools
 import json
 import os
 import subprocess
@@ -19,12 +22,14 @@ import sys
 import tempfile
 import time
 import venv
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from llvmlite import binding
 
 import kinematics.cache as cache
 from kinematics.chain import Chain, forward
@@ -43,12 +48,12 @@ from planning.grasping.hand_poses import UP
 from planning.motion.queries import PlanningQuery
 from planning.motion.reaching import APPROACH_M, LIFT_M
 from planning.motion.rrt_connect import plan
-from planning.motion.settings import DEFAULTS
+from planning.motion.settings import DEFAULTS, UNCONSTRAINED
 from planning.motion.shortcut import shorten
 from planning.motion.verify import hand_poses, verify
 from planning.motion.workcell import Workcell
 from planning.plan import Motion
-from planning.scene_generation import _sample, load_spec
+from planning.scene_generation import generate, load_spec
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import peers
@@ -61,8 +66,13 @@ WHEELS = {
     "roboplan": ["roboplan", "numpy"],
     "mplib": ["mplib", "numpy<2"],
     "pybullet": ["pybullet", "numpy"],
+    "vamp": ["vamp-planner", "numpy"],
 }
+UNKNOWN = {"vamp": ("camera",)}
+"""Links that a peer's own model of the robot lacks."""
+RATIOS = {"plan_median_ms": "plan", "plan_p95_ms": "p95", "median_ms": "plan + shortcut", "p95_ms": "p95"}
 Json = dict[str, Any]
+Answers = list[Json | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +127,10 @@ class Question:
         solids = [{"kind": kinds[int(k)], "T": T.tolist(), "half": h.tolist()} for k, T, h in zip(*self.solids[:3])]
         lists = {"T_prev": chain.T_prev, "lower": chain.lower, "upper": chain.upper, "pairs": pairs, "check": check}
         rest = {k: v.tolist() for k, v in {**lists, "start": self.start, "goal": self.goal}.items()}
-        return {"parts": parts, "solids": solids, **rest}
+        _, links = self.robot.parts(self.gripper, self.scene.robot.T_world_base)
+        for part, link in zip(parts, links):
+            part["link"] = link
+        return {"robot": self.robot.name, "carries": self.held is not None, "parts": parts, "solids": solids, **rest}
 
 
 def _faces(vertices: Array) -> Array:
@@ -133,13 +146,12 @@ def _faces(vertices: Array) -> Array:
 
 def ask(robot: Robot, kind: str, seed: int, count: tuple[int, int] = (5, 10)) -> Question:
     """Question number `seed` of a kind: scenes are drawn until one has a goal that FCL calls free, and that keeps the core's margin."""
-    rng = np.random.default_rng([seed, 99])
-    spec = replace(load_spec("paper"), objects_count=count)
+    spec, ref = replace(load_spec("paper"), objects_count=count), RobotRef(transform(p=robot.base_p), robot.name, mount=False)
+    indices = itertools.count()
     while True:
-        scene = _sample(spec, RobotRef(transform(p=robot.base_p), robot.name), robot.opening, f"{kind}-{seed}", (), rng)
-        if scene is None:
-            continue
-        cell, verdict, T = Workcell(robot, scene, iterations=10**6, time_budget_s=BUDGET_S), Verdict(robot, scene), scene.grasp.T_world_hand
+        scene = generate(spec, robot, ref, seed, next(indices), judge=lambda *_: None)
+        cell = Workcell(robot, scene, iterations=10**6, time_budget_s=BUDGET_S, settings=UNCONSTRAINED)
+        verdict, T = Verdict(robot, scene), scene.grasp.T_world_hand
         T_hand, held, poses = T.copy(), None, scene.poses()
         width, allowed_contacts = open_width(scene.grasp.width_m, robot.opening), []
         if kind == "pregrasp":
@@ -307,27 +319,59 @@ def run_peer(peer: str, file: Path, n: int) -> Json | str:
     return dict(json.loads(out.read_text()))
 
 
-def judge(questions: list[Json], answers: list[Json]) -> float:
-    """The share of paths that touch something at a tenth of the step, by pinocchio and coal."""
+def judge(questions: list[Json], answers: Answers, peer: str) -> list[bool]:
+    """Which answers' paths touch something at a tenth of the step, by pinocchio and coal; links that a peer doesn't know may touch."""
     touching = []
     for question, found in zip(questions, answers):
-        if found["path"] is not None:
-            world = peers.CoalWorld(peers.arrays(question), broad=False)
-            touching.append(any(world.touches(q) for q in peers.along(np.array(found["path"]), peers.STEP / 10)))
-    return float(np.mean(touching)) if touching else 0.0
+        path = found and found["path"]
+        world = peers.CoalWorld(peers.arrays(question), broad=False, without=UNKNOWN.get(peer, ())) if path else None
+        touching.append(world is not None and any(world.touches(q) for q in peers.along(np.array(path), peers.STEP / 10)))
+    return touching
 
 
-def figures(answers: list[Json], checks: float, touching: float) -> Json:
-    """One row of the table; times over the questions that were solved, budgets over all for p95."""
-    solved = [a for a in answers if a["path"] is not None]
-    plan_s, both_s = (np.array([a[k] if a["path"] is not None else np.inf for a in answers]) * 1e3 for k in ("plan_s", "both_s"))
+def medians(rounds: list[Answers]) -> Answers:
+    """The answers of the first round, with the median times of all in which the question was solved."""
+    found: Answers = []
+    for answers in zip(*rounds):
+        solved = [a for a in answers if a is not None and a["path"] is not None]
+        times = {k: float(np.median([a[k] for a in solved])) for k in ("plan_s", "both_s")} if solved else {}
+        found.append(answers[0] and {**(solved or answers)[0], **times})
+    return found
+
+
+def figures(answers: Answers, checks: float | None, touching: list[bool]) -> Json:
+    """One row of the table, over the questions that were asked; times of one that was not solved are longer than all others."""
+    asked = [a for a in answers if a is not None]
+    solved = np.array([a["path"] is not None for a in asked])
+    plan_s, both_s = (np.where(solved, [a[k] for a in asked], np.inf) * 1e3 for k in ("plan_s", "both_s"))
 
     def at(times: Array, share: float) -> float | None:
         value = float(np.quantile(times, share, method="lower"))
         return round(value, 4) if np.isfinite(value) else None
 
     times = {"plan_median_ms": at(plan_s, 0.5), "plan_p95_ms": at(plan_s, 0.95), "median_ms": at(both_s, 0.5), "p95_ms": at(both_s, 0.95)}
-    return {"checks_per_s": round(checks), **times, "success": len(solved) / len(answers), "touching": touching}
+    shares = {"success": float(solved.mean()), "touching": sum(touching) / max(1, int(solved.sum()))}
+    return {"asked": len(asked), "checks_per_s": checks and round(checks), **times, **shares}
+
+
+def against(mine: Answers, theirs: Answers, touching: list[bool]) -> Json:
+    """A peer's times over ours, on the questions that both have solved; which it alone has solved, without touching anything."""
+    solved = [[a is not None and a["path"] is not None for a in answers] for answers in (mine, theirs)]
+    both = [i for i, (a, b) in enumerate(zip(*solved)) if a and b]
+    row, other = (figures([answers[i] for i in both], None, []) for answers in (mine, theirs))
+    alone = [i for i, (a, b) in enumerate(zip(*solved)) if b and not a and not touching[i]]
+    return {"solved_by_both": len(both), **{k: round(other[k] / row[k], 2) for k in RATIOS}, "solved_alone": alone}
+
+
+@contextlib.contextmanager
+def busy(processes: int) -> Iterator[None]:
+    """So many processes of other work beside."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
 
 
 def start_up() -> dict[str, float]:
@@ -346,6 +390,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=int, default=200)
     parser.add_argument("--peers", default=",".join(WHEELS), help="comma-separated; none for no peer; known: %(default)s")
+    parser.add_argument("--rounds", type=int, default=3, help="in which all take turns; medians are shown")
+    parser.add_argument("--busy", type=int, default=0, help="processes of other work beside, for times on a loaded machine")
     parser.add_argument("--no-fcl", action="store_true", help="leave out the FCL-only path, which takes longest")
     parser.add_argument("--first-plan", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -365,43 +411,52 @@ def main() -> None:
 
     for i, q in enumerate(questions[:4]):
         ours(q, i)  # compiled before the clock starts
-    answers = [ours(q, i) for i, q in enumerate(questions)]
-    rows: dict[str, Json | str] = {"ours": figures(answers, rates["checks_per_s"], judge(plain, answers))}
-    verdicts = [verdict_ms(q, np.array(a["path"])) for q, a in zip(questions, answers) if a["path"] is not None]
-    lost: list[int] = []
-    if not options.no_fcl:
-        by_fcl = []
-        for i, (q, as_json) in enumerate(zip(questions, plain)):
-            by_fcl.append(peers.in_python(FclWorld(q).touches, peers.arrays(as_json), BUDGET_S, i))
-        rows["fcl"] = figures(by_fcl, rates["fcl"], judge(plain, by_fcl))
-        lost = [i for i, (a, b) in enumerate(zip(answers, by_fcl)) if a["path"] is None and b["path"] is not None]
-    with tempfile.TemporaryDirectory() as folder:
+    rounds: dict[str, list[Answers]] = {name: [] for name in ("ours", *wanted)}
+    checks: dict[str, float | None] = {"ours": rates["checks_per_s"]}
+    rows: dict[str, Json | str] = {}
+    with tempfile.TemporaryDirectory() as folder, busy(options.busy):
         file = Path(folder) / "questions.json"
         file.write_text(json.dumps({"questions": plain, "rate": {"question": counted.as_json(), "q": configurations[:2000].tolist()}}))
-        for peer in wanted:
-            done = run_peer(peer, file, len(questions))
-            rows[peer] = done if isinstance(done, str) else figures(done["answers"], done["checks_per_s"], judge(plain, done["answers"]))
-    report(rows, rates, verdicts, lost, len(questions))
+        for _ in range(options.rounds):
+            rounds["ours"].append([ours(q, i) for i, q in enumerate(questions)])
+            for peer in (peer for peer in wanted if peer not in rows):
+                done = run_peer(peer, file, len(questions))
+                if isinstance(done, str):
+                    rows[peer] = done
+                else:
+                    rounds[peer].append(done["answers"])
+                    checks[peer] = done["checks_per_s"]
+        if not options.no_fcl:
+            rounds["fcl"] = [
+                [peers.in_python(FclWorld(q).touches, peers.arrays(p), BUDGET_S, i) for i, (q, p) in enumerate(zip(questions, plain))]
+            ]
+            checks["fcl"] = rates["fcl"]
+    answers = {name: medians(found) for name, found in rounds.items() if name not in rows}
+    touching = {name: judge(plain, found, name) for name, found in answers.items()}
+    rows = {name: figures(found, checks[name], touching[name]) for name, found in answers.items()} | rows
+    ratios = {name: against(answers["ours"], found, touching[name]) for name, found in answers.items() if name != "ours"}
+    verdicts = [verdict_ms(q, np.array(a["path"])) for q, a in zip(questions, answers["ours"]) if a is not None and a["path"] is not None]
+    report(rows, ratios, rates, verdicts, len(questions))
 
 
-def report(rows: dict[str, Json | str], rates: Json, verdicts: list[float], lost: list[int], n: int) -> None:
+def report(rows: dict[str, Json | str], ratios: dict[str, Json], rates: Json, verdicts: list[float], n: int) -> None:
+    vectors = sorted(f for f, has in binding.get_host_cpu_features().items() if has and f.startswith(("avx", "fma", "neon", "sve")))
+    cpu = f"{binding.get_host_cpu_name()}: {' '.join(vectors)}"
     print(f"{n} questions; plan, and plan + shortcut: ms, median and p95 over all; - where that many were not solved in {BUDGET_S} s")
-    print(f"{'':10}{'checks/s':>12}{'plan':>10}{'p95':>10}{'+ short':>10}{'p95':>10}{'solved':>9}{'touching':>10}")
+    print(f"on {cpu}")
+    print(f"{'':10}{'asked':>6}{'checks/s':>12}{'plan':>10}{'p95':>10}{'+ short':>10}{'p95':>10}{'solved':>9}{'touching':>10}")
     for name, row in rows.items():
         if isinstance(row, str):
             print(f"{name:10}  {row}")
             continue
-        times = [row[k] for k in ("plan_median_ms", "plan_p95_ms", "median_ms", "p95_ms")]
+        times = [row[k] for k in RATIOS]
         shown = "".join(f"{'-' if t is None else f'{t:.3f}':>10}" for t in times)
-        print(f"{name:10}{row['checks_per_s']:>12,}{shown}{row['success']:>9.1%}{row['touching']:>10.1%}")
-    mine = rows["ours"]
-    assert isinstance(mine, dict)
-    ratios = {}
-    for name, row in rows.items():
-        if name != "ours" and isinstance(row, dict):
-            slower = round(row["median_ms"] / mine["median_ms"], 1) if row["median_ms"] and mine["median_ms"] else None
-            more = round(mine["checks_per_s"] / row["checks_per_s"], 1) if row["checks_per_s"] else None
-            ratios[name] = {"checks_per_s": more, "median_ms": slower}
+        rate = "-" if row["checks_per_s"] is None else f"{row['checks_per_s']:,}"
+        print(f"{name:10}{row['asked']:>6}{rate:>12}{shown}{row['success']:>9.1%}{row['touching']:>10.1%}")
+    for name, ratio in ratios.items():
+        times = ", ".join(f"{words} {ratio[k]}" for k, words in RATIOS.items())
+        alone = ratio["solved_alone"] or "none"
+        print(f"{name} over ours, on {ratio['solved_by_both']} that both solved: {times}; solved by it alone, without touching: {alone}")
     startup = start_up()
     print(f"verdict on a path: median {np.median(verdicts):.2f} ms; first plan: {startup['cold_s']} s cold, {startup['warm_s']} s warm")
     print(
@@ -409,13 +464,12 @@ def report(rows: dict[str, Json | str], rates: Json, verdicts: list[float], lost
         f"of 4000, {rates['wrongly_free']} free that FCL finds touching, {rates['too_careful']} the other way (within the margin); "
         f"{rates['checks_per_s'] / rates['fcl']:.0f} × python-fcl's managers"
     )
-    if lost:
-        print(f"solved by FCL and not by ours: questions {lost}")
-    keys = ("checks_per_s", "median_ms", "p95_ms", "plan_median_ms", "plan_p95_ms", "success", "touching")
-    figures_ = {k: mine[k] for k in keys}
+    mine = rows["ours"]
+    assert isinstance(mine, dict)
+    figures_ = {k: v for k, v in mine.items() if k != "asked"}
     figures_ |= {"verdict_ms": round(float(np.median(verdicts)), 3), **startup, "fcl_checks_per_s": round(rates["fcl"])}
     figures_ |= {"checks_to_fcl": round(rates["checks_per_s"] / rates["fcl"], 1), "exact_checks_per_s": round(rates["exact"])}
-    print(json.dumps({"problems": n, **figures_, "lost_to_fcl": len(lost), "ratios": ratios, "rows": rows}))
+    print(json.dumps({"problems": n, "cpu": cpu, **figures_, "ratios": ratios, "rows": rows}))
 
 
 if __name__ == "__main__":

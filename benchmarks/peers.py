@@ -2,7 +2,8 @@
 
 Usage: PYTHON peers.py PEER QUESTIONS.json ANSWERS.json BUDGET_S, as motion.py calls it. A question is all geometry: the frames of a serial
 arm (every joint turns about z), convex parts fixed to them, boxes and cylinders at rest, which pairs count, start and goal. Answers: for
-each question seconds to plan, seconds with shortcutting, and the path or null; and how many configurations a second the peer checks.
+each question seconds to plan, seconds with shortcutting, and the path or null, or null instead of an answer where the peer knows no such
+robot; and how many configurations a second the peer checks.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -50,9 +51,10 @@ def along(path: np.ndarray, step: float) -> np.ndarray:
 
 
 class CoalWorld:
-    """A question in pinocchio and coal; broad: through its broad-phase manager, else all pairs, each behind its boxes."""
+    """A question in pinocchio and coal; broad: through its broad-phase manager, else all pairs, each behind its boxes. without: links that
+    may touch."""
 
-    def __init__(self, question: Json, broad: bool = True) -> None:
+    def __init__(self, question: Json, broad: bool = True, without: Sequence[str] = ()) -> None:
         import coal
         import pinocchio as pin
 
@@ -75,7 +77,9 @@ class CoalWorld:
             shape = coal.Box(*size) if solid["kind"] == "box" else coal.Cylinder(solid["half"][0], size[2])
             self._add(f"s{i}", 0, solid["T"], shape)
         n = len(question["parts"])
-        for a, b in [*question["pairs"], *((p, n + s) for p, s in question["check"])]:
+        may_touch = {i for i, part in enumerate(question["parts"]) if part.get("link") in without}
+        pairs = [*question["pairs"], *((p, n + s) for p, s in question["check"])]
+        for a, b in (pair for pair in pairs if may_touch.isdisjoint(pair)):
             self.geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
         self.data, self.state = self.model.createData(), self.geometry.createData()
         self.manager = None
@@ -356,7 +360,37 @@ def pybullet(question: Json, seed: int) -> tuple[Touches, Callable[[float], Json
     return touches, lambda budget_s: in_python(touches, question, budget_s, seed)
 
 
-PEERS = {"ompl": ompl, "roboplan": roboplan, "mplib": mplib, "pybullet": pybullet}
+def vamp(question: Json, seed: int) -> tuple[Touches | None, Callable[[float], Json | None]]:
+    """VAMP's RRT-Connect and its simplifier with the settings it comes with, on its own spheres for a Panda with an open, empty hand.
+
+    Its spheres leave parts of the hulls out and stick out elsewhere, and a cylinder becomes the box around it: it has no cylinders.
+    """
+    if question["robot"] != "panda" or question["carries"]:
+        return None, lambda _: None
+    import vamp
+
+    arm, base = vamp.panda, question["T_prev"][0] @ _lowered(0.333)  # from the base to the first joint's frame
+    world, to_base = vamp.Environment(), np.linalg.inv(base)
+    for solid in question["solids"]:
+        T = to_base @ solid["T"]
+        world.add_cuboid(vamp.Cuboid(T[:3, 3].tolist(), _roll_pitch_yaw(T), list(solid["half"])))
+    planning, simplifying = vamp.RRTCSettings(), vamp.SimplifySettings()
+    planning.range = vamp.ROBOT_RRT_RANGES["panda"]
+
+    def solve(budget_s: float) -> Json:
+        rng, start, goal = arm.halton(), question["start"].astype(np.float32), question["goal"].astype(np.float32)
+        began = clock()
+        found = arm.rrtc(start, goal, world, planning, rng)
+        planned = clock()
+        if not found.solved:
+            return answer(planned - began, planned - began, None)
+        short = arm.simplify(found.path, world, simplifying, rng)
+        return answer(planned - began, clock() - began, short.path.numpy())
+
+    return (lambda q: not arm.validate(q.astype(np.float32), world)), solve
+
+
+PEERS = {"vamp": vamp, "ompl": ompl, "roboplan": roboplan, "mplib": mplib, "pybullet": pybullet}
 
 
 # A question as a URDF
@@ -395,9 +429,25 @@ _INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" 
 
 
 def _joint(name: str, kind: str, parent: str, child: str, T: np.ndarray, rest: str = "") -> str:
-    roll, pitch, yaw = np.arctan2(T[2, 1], T[2, 2]), np.arctan2(-T[2, 0], np.hypot(T[0, 0], T[1, 0])), np.arctan2(T[1, 0], T[0, 0])
+    roll, pitch, yaw = _roll_pitch_yaw(T)
     origin = f'<origin xyz="{T[0, 3]} {T[1, 3]} {T[2, 3]}" rpy="{roll} {pitch} {yaw}"/>'
     return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{origin}{rest}</joint>'
+
+
+def _roll_pitch_yaw(T: np.ndarray) -> list[float]:
+    """Turns about the fixed x, y and z, in this order, rad."""
+    return [
+        float(np.arctan2(T[2, 1], T[2, 2])),
+        float(np.arctan2(-T[2, 0], np.hypot(T[0, 0], T[1, 0]))),
+        float(np.arctan2(T[1, 0], T[0, 0])),
+    ]
+
+
+def _lowered(height_m: float) -> np.ndarray:
+    """The pose of what is so far below."""
+    T = np.eye(4)
+    T[2, 3] = -height_m
+    return T
 
 
 def _write_stl(file: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
@@ -420,7 +470,7 @@ def main() -> None:
     arguments.add_argument("budget_s", type=float, help="seconds for each question")
     asked = arguments.parse_args()
     data = json.loads(asked.questions.read_text())
-    answers, checks = [], 0.0
+    answers, checks = [], None
     with quiet():
         for seed, raw in enumerate(data["questions"]):
             question = arrays(raw)
@@ -428,7 +478,7 @@ def main() -> None:
             answers.append(solve(asked.budget_s))
         if data["rate"] is not None:
             touches, _ = PEERS[asked.peer](arrays(data["rate"]["question"]), 0)
-            checks = rate(touches, np.array(data["rate"]["q"]))
+            checks = None if touches is None else rate(touches, np.array(data["rate"]["q"]))
     asked.answers.write_text(json.dumps({"answers": answers, "checks_per_s": checks}))
 
 

@@ -5,383 +5,73 @@
     python benchmarks/mutate.py --list planning/metrics.py
 
 A mutant is the module with one expression or statement changed: a comparison turned or moved to its boundary, + for −, a number that is
-larger by one, `min` for `max`, a statement left out, and so on (`OPERATORS`). It is killed when one of the module's tests (`TESTS`) fails,
-crashes, or takes ten times as long as it does on the code itself. Docstrings, type annotations and decorators are left as they are.
+larger by one, `min` for `max`, a statement left out, and so on (`mutation/mutants.py`). Docstrings, annotations and decorators are left as
+they are. It is killed when one of its group's tests (`GROUPS`) fails, crashes, or takes ten times as long as it does on the code itself
+(`mutation/trials.py`).
 
 Mutants that can't be told from the code by any test stand in `mutate_equivalent.toml`, each with the reason; an entry goes by the text of
 its line, not by its number. The script exits with 1 when a mutant survives that is not listed there, when a listed one is killed or does
 not exist any more, or when fewer than 95 % are killed, the listed ones counted as survivors.
 
-Each mutant runs in a process of its own that is forked from one in which numpy, numba and the packages below the module are loaded already.
-Results are kept in --results and are not asked for again while the module, its tests and the packages stay as they are.
+Results are kept in --results. A mutant that was killed is not asked again while its module and the file of the test that killed it stay as
+they are; one that survived, while its module and all the group's tests do. Remove the file after changes elsewhere. Leave the sources alone
+meanwhile.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import hashlib
 import json
-import marshal
 import os
+import pickle
 import random
-import resource
-import select
-import signal
-import subprocess
 import sys
 import tomllib
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.abc import InspectLoader, MetaPathFinder
-from importlib.machinery import ModuleSpec
+from functools import cache
 from pathlib import Path
-from time import perf_counter
-from types import CodeType, ModuleType
 
-HOME = Path(__file__).resolve().parent.parent
+from mutation.mutants import HOME, Mutant, mutants, unchanged
+from mutation.trials import Outcome, Seen, ask_from_start, ask_quickly, choose, outermost_changes, preload
+
 EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
-PACKAGES = ("kinematics", "perception", "planning", "retrieve_cli")
 LEAST_KILLED = 0.95
 
-TESTS = {
-    "planning/retrieval.py": ("tests/planning/test_retrieval.py",),
-    "planning/metrics.py": ("tests/planning/test_metrics.py",),
-    "planning/grasping/finger_grasps.py": ("tests/planning/grasping/test_finger_grasps.py",),
-    "planning/grasping/hand_poses.py": ("tests/planning/grasping/test_hand_poses.py", "tests/planning/grasping/test_finger_grasps.py"),
-    "planning/grasping/line_contacts.py": ("tests/planning/grasping/test_finger_grasps.py",),
-    "planning/grasping/pads.py": ("tests/planning/grasping/test_pad_size.py", "tests/planning/grasping/test_finger_grasps.py"),
-    "planning/grasping/sampling.py": ("tests/planning/grasping/test_sampling.py", "tests/planning/grasping/test_finger_grasps.py"),
-    "planning/motion/verify.py": ("tests/planning/motion/test_verify_rules.py",),
-    "planning/policies/__init__.py": ("tests/planning/policies/test_by_name.py",),
-    "planning/policies/lookahead.py": ("tests/planning/policies/test_lookahead.py",),
-    "planning/relaxed_plan.py": ("tests/planning/test_relaxed_plan.py", "tests/planning/policies/test_lookahead.py"),
-    "planning/policies/search.py": ("tests/planning/policies/test_lookahead.py",),
-    "planning/policies/unsolvable.py": ("tests/planning/policies/test_unsolvable.py",),
-    "planning/policies/rrt.py": ("tests/planning/policies/test_rrt.py",),
-    "planning/policies/neural.py": ("tests/planning/policies/test_neural.py",),
-    "planning/policies/random.py": ("tests/planning/policies/test_random.py",),
-    "planning/policies/local.py": ("tests/planning/policies/test_local.py",),
-    "planning/policies/regions.py": ("tests/planning/policies/test_regions.py",),
-}
-"""For every module the tests that concern it; they alone decide whether its mutants live."""
-
-
-# ---------------------------------------------------------------------------------------------------------------------------------- mutants
-
-COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
-    ast.Lt: (ast.LtE, ast.GtE),
-    ast.LtE: (ast.Lt, ast.Gt),
-    ast.Gt: (ast.GtE, ast.LtE),
-    ast.GtE: (ast.Gt, ast.Lt),
-    ast.Eq: (ast.NotEq,),
-    ast.NotEq: (ast.Eq,),
-    ast.Is: (ast.IsNot,),
-    ast.IsNot: (ast.Is,),
-    ast.In: (ast.NotIn,),
-    ast.NotIn: (ast.In,),
-}
-ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.FloorDiv: ast.Mult,
-    ast.Mod: ast.Mult,
-    ast.Pow: ast.Mult,
-    ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd,
-}
-OPPOSITES = {
-    a: b
-    for pair in (
-        ("min", "max"), ("any", "all"), ("ceil", "floor"), ("argmin", "argmax"), ("sin", "cos"), ("minimum", "maximum"), ("ones", "zeros"),
-    )
-    for a, b in (pair, pair[::-1])
-}  # fmt: skip
-RANKINGS = ("sorted", "argsort", "permutation")
-"""Functions whose result a mutant turns round."""
-PASS_THROUGH = ("abs", "sorted", "sqrt", "inverse", "round", "reversed", "norm", "permutation")
-"""Functions that a mutant leaves out, so that their argument stands alone."""
-OPTIONS = ("key", "default", "axis", "reverse", "kind")
-"""Keywords that a mutant leaves out."""
-UNTOUCHED = ("decorator_list", "annotation", "returns", "type_params")
-"""Fields of the syntax tree in which nothing is changed."""
-
-
-def _compare(node: ast.AST) -> Iterator[ast.AST]:
-    if isinstance(node, ast.Compare):
-        for i, op in enumerate(node.ops):
-            for other in COMPARISONS[type(op)]:
-                yield ast.Compare(node.left, [*node.ops[:i], other(), *node.ops[i + 1 :]], node.comparators)
-
-
-def _calculate(node: ast.AST) -> Iterator[ast.AST]:
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
-        yield ast.BinOp(node.right, node.op, node.left)
-    if isinstance(node, (ast.BinOp, ast.AugAssign)) and (other := ARITHMETIC.get(type(node.op))):
-        yield ast.BinOp(node.left, other(), node.right) if isinstance(node, ast.BinOp) else ast.AugAssign(node.target, other(), node.value)
-    if isinstance(node, ast.UnaryOp) and not (isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant)):
-        yield node.operand
-
-
-def _decide(node: ast.AST) -> Iterator[ast.AST]:
-    if isinstance(node, ast.BoolOp):
-        yield ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)
-        for i in range(len(node.values)):
-            rest = node.values[:i] + node.values[i + 1 :]
-            yield ast.BoolOp(node.op, rest) if len(rest) > 1 else rest[0]
-    if isinstance(node, (ast.If, ast.While, ast.IfExp)) and not isinstance(node.test, (ast.Compare, ast.Constant, ast.UnaryOp)):
-        turned = ast.UnaryOp(ast.Not(), node.test)
-        yield ast.IfExp(turned, node.body, node.orelse) if isinstance(node, ast.IfExp) else type(node)(turned, node.body, node.orelse)
-    if isinstance(node, ast.comprehension):
-        for i, test in enumerate(node.ifs):
-            if not isinstance(test, (ast.Compare, ast.UnaryOp)):
-                ifs = [*node.ifs[:i], ast.UnaryOp(ast.Not(), test), *node.ifs[i + 1 :]]
-                yield ast.comprehension(node.target, node.iter, ifs, node.is_async)
-
-
-def _write_other(node: ast.AST) -> Iterator[ast.AST]:
-    """Another number, truth value or text."""
-    if isinstance(node, ast.Constant):
-        match node.value:
-            case bool():
-                yield ast.Constant(not node.value)
-            case int():
-                yield ast.Constant(node.value + 1)
-            case float():
-                yield ast.Constant(2 * node.value if node.value else 1.0)
-            case str():
-                yield ast.Constant(node.value + "XX")
-
-
-def _call_other(node: ast.AST) -> Iterator[ast.AST]:
-    if not isinstance(node, ast.Call):
-        return
-    name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr if isinstance(node.func, ast.Attribute) else ""
-    if name in OPPOSITES:
-        named = ast.Name(OPPOSITES[name], ast.Load())
-        called = named if isinstance(node.func, ast.Name) else ast.Attribute(node.func.value, OPPOSITES[name], ast.Load())  # type: ignore[attr-defined]
-        yield ast.Call(called, node.args, node.keywords)
-    if name in PASS_THROUGH and node.args:
-        yield node.args[0]
-    if name in RANKINGS and not any(k.arg == "reverse" for k in node.keywords):
-        yield ast.Subscript(node, ast.Slice(None, None, ast.UnaryOp(ast.USub(), ast.Constant(1))), ast.Load())
-    for keyword in node.keywords:
-        if keyword.arg in OPTIONS:
-            yield ast.Call(node.func, node.args, [k for k in node.keywords if k is not keyword])
-
-
-def _leave_out(node: ast.AST) -> Iterator[ast.AST]:
-    """A statement that does something, and what a function returns."""
-    if isinstance(node, (ast.AugAssign, ast.Raise, ast.Expr)) and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
-        yield ast.Pass()
-    if isinstance(node, ast.Break):
-        yield ast.Continue()
-    if isinstance(node, ast.Continue):
-        yield ast.Break()
-    if isinstance(node, ast.Return) and node.value is not None and not _is_none(node.value):
-        yield ast.Return(ast.Constant(None))
-
-
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-OPERATORS: tuple[Callable[[ast.AST], Iterator[ast.AST]], ...] = (_compare, _calculate, _decide, _write_other, _call_other, _leave_out)
+Key = tuple[str, str, str, int]
 
 
 @dataclass(frozen=True)
-class Mutant:
-    """One change to a module: the text of its line, the expression before and after, and which of those that read alike it is."""
+class Group:
+    """Modules, and the tests that concern them; they alone decide whether the modules' mutants live."""
 
-    module: str
-    line: str
-    change: str
-    nth: int
-    number: int
-    code: CodeType
-
-    @property
-    def key(self) -> tuple[str, str, str, int]:
-        return self.module, self.line, self.change, self.nth
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
 
 
-def mutants(module: str) -> list[Mutant]:
-    """All mutants of a module, in its order; those that compile to the same code as another one, or as the module, are left out."""
-    text = (HOME / module).read_text()
-    tree, lines = ast.parse(text), text.splitlines()
-    codes, alike, found = {marshal.dumps(compile(tree, module, "exec"))}, Counter[tuple[str, str]](), list[Mutant]()
-    for put, node, line_number in _places(tree):
-        for other in (new for operator in OPERATORS for new in operator(node)):
-            change = f"{_words(node)} → {_words(other)}"
-            put(ast.fix_missing_locations(ast.copy_location(other, node)))
-            code = compile(tree, str(HOME / module), "exec")
-            put(node)
-            if (dumped := marshal.dumps(code)) not in codes:
-                codes.add(dumped)
-                line = lines[line_number - 1].strip()
-                alike[line, change] += 1
-                found.append(Mutant(module, line, change, alike[line, change], line_number, code))
-    return found
+def _in(folder: str, *names: str) -> tuple[str, ...]:
+    return tuple(f"{folder}/{name}.py" for name in names)
 
 
-def _places(node: ast.AST, line: int = 0) -> Iterator[tuple[Callable[[ast.AST], None], ast.AST, int]]:
-    """Every node below one, the line that it stands on, and how to put another in its place."""
-    line = getattr(node, "lineno", line)
-    for field, value in ast.iter_fields(node):
-        if field in UNTOUCHED:
-            continue
-        if isinstance(value, ast.AST):
-            yield lambda new, field=field: setattr(node, field, new), value, getattr(value, "lineno", line)  # type: ignore[misc]
-            yield from _places(value, line)
-        elif isinstance(value, list):
-            for i, item in enumerate(value):
-                if isinstance(item, ast.AST) and not _is_docstring(item):
-                    yield lambda new, value=value, i=i: value.__setitem__(i, new), item, getattr(item, "lineno", line)  # type: ignore[misc]
-                    yield from _places(item, line)
-
-
-def _is_docstring(node: ast.AST) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-
-
-def _words(node: ast.AST) -> str:
-    """An expression or statement as it is written, its body left out."""
-    match node:
-        case ast.If() | ast.While():
-            return f"{type(node).__name__.lower()} {ast.unparse(node.test)}"
-        case ast.comprehension():
-            return ast.unparse(node).strip()
-        case ast.Constant(value=str()):
-            return repr(node.value)
-    return " ".join(ast.unparse(node).split())
-
-
-# ---------------------------------------------------------------------------------------------------------------------------------- running
-
-
-QUICKLY = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--assert=plain")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one run of the tests. how: "survived", "killed", "timeout" or "crash"; by: the first test that failed."""
-
-    how: str
-    by: str
-    seconds: float
-
-
-class _Replaced(MetaPathFinder, InspectLoader):
-    """Imports one module from code at hand instead of from its file."""
-
-    def __init__(self, name: str, file: str, code: CodeType) -> None:
-        self.name, self.file, self.code = name, file, code
-
-    def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        if fullname != self.name:
-            return None
-        package = self.file.endswith("__init__.py")
-        spec = ModuleSpec(fullname, self, origin=self.file, is_package=package)
-        spec.has_location = True
-        if package:
-            spec.submodule_search_locations = [str(Path(self.file).parent)]
-        return spec
-
-    def get_code(self, fullname: str) -> CodeType:
-        return self.code
-
-    def get_source(self, fullname: str) -> None:
-        return None
-
-
-class _FirstFailure:
-    """A plugin of pytest that remembers which test failed first."""
-
-    def __init__(self) -> None:
-        self.name = ""
-
-    def pytest_runtest_logreport(self, report: object) -> None:
-        if getattr(report, "failed", False) and not self.name:
-            self.name = str(getattr(report, "nodeid", ""))
-
-    def pytest_collectreport(self, report: object) -> None:
-        self.pytest_runtest_logreport(report)
-
-
-def _in_child(module: str, code: CodeType | None, say: int) -> int:
-    """Run a module's tests, the module replaced by code where that is given; pytest's exit code. Writes the first failure to `say`."""
-    import pytest
-
-    quiet = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(quiet, 1)
-    os.dup2(quiet, 2)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_DATA, (8 << 30, 8 << 30))
-    if code is not None:
-        sys.meta_path.insert(0, _Replaced(_name(module), str(HOME / module), code))
-    first = _FirstFailure()
-    ended = pytest.main([*QUICKLY, *(str(HOME / t) for t in TESTS[module])], [first])
-    os.write(say, first.name.encode()[:4000])
-    return int(ended)
-
-
-def run(module: str, code: CodeType | None, limit_s: float) -> Outcome:
-    """The module's tests in a process of its own."""
-    began = perf_counter()
-    listen, say = os.pipe()
-    child = os.fork()
-    if child == 0:
-        ended = 70
-        try:
-            ended = _in_child(module, code, say)
-        finally:
-            os._exit(ended)
-    os.close(say)
-    try:
-        heard, _, _ = select.select([listen], [], [], limit_s)
-        by = os.read(listen, 4096).decode() if heard else ""
-        if not heard:
-            os.kill(child, signal.SIGKILL)
-        _, status = os.waitpid(child, 0)
-    finally:
-        os.close(listen)
-    seconds = perf_counter() - began
-    if not heard:
-        return Outcome("timeout", "", seconds)
-    if os.WIFSIGNALED(status):
-        return Outcome("crash", by, seconds)
-    ended = os.WEXITSTATUS(status)
-    return Outcome({0: "survived", 1: "killed", 2: "killed"}.get(ended, "crash"), by, seconds)
-
-
-def _name(module: str) -> str:
-    return module.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-
-
-def preload(module: str) -> None:
-    """Import all that the module's tests need and that does not rest on the module's own package, so that children find it loaded."""
-    import pytest  # noqa: F401
-
-    above = PACKAGES[PACKAGES.index(module.split("/")[0]) :]
-    ask = "import sys, pytest; pytest.main(['--collect-only', *sys.argv[1:]]); print('MODULES', *sys.modules)"
-    told = subprocess.run(
-        [sys.executable, "-c", ask, *QUICKLY, *TESTS[module]], cwd=HOME, capture_output=True, text=True, check=True
-    ).stdout
-    wanted = next(line for line in told.splitlines() if line.startswith("MODULES")).split()[1:]
-    for name in wanted:
-        top = name.split(".")[0]
-        if top not in above and not top.startswith(("test_", "conftest", "_pytest", "__")) and (top in PACKAGES or top in THIRD_PARTY):
-            import_module(name)
-
-
-THIRD_PARTY = ("numpy", "scipy", "numba", "llvmlite", "fcl", "lxml", "trimesh", "hypothesis", "torch", "safetensors", "yourdfpy")
-
-
-# ----------------------------------------------------------------------------------------------------------------------------------- report
+GROUPS = (
+    Group(
+        _in("planning/policies", "search", "lookahead", "neural", "regions", "unsolvable", "rrt", "local", "random", "__init__")
+        + _in("planning", "relaxed_plan", "retrieval", "metrics"),
+        ("tests/planning/policies", *_in("tests/planning", "test_relaxed_plan", "test_retrieval", "test_metrics")),
+    ),
+    Group(
+        _in("planning/grasping", "finger_grasps", "hand_poses", "line_contacts", "pads", "sampling"),
+        ("tests/planning/grasping",),
+    ),
+    Group(
+        (*_in("planning/verdict", "arm", "contact", "course", "cup", "faults", "figures", "grasp", "hand", "judge", "ledger", "limits"),
+         *_in("planning/verdict", "pads", "pairs", "polygons", "polyhedra", "standing", "sweep", "__init__"), "planning/motion/verify.py"),
+        ("tests/planning/verdict", "tests/planning/motion/test_verify_rules.py"),
+    ),
+)  # fmt: skip
+MODULES = {module: group for group in GROUPS for module in group.modules}
 
 
 @dataclass(frozen=True)
@@ -412,53 +102,89 @@ def read_equivalent(file: Path = EQUIVALENT) -> list[Equivalent]:
     return found
 
 
-def _fingerprint(module: str) -> str:
-    """A hash of all that a mutant's fate hangs on: the packages' sources, and the module's tests with what they share."""
-    files = [f for package in PACKAGES for f in sorted((HOME / package).rglob("*.py"))]
-    files += [HOME / t for t in TESTS[module]] + sorted((HOME / "tests").glob("*.py")) + [Path(__file__)]
-    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
+class Results:
+    """What is known of mutants, kept in a file; each outcome is added as soon as it is there."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        file.parent.mkdir(parents=True, exist_ok=True)
+
+    def read(self, group: Group) -> dict[Key, Outcome]:
+        """The outcomes that hold still: the module is the same, and so is the file of the test that killed, or all tests where none did."""
+        found = {}
+        for line in self.file.read_text().splitlines() if self.file.is_file() else ():
+            r = json.loads(line)
+            if r["module"] in group.modules and r["hash"] == _hash(group, r["module"], r["by"]):
+                found[r["module"], r["line"], r["change"], r["nth"]] = Outcome(r["how"], r["by"], r["seconds"])
+        return found
+
+    def add(self, group: Group, mutant: Mutant, outcome: Outcome) -> None:
+        what = {"module": mutant.module, "line": mutant.line, "change": mutant.change, "nth": mutant.nth}
+        fate = {"how": outcome.how, "by": outcome.by, "seconds": round(outcome.seconds, 2)}
+        with self.file.open("a") as out:
+            out.write(json.dumps({**what, **fate, "hash": _hash(group, mutant.module, outcome.by)}, ensure_ascii=False) + "\n")
 
 
-def _known(results: Path, fingerprint: str) -> dict[tuple[str, str, str, int], Outcome]:
-    found = {}
-    for line in results.read_text().splitlines() if results.is_file() else ():
-        r = json.loads(line)
-        if r["fingerprint"] == fingerprint:
-            found[r["module"], r["line"], r["change"], r["nth"]] = Outcome(r["how"], r["by"], r["seconds"])
-    return found
+@cache
+def _hash(group: Group, module: str, by: str) -> str:
+    """A hash of the module, and of the file of the test `by`, or of all the group's tests."""
+    tests = (by.split("::")[0],) if by else group.tests
+    files = [HOME / module, *(f for t in tests for f in ([HOME / t] if t.endswith(".py") else sorted((HOME / t).rglob("*.py"))))]
+    return hashlib.sha256(b"".join(f.read_bytes() if f.is_file() else b"" for f in files)).hexdigest()[:16]
 
 
-def examine(module: str, chosen: Sequence[Mutant], results: Path) -> tuple[float, dict[tuple[str, str, str, int], Outcome]]:
-    """How long the tests take on the module itself, in seconds, and what became of the chosen mutants.
+def examine(group: Group, chosen: Sequence[Mutant], results: Results) -> dict[Key, Outcome]:
+    """What became of the chosen mutants of a group. Raises ValueError when a test fails on the code as it is."""
+    known = results.read(group)
 
-    Raises: ValueError when the tests fail on the module itself, or when somebody edits the sources meanwhile.
-    """
-    fingerprint = _fingerprint(module)
-    preload(module)
-    plain = [run(module, None, 600.0) for _ in range(2)]  # the first may fill caches
-    if any(p.how != "survived" for p in plain):
-        raise ValueError(f"{module}: its own tests fail: {plain[0].how} {plain[0].by}; mend them first")
-    limit_s = 10 * plain[1].seconds + 5
-    known = _known(results, fingerprint)
-    for i, m in enumerate(chosen):
-        if m.key in known:
-            continue
-        outcome = known[m.key] = run(module, m.code, limit_s)
-        if _fingerprint(module) != fingerprint:
-            raise ValueError(
-                f"{module}: its sources or tests were changed while its mutants ran; start again, what was found before is kept"
-            )
-        with results.open("a") as file:
-            record = {"module": m.module, "line": m.line, "change": m.change, "nth": m.nth, "how": outcome.how, "by": outcome.by}
-            file.write(json.dumps({**record, "seconds": round(outcome.seconds, 2), "fingerprint": fingerprint}, ensure_ascii=False) + "\n")
-        if sys.stderr.isatty() or i % 50 == 0:
-            print(f"{module}: {i + 1} of {len(chosen)}", end="\r" if sys.stderr.isatty() else "\n", file=sys.stderr)
-    return plain[1].seconds, {m.key: known[m.key] for m in chosen}
+    def note(mutant: Mutant, outcome: Outcome) -> None:
+        known[mutant.key] = outcome
+        results.add(group, mutant, outcome)
+
+    asked = [m for m in chosen if m.key not in known]
+    if not asked:
+        return known
+    preload(group.modules[0].split("/")[0], group.tests)
+    seen, left = list[Seen](), {m.key: m for m in asked}
+    for told in _from_process(lambda tell: ask_quickly(group.modules, group.tests, asked, tell)):
+        if isinstance(told, list):
+            seen = told
+            print(f"{len(seen)} tests, {sum(s.whole_s for s in seen):.0f} s of processor time; {len(asked)} mutants", file=sys.stderr)
+        elif told[1].how != "survived":
+            note(left.pop(told[0]), told[1])
+    whole = {m: unchanged(m) for m in group.modules}
+    print(f"{len(left)} mutants are left to be asked from the start", file=sys.stderr)
+    for m in left.values():
+        note(m, ask_from_start(m, choose(seen, m, outermost_changes(whole[m.module], m.code))))
+    return known
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def _from_process(work: Callable[[Callable[[object], None]], None]) -> Iterator[list[Seen] | tuple[Key, Outcome]]:
+    """What `work` tells, called in a process of its own. Raises ValueError with the text of the one that it ends with."""
+    listen, say = os.pipe()
+    child = os.fork()
+    if child == 0:
+        with os.fdopen(say, "wb", buffering=0) as out:
+            try:
+                work(lambda told: out.write(pickle.dumps(told)) and None)
+            except ValueError as e:
+                out.write(pickle.dumps(e))
+            finally:
+                os._exit(0)
+    os.close(say)
+    try:
+        with os.fdopen(listen, "rb") as told:
+            while told.peek(1):
+                if isinstance(word := pickle.load(told), ValueError):
+                    raise word
+                yield word
+    finally:
+        os.waitpid(child, 0)
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("modules", nargs="*", default=list(TESTS), help="by default all of those that `TESTS` names")
+    parser.add_argument("modules", nargs="*", default=list(MODULES), help="by default all of those that `GROUPS` names")
     parser.add_argument("--sample", type=int, help="so many mutants of each module, drawn with --seed, instead of all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
@@ -466,48 +192,71 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--list", action="store_true", help="print the mutants and run nothing")
     asked = parser.parse_args(argv)
-    unknown = [m for m in asked.modules if m not in TESTS]
-    if unknown:
-        parser.error(f"no tests are named for {unknown[0]}: add it to TESTS; there are {', '.join(TESTS)}")
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    asked.results.parent.mkdir(parents=True, exist_ok=True)
+    if unknown := [m for m in asked.modules if m not in MODULES]:
+        parser.error(f"no tests are named for {unknown[0]}: add it to GROUPS; there are {', '.join(MODULES)}")
+    return asked
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    asked = _arguments(argv)
     listed: dict[str, list[Equivalent]] = defaultdict(list)
     for e in read_equivalent():
         listed[e.module].append(e)
-    wrong, all_killed, all_tried, all_seconds = list[str](), 0, 0, 0.0
+    wrong, all_killed, all_tried, results = list[str](), 0, 0, Results(asked.results)
     if not asked.list:
-        print(f"{'module':32s} mutants  tried  killed  listed  unlisted  share  tests_s  mutant_s")
-    for module in asked.modules:
-        every = mutants(module)
+        print("| module | mutants | tried | killed | listed | unlisted | killed of tried | s a mutant |\n|---|--:|--:|--:|--:|--:|--:|--:|")
+    for group in GROUPS:
+        every = {module: mutants(module) for module in group.modules if module in asked.modules}
         if asked.list:
-            print(*(f"{m.module}:{m.number}: {m.line}\n    {m.change}" + f" ({m.nth})" * (m.nth > 1) for m in every), sep="\n")
+            for m in (m for of_module in every.values() for m in of_module):
+                print(f"{m.module}:{m.number}: {m.line}\n    {m.change}" + f" ({m.nth})" * (m.nth > 1))
             continue
-        rng = random.Random(asked.seed)
-        chosen = every if asked.sample is None else sorted(rng.sample(every, min(asked.sample, len(every))), key=lambda m: m.number)
-        with_reason = {e.key for e in listed[module]}
+        chosen = {module: _draw(of_module, asked.sample, asked.seed) for module, of_module in every.items()}
         try:
-            seconds, outcomes = examine(module, chosen, asked.results)
+            outcomes = examine(group, [m for of_module in chosen.values() for m in of_module], results) if chosen else {}
         except ValueError as e:
-            parser.exit(2, f"{e}\n")
-        alive = {key for key, o in outcomes.items() if o.how == "survived"}
-        killed, mean_s = len(outcomes) - len(alive), sum(o.seconds for o in outcomes.values()) / max(1, len(outcomes))
-        all_killed, all_tried, all_seconds = all_killed + killed, all_tried + len(outcomes), all_seconds + seconds
-        wrong += [f"{module}: survives: {m.number}: {m.line}   [{m.change}] ({m.nth})" for m in chosen if m.key in alive - with_reason]
-        wrong += [f"{module}: listed as equivalent, but killed by {outcomes[key].by or outcomes[key].how}: {key[1]}   [{key[2]}] ({key[3]})"
-                  for key in with_reason & (outcomes.keys() - alive)]  # fmt: skip
-        wrong += [
-            f"{module}: listed, but there is no such mutant: {key[1]}   [{key[2]}] ({key[3]})"
-            for key in with_reason - {m.key for m in every}
-        ]
-        print(f"{module:32s} {len(every):7d}  {len(chosen):5d}  {killed:6d}  {len(alive & with_reason):6d}  {len(alive - with_reason):8d}  "
-              f"{killed / max(1, len(outcomes)):5.1%}  {seconds:7.1f}  {mean_s:8.2f}", flush=True)  # fmt: skip
+            print(e, file=sys.stderr)
+            return 2
+        for module, tried in chosen.items():
+            with_reason = {e.key for e in listed[module]}
+            alive = {m.key for m in tried if outcomes[m.key].how == "survived"}
+            killed, mean_s = len(tried) - len(alive), sum(outcomes[m.key].seconds for m in tried) / max(1, len(tried))
+            all_killed, all_tried = all_killed + killed, all_tried + len(tried)
+            wrong += _find_wrong(every[module], tried, outcomes, with_reason)
+            print(f"| {module} | {len(every[module])} | {len(tried)} | {killed} | {len(alive & with_reason)} "
+                  f"| {len(alive - with_reason)} | {killed / max(1, len(tried)):.1%} | {mean_s:.2f} |", flush=True)  # fmt: skip
     if asked.list:
         return 0
     share = all_killed / max(1, all_tried)
-    print(f"{'all':32s}          {all_tried:5d}  {all_killed:6d}                    {share:5.1%}  {all_seconds:7.1f}")
+    print(f"| all | | {all_tried} | {all_killed} | | | {share:.1%} | |")
     print(*wrong, sep="\n")
     return int(bool(wrong) or share < LEAST_KILLED)
 
 
+def _draw(every: Sequence[Mutant], most: int | None, seed: int) -> list[Mutant]:
+    return list(every) if most is None else sorted(random.Random(seed).sample(every, min(most, len(every))), key=lambda m: m.number)
+
+
+def _find_wrong(every: Sequence[Mutant], tried: Sequence[Mutant], outcomes: dict[Key, Outcome], with_reason: set[Key]) -> list[str]:
+    """What is not as it should be with a module's mutants, a sentence each."""
+    found = [
+        f"{m.module}: survives: {m.number}: {m.line}   [{m.change}] ({m.nth})"
+        for m in tried
+        if outcomes[m.key].how == "survived" and m.key not in with_reason
+    ]
+    found += [
+        f"{m.module}: listed as equivalent, but killed by {outcomes[m.key].by or outcomes[m.key].how}: {m.line}   [{m.change}] ({m.nth})"
+        for m in tried
+        if outcomes[m.key].how != "survived" and m.key in with_reason
+    ]
+    gone = with_reason - {m.key for m in every}
+    return found + [
+        f"{module}: listed, but there is no such mutant: {line}   [{change}] ({nth})" for module, line, change, nth in sorted(gone)
+    ]
+
+
 if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    if "PYTHONHASHSEED" not in os.environ:  # sets have the same order in every run
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, "PYTHONHASHSEED": "0"})
     sys.exit(main())

@@ -25,7 +25,8 @@ class WrittenWorld:
     """Stands for `Motions` as `planning.policies.search.World` has it. Objects are single letters, the target is t.
 
     blocking: see `Blocking`. can: whether an object can be moved to a region, beyond what blocks it. reached: whether the arm gets to an
-    object, or to the target, at all. finer: the blocking for a thorough look. tried: the moves that were asked for, in order.
+    object, or to the target, at all. finer: the blocking for a thorough look; rough: for a rough one. tried: the moves that were asked for,
+    in order.
     """
 
     names: str
@@ -34,6 +35,7 @@ class WrittenWorld:
     reached: Callable[[str, Mapping[str, int]], bool] = lambda name, regions: True
     finer: Blocking | None = None
     tried: list[Choice] = field(default_factory=list)
+    rough: Blocking | None = None
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -54,7 +56,7 @@ class WrittenWorld:
         return {name: -1 if np.allclose(poses[name], first[name]) else int(d.argmin()) for name, d in away.items()}
 
     def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> _Written:
-        return _Written(self.blocking, self.regions_of(poses))
+        return _Written((roughly and self.rough) or self.blocking, self.regions_of(poses))
 
     partly_unseen = False
     """Whether there is unseen space."""

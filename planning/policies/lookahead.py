@@ -94,7 +94,7 @@ class Lookahead:
         assert self._state is not None
         blockers = self.world.obstructions(self._state.poses, roughly=True).blockers(self._target, frozenset(seen.movable))
         names = [name for blocking in blockers if len(blocking) == 1 for name in blocking]
-        if frozenset() in blockers or not names:
+        if not names:
             return
         self._needed(1)
         if len(names) > 1:
@@ -138,7 +138,7 @@ class Lookahead:
             attempts -= search.tried
         if plan is None:
             self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
-        elif plan.length <= left and self.preferences.nearby is not None:
+        elif self.preferences.nearby is not None:
             likeliest, effort = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
             return Search(self.world.thorough, likeliest, replace(self.effort, attempts=effort), left, rng).run(self._state)
         return []

@@ -41,7 +41,7 @@ class World(Protocol):
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked: ...
     def place_pose(self, name: str, T_from: Array, region: int) -> Array: ...
     def out_of_reach(self, state: State, name: str) -> bool: ...
-    def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> Obstructions: ...
+    def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = ...) -> Obstructions: ...
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class _Node:
         Where nothing is statically in the way, and yet the arm does not get to the target, at least one object must go.
         """
         needed = self.plans[0].length
-        return len(self.moves) + max(1, needed + (needed > 0 and self.last_resort))
+        return len(self.moves) + max(1, needed + self.last_resort)
 
     @property
     def standing(self) -> Names:
@@ -168,7 +168,7 @@ class Search:
         return None
 
     def _put(self, node: _Node | None) -> None:
-        if node is not None and node.plans and node.fewest <= self.most:
+        if node is not None and node.fewest <= self.most:
             rank = node.fewest + self.effort.step_back * len(node.tried)
             heappush(self._queue, (rank, -len(node.moves), next(self._ticket), node))
 
@@ -189,8 +189,8 @@ class Search:
         if found:
             node.plans = found
             node.choices = self._choices(node)
-        else:  # without what the arm does not get to, there is no plan, but perhaps a detour
-            node.last_resort, node.choices = True, self._other_choices(node) if node.plans else iter(())
+        elif node.plans:  # without what the arm does not get to, there is no plan, but perhaps a detour
+            node.last_resort, node.choices = True, self._other_choices(node)
 
     def _choices(self, node: _Node) -> Iterator[Choice]:
         """The moves of a shortest relaxed plan's first object to where the rest of that plan, or of another as short, still holds."""

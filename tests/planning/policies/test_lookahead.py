@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from fakes import observation
 from written_world import WrittenWorld, at_first
 
-from kinematics.scene import State
+from kinematics.scene import Cabinet, State
+from kinematics.transforms import transform
 from perception.observation import Observation, observe
 from planning.motion.carry import Done
 from planning.motion.pick_place import Choice
@@ -165,13 +168,25 @@ def test_cheap_objects_and_good_regions_are_tried_first() -> None:
     assert solve(WrittenWorld("ab", at_first(ways)), preferences=backwards) == [("b", 12)]
 
 
-def test_nearest_regions_are_free_and_sorted() -> None:
-    world = WrittenWorld("ab", at_first({}))
-    seen = observe(world.scene, world.state)
-    regions = list(nearest_regions(seen, "a", rng()))
-    away = [float(np.linalg.norm(seen.regions[i, :2] - seen.boxes["a"][:2])) for i in regions]
-    assert away == sorted(away)
-    assert 0 < len(regions) < 16
+def test_a_state_whose_moves_fail_steps_back_behind_those_that_look_as_good() -> None:
+    """Only first moves can be made. A deeper state is preferred as long as it ranks the same; each move that is tried costs it a little."""
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    world.can = lambda choice: set(world.regions_of(world.state.poses).values()) == {-1}
+    assert solve(world, effort=Effort(attempts=9)) == []
+    assert world.tried == [("a", 0), ("b", 0), ("b", 1), ("b", 0), ("a", 0), ("a", 1), ("b", 2), ("a", 2), ("a", 1)]
+
+
+def test_nearest_regions_are_in_front_and_of_those_as_near_the_first() -> None:
+    """169 regions on a grid around the object, its coordinates exact in binary, so that many are equally near."""
+    grid = [(i / 8, k / 8) for i in range(-6, 7) for k in range(-6, 7)]
+    seen = observation({"a": [0, 0, 0.5, 0.01, 0.01, 0.01]})
+    seen = replace(
+        seen,
+        cabinet=Cabinet(np.array([2.0, 2.0, 1.0]), transform(p=[-1.0, 0.0, 0.0]), 0.03),
+        regions=np.array([[x, y, 0.0, float((x, y) != (0, 0.125))] for x, y in grid]),
+    )
+    in_order = sorted(range(len(grid)), key=lambda i: (grid[i][0] ** 2 + grid[i][1] ** 2, i))
+    assert nearest_regions(seen, "a", rng()) == [i for i in in_order if grid[i] != (0, 0.125)]
 
 
 def proved(state: State) -> Unsolvable:
@@ -344,6 +359,70 @@ def test_two_blockers_are_not_for_a_glance() -> None:
     policy = look(stuck, glance=True)
     assert asked(policy, stuck) == []
     assert policy.outlook.least_moves is None  # one would be too few, and no number would do
+
+
+def test_the_quick_look_has_two_thirds_of_the_attempts() -> None:
+    """Nothing can be moved. Quickly sampled grasps know a way that b blocks, many more one that a blocks."""
+    world = WrittenWorld("ab", at_first({"t": ["b"], "a": ["b"], "b": [""]}), lambda choice: False)
+    world.finer = at_first({"t": ["a"], "a": [""], "b": ["a"]})
+    assert asked(Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5), world) == []
+    assert [name for name, _ in world.tried] == [*"bbbbbb", *"aaa"]
+
+
+NEAR_AND_LIKELY = replace(IN_ORDER, regions=lambda seen, name, rng: range(15, -1, -1), nearby=IN_ORDER.regions)
+
+
+def test_where_near_places_have_not_done_the_likeliest_get_half_as_many_attempts_more() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
+    policy = Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9), no_proof, most=5)
+    assert asked(policy, world) == []
+    assert [region for _, region in world.tried] == [0, 1, 2, 3, 4, 5, 0, 1, 2, 15, 14, 13, 12]
+    world.can, world.tried[:] = lambda choice: choice[1] == 12, []
+    assert asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9), no_proof, most=1), world) == [("a", 12)]
+
+
+def test_with_no_other_order_of_regions_nothing_is_tried_once_more() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
+    assert asked(Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5), world) == []
+    assert len(world.tried) == 9
+
+
+def test_likelier_places_do_not_make_a_plan_shorter() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    assert asked(Lookahead(world, NEAR_AND_LIKELY, SOME, no_proof, most=1), world) == []
+    assert not world.tried
+
+
+def test_what_is_too_many_moves_for_quick_grasps_may_be_fewer_for_many() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}), finer=at_first({"t": ["b"], "a": [""], "b": [""]}))
+    assert [name for name, _ in asked(look(world, most=1), world)] == ["b"]
+
+
+def test_with_moves_to_come_nothing_is_guessed_though_there_is_unseen_space() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}))
+    world.partly_unseen = True
+    assert asked(look(world), world) == [("a", 0)]
+
+
+def test_a_glance_asks_roughly() -> None:
+    """Roughly only a is in the way, and where it is put in regions 14 and 15 not even roughly; to be exact b is, too."""
+    world = WrittenWorld("ab", at_first({"t": ["ab"], "a": [""], "b": [""]}))
+    world.rough = lambda name, regions: ["a" if regions["a"] < 14 else ""]
+    policy, seen = look(world, glance=True), observe(world.scene, world.state)
+    assert next(iter(policy.select(seen, rng()))) == "a"
+    assert list(policy.place(seen, "a", rng())) == [14, 15]
+    assert not world.tried
+
+
+def test_what_stands_alone_in_the_way_is_proposed_whatever_it_costs() -> None:
+    """So no network is asked about objects at a glance."""
+
+    def costs(seen: Observation) -> Callable[[str], float]:
+        raise AssertionError("nobody is to ask")
+
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}))
+    policy = Lookahead(world, replace(IN_ORDER, objects=costs), SOME, no_proof, most=5, glance=True)
+    assert next(iter(policy.select(observe(world.scene, world.state), rng()))) == "a"
 
 
 def test_preferences_of_the_shipped_policies_name_every_object() -> None:

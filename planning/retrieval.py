@@ -8,20 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import lru_cache, partial
 from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
 
-from kinematics.collision.broad_phase import BroadPhase
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from perception.observation import Observation, observe
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.replay import hand_poses, with_clearances
-from planning.motion.sampling import samples
+from planning.motion.replay import hand_poses, replayed, with_clearances
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.verify import verify
 from planning.plan import SCENE, Blocked, Fault, Motion, Move, Outlook, Plan
@@ -221,13 +218,13 @@ def conclude(
         return _judged(scene, replace(plan, verified=not faults, faults=tuple(faults)), None)
     notes: tuple[Fault, ...] = ()
     with moving:
-        bodies, sampled = BroadPhase(robot, scene), lru_cache(maxsize=None)(partial(samples, robot, scene))
-        touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, bodies=bodies, sampled=sampled)
+        sampled = replayed(robot, scene, way)
+        touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, way=sampled)
         if touch is None:
             limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
             verdict = examine(scene, plan, robot, limits)
             faults, notes = (*faults, *verdict.faults), verdict.notes
-        motions = with_clearances(robot, scene, way, bodies, sampled)
+        motions = with_clearances(way, sampled)
     plan = replace(plan, motions=motions, motion_time_s=moving.seconds, faults=tuple(faults), notes=notes)
     plan = replace(plan, verified=touch is None and not faults)
     return _judged(scene, plan, touch)

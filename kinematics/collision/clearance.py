@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.collision import edge_problem, path_clearance
-from kinematics.collision.broad_phase import BroadPhase, allow
-from kinematics.collision.edge_problem import MARGIN_M, Problem
-from kinematics.collision.geometry import Query
-from kinematics.scene import Held
+from kinematics.chain import Int
+from kinematics.collision.edge_problem import make_scratch, pose_all
+from kinematics.collision.geometry import Asked, make_queries
+from kinematics.collision.path_clearance import config_clearances, path_clearances
+from kinematics.collision.stretches import PackedStretches, Stretch, allow
+from kinematics.robots.robot import Robot
+from kinematics.scene import Scene
 from kinematics.transforms import Array
 
 FARTHEST_M = 1.0
 """What is further off than this is not measured."""
-FINGERS_AT = 3
-"""At so many places of their way, both ends among them, fingers that move are looked at."""
 GRIPPER_DECIMALS = 2
 """To so many decimals of their joint's value, rad or m, fingers on their way are told apart where a curve is drawn of clearances."""
 TOLERANCE = 1e-3
@@ -33,86 +32,62 @@ class Clearance:
     between: tuple[str, str]
 
 
-def least_clearance(
-    bodies: BroadPhase,
-    q: Array,
-    poses: Mapping[str, Array],
-    held: Held | None,
-    allowed_contacts: Iterable[tuple[str, str]],
-    step_m: float,
-) -> Clearance | None:
-    """The clearance at configurations q (N, J), with objects standing at poses; None where nothing is within a metre.
+def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance | None]:
+    """The clearance of every stretch; None where nothing is within a metre.
 
     It is measured from the moving links and what is held to all that stands, and from what is held to the links that don't hold it; not
-    among the robot's own links, nor between allowed contacts. step_m: from one row to the next no point moves further.
+    among the robot's own links, nor between allowed contacts. Fingers that move are looked at in `FINGERS_AT` places, where the arm moves
+    as well at each of these openings on all of its way. step_m: from one row to the next no point moves further.
     """
-    gripper, arm = q[:, bodies.robot.gripper_joint], np.ascontiguousarray(bodies.robot.arm_q(q))
-    if (gripper == gripper[0]).all():
-        return _least(bodies, arm, float(gripper[0]), poses, held, allowed_contacts, step_m)
-    first, *others = np.unique(np.linspace(0, len(q) - 1, FINGERS_AT).round().astype(np.int64))
-    stands = (arm == arm[0]).all()
-    at = arm[:1] if stands else arm  # where the arm moves as well, at each of these openings on all of its way
-    found = [_least(bodies, at, float(gripper[first]), poses, held, allowed_contacts, step_m)]
-    found += [_least(bodies, at, float(gripper[i]), poses, held, allowed_contacts, step_m, fingers_alone=held is None) for i in others]
-    return min((c for c in found if c is not None), key=lambda c: c.distance_m, default=None)
-
-
-def _least(
-    bodies: BroadPhase,
-    arm: Array,
-    gripper: float,
-    poses: Mapping[str, Array],
-    held: Held | None,
-    allowed_contacts: Iterable[tuple[str, str]],
-    step_m: float,
-    *,
-    fingers_alone: bool = False,
-) -> Clearance | None:
-    """`least_clearance` for one gripper value and the arm's configurations (N, A); fingers_alone: of them and nothing else."""
-    problem, names = _problem(bodies, gripper, poses, held, allowed_contacts, fingers_alone=fingers_alone)
-    relative_m = step_m if held is None else 2 * step_m  # of two bodies that both move
-    distance_m, _, pair = path_clearance.path_clearance(problem, arm, relative_m, FARTHEST_M, TOLERANCE, bodies.scratch(problem))
-    if pair < 0:
-        return None
-    a, b = problem.pairs[pair, :2]
-    return Clearance(float(distance_m), (names[a], names[b]))
-
-
-def clearances(
-    bodies: BroadPhase, q: Array, poses: Mapping[str, Array], held: Held | None, allowed_contacts: Iterable[tuple[str, str]], cap_m: float
-) -> Array:
-    """The clearance (N,) at each of configurations q (N, J), at most cap_m, what is measured being as in `least_clearance`."""
-    contacts, arm, out = tuple(allowed_contacts), np.ascontiguousarray(bodies.robot.arm_q(q)), np.empty(len(q))
-    gripper = np.round(q[:, bodies.robot.gripper_joint], GRIPPER_DECIMALS)
-    for value in np.unique(gripper):
-        problem, _ = _problem(bodies, float(value), poses, held, contacts)
-        scratch = bodies.scratch(problem)
-        for i in np.flatnonzero(gripper == value):
-            out[i] = path_clearance.config_clearance(problem, arm[i], cap_m, scratch)
+    asked, of = list[Asked](), list[int]()
+    for s, stretch in enumerate(packed.stretches):
+        first, *others = packed.openings[s]
+        begin, end = packed.starts[s], packed.starts[s + 1]
+        if others and (packed.arm[begin:end] == packed.arm[begin]).all():
+            end = begin + 1
+        looks = [packed.parts(s, first), *(packed.fingers(at) if stretch.held is None else packed.parts(s, at) for at in others)]
+        asked += [_asked(packed, s, (begin, end), *look) for look in looks]
+        of += [s] * len(looks)
+    out: list[Clearance | None] = [None] * len(packed.stretches)
+    if not asked:
+        return out
+    queries, steps_m = make_queries(asked), np.array([step_m if packed.stretches[s].held is None else 2 * step_m for s in of])
+    problem, starts = pose_all(packed.model.chain, packed.posed, packed.solids, queries)  # two bodies may both move: hence twice the step
+    least, nearest = np.empty(len(of)), np.empty(len(of), np.int64)
+    scratch = make_scratch(problem)
+    path_clearances(problem, packed.arm, queries.rows, starts, steps_m, FARTHEST_M, TOLERANCE, scratch, least, nearest)
+    for s, distance_m, pair in zip(of, least.tolist(), nearest.tolist()):
+        known = out[s]
+        if pair >= 0 and (known is None or distance_m < known.distance_m):
+            a, b = problem.pairs[pair, :2]
+            out[s] = Clearance(distance_m, (packed.names[a], packed.names[b]))
     return out
 
 
-def _problem(
-    bodies: BroadPhase,
-    gripper: float,
-    poses: Mapping[str, Array],
-    held: Held | None,
-    allowed_contacts: Iterable[tuple[str, str]],
-    *,
-    fingers_alone: bool = False,
-) -> tuple[Problem, tuple[str, ...]]:
-    """Whose distances a clearance is the least of, and the names behind its bodies."""
-    if fingers_alone:
-        posed, links = bodies.fingers(gripper)
-    else:
-        posed, _, links = bodies.moving(gripper, held)
-    solids, names = bodies.standing(poses)
-    own, P = len(bodies.robot_collision_model.links), len(links)
-    check = np.zeros((P, P + len(names)), np.uint8)
-    check[posed.frame > 0, P:] = 1
-    allow(check, (*links, *names), allowed_contacts)
-    holding = [i for i in range(own) if links[i] not in bodies.robot.pads] if held is not None else []
+def clearances(robot: Robot, scene: Scene, stretch: Stretch, cap_m: float) -> Array:
+    """The clearance (N,) at each configuration of a stretch, at most cap_m, what is measured being as in `least_clearances`."""
+    g = robot.gripper_joint
+    values, which = np.unique(np.round(stretch.q[:, g], GRIPPER_DECIMALS), return_inverse=True)
+    each = [stretch.q[which == i] for i in range(len(values))]
+    for q, value in zip(each, values):
+        q[:, g] = value
+    packed = PackedStretches(robot, scene, [replace(stretch, q=q) for q in each])
+    asked = [_asked(packed, s, (packed.starts[s], packed.starts[s + 1]), *packed.parts(s, packed.openings[s][0])) for s in range(len(each))]
+    queries = make_queries(asked)
+    problem, starts = pose_all(packed.model.chain, packed.posed, packed.solids, queries)
+    out, sorted_out = np.empty(len(stretch.q)), np.empty(len(stretch.q))
+    config_clearances(problem, packed.arm, queries.rows, starts, cap_m, make_scratch(problem), sorted_out)
+    out[np.argsort(which, kind="stable")] = sorted_out
+    return out
+
+
+def _asked(packed: PackedStretches, s: int, rows: tuple[int, int], parts: Int, names: tuple[str, ...]) -> Asked:
+    """Whose distances the clearance of stretch s is the least of, for some rows and some parts."""
+    bodies, standing = packed.bodies(s)
+    stretch, own, P = packed.stretches[s], len(packed.links), len(parts)
+    check = np.zeros((P, P + len(bodies)), np.uint8)
+    check[packed.posed.frame[parts] > 0, P:] = 1
+    allow(check, names + standing, stretch.allowed_contacts)
+    holding = [i for i in range(own) if names[i] not in packed.robot.pads] if stretch.held is not None else []
     pairs = np.array([(h, i) for h in range(own, P) for i in holding], np.int64).reshape(-1, 2)
-    query = Query(np.ascontiguousarray(check[:, P:]), pairs)
-    problem = edge_problem.pose(bodies.robot_collision_model.chain, posed, solids, query, MARGIN_M)
-    return problem, (*links, *names)
+    return Asked(rows, parts, bodies, check[:, P:], pairs)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain, Int
-from kinematics.collision.geometry import HULL, Query, Solids
+from kinematics.collision.geometry import HULL, Queries, Query, Solids
 from kinematics.collision.posed_geometry import PosedGeometry
 from kinematics.jit.decorators import copy_rows, jit_entry, jit_inline
 from kinematics.jit.record import record
@@ -98,6 +98,59 @@ def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margi
     )
     _fill(posed, solids, query.check, query.pairs, problem)
     return problem
+
+
+def pose_all(chain: Chain, posed: PosedGeometry, solids: Solids, queries: Queries) -> tuple[Problem, Int]:
+    """Pack the pairs of several queries about the same bodies as one problem, and where the pairs of each begin (S + 1,): for distances at
+    configurations. It has no reach, so no edges can be asked about."""
+    asked = np.concatenate([[0], np.cumsum(queries.check, dtype=np.int64)])[queries.check_start]
+    start = asked + queries.pair_start
+    J, K = len(chain.lower), len(chain.q_index)
+    problem = Problem(
+        chain,
+        np.concatenate([posed.boxes, solids.boxes]),
+        np.concatenate([posed.vertices, solids.points], 1),
+        np.concatenate([posed.groups, solids.groups], 1),
+        np.empty((int(start[-1]), 9), np.int64),
+        np.zeros((0, K)),
+        np.ones(J),
+        solids.T,
+        0.0,
+        np.zeros(0),
+    )
+    _fill_all(posed, solids, queries, problem)
+    return problem, start
+
+
+@jit_entry
+def _fill_all(posed: PosedGeometry, solids: Solids, queries: Queries, problem: Problem) -> None:
+    """Fill in the pairs of every query, what moves furthest out first."""
+    P, frames, n, pairs = posed.frame.shape[0], problem.chain.q_index.shape[0] + 1, 0, problem.pairs
+    parts, before = queries.parts, posed.start[P]
+    for s in range(queries.rows.shape[0]):
+        first, body, check = queries.part_start[s], queries.body_start[s], queries.check_start[s]
+        m, B = queries.part_start[s + 1] - first, queries.body_start[s + 1] - body
+        for frame in range(frames - 1, -1, -1):  # the hand collides most often
+            for i in range(m):
+                p = parts[first + i]
+                if posed.frame[p] != frame:
+                    continue
+                for j in range(B):
+                    if not queries.check[check + i * B + j]:
+                        continue
+                    b = queries.bodies[body + j]
+                    _first_of(posed, p, pairs[n])
+                    pairs[n, 1], pairs[n, 3], pairs[n, 4] = P + b, frames + b, solids.kind[b]
+                    pairs[n, 7], pairs[n, 8] = before + solids.point_start[b], before + solids.point_start[b + 1]
+                    n += 1
+            for k in range(queries.pair_start[s], queries.pair_start[s + 1]):
+                a, b = parts[first + queries.pairs[k, 0]], parts[first + queries.pairs[k, 1]]
+                if max(posed.frame[a], posed.frame[b]) != frame:
+                    continue
+                _first_of(posed, a, pairs[n])
+                pairs[n, 1], pairs[n, 3], pairs[n, 4] = b, posed.frame[b], HULL
+                pairs[n, 7], pairs[n, 8] = posed.start[b], posed.start[b + 1]
+                n += 1
 
 
 @jit_entry

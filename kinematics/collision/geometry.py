@@ -7,8 +7,9 @@ third. What a motion query needs of the parts is put together in posed_geometry.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,52 @@ class Query(NamedTuple):
 
     check: NDArray[np.uint8]
     pairs: Int
+
+
+class Asked(NamedTuple):
+    """One of several queries about the same set of parts and solids, from row rows[0] to before row rows[1] of some configurations.
+
+    parts (m,), bodies (b,): those that are there, the parts of one frame together. check (m, b), pairs (n, 2): as in `Query`, counted
+    among them.
+    """
+
+    rows: tuple[int, int]
+    parts: Int
+    bodies: Int
+    check: NDArray[Any]
+    pairs: NDArray[Any]
+
+
+@record
+class Queries(NamedTuple):
+    """`Asked`, S of them, for compiled code: rows (S, 2), then all parts, all bodies, all tables flat and all pairs; those of query s begin
+    at part_start[s], and so on, (S + 1,) each."""
+
+    rows: Int
+    parts: Int
+    bodies: Int
+    check: NDArray[np.uint8]
+    pairs: Int
+    part_start: Int
+    body_start: Int
+    check_start: Int
+    pair_start: Int
+
+
+def make_queries(asked: Sequence[Asked]) -> Queries:
+    """Pack queries for compiled code."""
+    rows, parts, bodies, check, pairs = zip(*asked)
+    return Queries(
+        np.array(rows, np.int64),
+        np.concatenate(parts),
+        np.concatenate(bodies),
+        np.concatenate([c.ravel() for c in check]).astype(np.uint8),
+        np.concatenate(pairs).astype(np.int64, order="C"),
+        _starts([len(p) for p in parts]),
+        _starts([len(b) for b in bodies]),
+        _starts([c.size for c in check]),
+        _starts([len(p) for p in pairs]),
+    )
 
 
 def make_parts(frames: list[int], hulls: list[Array]) -> Parts:

@@ -1,43 +1,59 @@
-"""The least distance of any pair at one configuration, or at any of many along a path."""
+"""The least distance of any pair at each of many configurations, or at any of those along a path."""
 
 from __future__ import annotations
 
-from kinematics.chain import forward
+from kinematics.chain import Int, forward
 from kinematics.collision.edge_problem import Problem, Scratch
 from kinematics.collision.pair_bounds import TOLERANCE, distance_bound
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 
 BLOCK = 16
-"""Rows that `path_clearance` looks at together first."""
+"""Rows of a path that are looked at together first."""
 
 
 @jit_entry
-def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch) -> float:
-    """A lower bound, at most 5 % low, of the least distance of any pair at q (J,), or cap_m if that is less; 0 when something touches."""
-    least, _ = _nearest_pair(problem, q, cap_m, TOLERANCE, scratch)
-    return float(least)
+def config_clearances(problem: Problem, Q: Array, rows: Int, pairs: Int, cap_m: float, scratch: Scratch, out: Array) -> None:
+    """A lower bound, at most 5 % low, of the least distance of any pair at each of configurations Q (N, J), or cap_m if that is less: out
+    (N,), 0 where something touches. rows (L, 2), pairs (L + 1,): which pairs are meant at which rows, see `path_clearances`."""
+    for n in range(rows.shape[0]):
+        for i in range(rows[n, 0], rows[n, 1]):
+            out[i], _ = _nearest_pair(problem, Q[i], pairs[n], pairs[n + 1], cap_m, TOLERANCE, scratch)
 
 
 @jit_entry
-def path_clearance(problem: Problem, Q: Array, step_m: float, cap_m: float, tolerance: float, scratch: Scratch) -> tuple[float, int, int]:
-    """A lower bound of the least distance of any pair at any of configurations Q (N, J), or cap_m if that is less; in which row that is,
-    and between which pair, -1 where nothing comes nearer than cap_m.
+def path_clearances(
+    problem: Problem, Q: Array, rows: Int, pairs: Int, steps_m: Array, cap_m: float, tolerance: float, scratch: Scratch,
+    least: Array, nearest: Int,
+) -> None:  # fmt: skip
+    """Of each of L paths through configurations Q (N, J) a lower bound of the least distance of any pair at any of them, or cap_m if that
+    is less, least (L,); and between which pair, nearest (L,), -1 where nothing comes nearer than cap_m.
 
-    step_m: from one row to the next no pair comes nearer by more. So rows around one at which a pair is far apart need no look at that
-    pair, and rows without such pairs none at all. tolerance: how much of the distance, relative, the bound may be low.
+    rows (L, 2): from which to before which row of Q a path goes; pairs (L + 1,): where its pairs begin. steps_m (L,): from one row to the
+    next no pair comes nearer by more. So rows around one at which a pair is far apart need no look at that pair, and rows without such
+    pairs none at all. tolerance: how much of the distance, relative, the bound may be low.
     """
-    least, row, pair, n_pairs, N = cap_m, -1, -1, problem.pairs.shape[0], Q.shape[0]
-    for i in range(BLOCK // 2, N, BLOCK):  # a first impression, so that most of the rest is not near enough to matter
-        bound, n = _nearest_pair(problem, Q[i], least, tolerance, scratch)
+    for n in range(least.shape[0]):
+        least[n], nearest[n] = _along(problem, Q, rows[n, 0], rows[n, 1], pairs[n], pairs[n + 1], steps_m[n], cap_m, tolerance, scratch)
+
+
+@jit_inline
+def _along(
+    problem: Problem, Q: Array, start: int, stop: int, first_pair: int, last_pair: int, step_m: float, cap_m: float, tolerance: float,
+    scratch: Scratch,
+) -> tuple[float, int]:  # fmt: skip
+    """The bound and the pair of one path: rows and pairs from a first one to before a last one."""
+    least, pair, n_pairs = cap_m, -1, last_pair - first_pair
+    for i in range(start + BLOCK // 2, stop, BLOCK):  # a first impression, so that most of the rest is not near enough to matter
+        bound, n = _nearest_pair(problem, Q[i], first_pair, last_pair, least, tolerance, scratch)
         if bound < least:
-            least, row, pair = bound, i, n
+            least, pair = bound, n
     pool, spans, lists = scratch.pool[0], scratch.spans[0], scratch.lists[0]
     for n in range(n_pairs):
-        pool[n] = n
-    for first in range(0, N, BLOCK):
+        pool[n] = first_pair + n
+    for first in range(start, stop, BLOCK):
         top = 1
-        spans[0, 0], spans[0, 1], lists[0, 0], lists[0, 1] = first, min(first + BLOCK, N), 0, n_pairs
+        spans[0, 0], spans[0, 1], lists[0, 0], lists[0, 1] = first, min(first + BLOCK, stop), 0, n_pairs
         while top > 0:
             top -= 1
             low, high, begin, end = int(spans[top, 0]), int(spans[top, 1]), lists[top, 0], lists[top, 1]
@@ -52,7 +68,7 @@ def path_clearance(problem: Problem, Q: Array, step_m: float, cap_m: float, tole
                 if bound < least:
                     bound = distance_bound(problem, n, least, tolerance, scratch)
                     if bound < least:
-                        least, row, pair = bound, middle, n
+                        least, pair = bound, n
                 if bound < least + by:
                     pool[used] = n
                     used += 1
@@ -62,16 +78,17 @@ def path_clearance(problem: Problem, Q: Array, step_m: float, cap_m: float, tole
                     if spans[top, 0] < spans[top, 1]:
                         lists[top, 0], lists[top, 1] = end, used
                         top += 1
-    return least, row, pair
+    return least, pair
 
 
 @jit_inline
-def _nearest_pair(problem: Problem, q: Array, cap_m: float, tolerance: float, scratch: Scratch) -> tuple[float, int]:
-    """A lower bound of the least distance of any pair at q (J,), and which pair that is; cap_m and -1 when all are that far apart."""
+def _nearest_pair(problem: Problem, q: Array, first: int, last: int, cap_m: float, tolerance: float, scratch: Scratch) -> tuple[float, int]:
+    """A lower bound of the least distance of any pair from the first to before the last at q (J,), and which pair that is; cap_m and -1
+    when all are that far apart."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
     least, nearest = cap_m, -1
-    for n in range(problem.pairs.shape[0]):
+    for n in range(first, last):
         bound = distance_bound(problem, n, least, tolerance, scratch)
         if bound < least:
             least, nearest = bound, n

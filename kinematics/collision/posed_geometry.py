@@ -119,22 +119,29 @@ def pose_others(chain: Chain, pieces: GeometryModel, posed: PosedGeometry, which
     return other
 
 
-def join_posed(a: PosedGeometry, b: PosedGeometry) -> PosedGeometry:
-    """The parts of a, then those of b, on one chain: an object is put into the hand without a look at the arm."""
+def join_posed(*several: PosedGeometry) -> PosedGeometry:
+    """The parts of all, in order, on one chain: an object is put into the hand without a look at the arm."""
+    frame, vertices, groups, start, boxes, reach, coarse_start, coarse, child_start, child, fine_start, fine = zip(*several)
     return PosedGeometry(
-        np.concatenate([a.frame, b.frame]),
-        np.concatenate([a.vertices, b.vertices], 1),
-        np.concatenate([a.groups, b.groups], 1),
-        np.concatenate([a.start, b.start[1:] + a.start[-1]]),
-        np.concatenate([a.boxes, b.boxes]),
-        np.concatenate([a.reach, b.reach], 1),
-        np.concatenate([a.coarse_start, b.coarse_start[1:] + a.coarse_start[-1]]),
-        np.concatenate([a.coarse, b.coarse]),
-        np.concatenate([a.child_start, b.child_start[1:] + a.child_start[-1]]),
-        np.concatenate([a.child, b.child]),
-        np.concatenate([a.fine_start, b.fine_start[1:] + a.fine_start[-1]]),
-        np.concatenate([a.fine, b.fine]),
+        np.concatenate(frame),
+        np.concatenate(vertices, 1),
+        np.concatenate(groups, 1),
+        _joined(start),
+        np.concatenate(boxes),
+        np.concatenate(reach, 1),
+        _joined(coarse_start),
+        np.concatenate(coarse),
+        _joined(child_start),
+        np.concatenate(child),
+        _joined(fine_start),
+        np.concatenate(fine),
     )
+
+
+def _joined(starts: Sequence[Int]) -> Int:
+    """Where rows start when tables are put one after the other: starts (n + 1,) of each, the last of which is how long it is."""
+    before = np.cumsum([0, *(start[-1] for start in starts)])
+    return np.concatenate([starts[0][:1], *(start[1:] + n for start, n in zip(starts, before))])
 
 
 @jit_entry

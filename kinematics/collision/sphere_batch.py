@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.chain import Int
 from kinematics.collision.sphere_lanes import (
     ROW_RELATIVE,
     ROW_X,
@@ -43,6 +44,7 @@ FINE_M, COARSE_M = 0.010, 0.120  # up to so much growth the fine and the coarse 
 
 _NEAR, _APART = 1, 2
 _f, _U = np.float32, np.uint64
+Flags = NDArray[np.uint8]
 _W = np.uint64(WIDTH)
 _ZERO, _ONE = _f(0), _f(1)
 
@@ -298,34 +300,42 @@ def check_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float,
 
 
 @jit_inline
-def open_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, refused: Mask, out: Index) -> None:
-    """For every pair the lanes of the 16 configurations in rows ROW_X in which it may touch. out: zeros, one a pair."""
+def open_batch(
+    M: SphereModel, Wd: SphereWorld, X: SphereScratch, refused: Mask, parts: Int, bodies: Int, check: Flags, pairs: Int, out: Index
+) -> None:
+    """For every pair the lanes of the 16 configurations in rows ROW_X in which it may touch.
+
+    Some parts (m,), those of one frame together, against some bodies (b,), where check (m · b,) says so, and pairs (n, 2) of these parts.
+    out (m · b + n,): of pair (i, j) at i · b + j, then of `pairs`; what is not asked about is left as it was.
+    """
     S = X.rows
-    K, P, B, n = _U(M.T.shape[0]), _U(M.frame.shape[0]), _U(Wd.kind.shape[0]), _U(Wd.pairs.shape[0])
+    K, m, B, n = _U(M.T.shape[0]), _U(parts.shape[0]), _U(bodies.shape[0]), _U(pairs.shape[0])
     frames, bounds = ROW_X + _W * K, ROW_X + _W * (_U(13) * K + _U(12))
     forward_kinematics(S, M)
     at, own = K + _U(1), _f(Wd.own_clearance)
-    for p in range(P):
+    for i in range(m):
+        p = _U(parts[i])
         f = M.frame[p]
         if f != at:
             at = f
             _all_near(M, Wd, X, f, 0.0)
         x, y, z = placed(S, frames + _W * _U(12) * f, M.bound, p)
         keep(S, bounds + _W * _U(3) * p, x, y, z)
-        for b in range(B):
-            if Wd.check[p, b]:
+        for j in range(B):
+            if check[i * B + j]:
+                b = _U(bodies[j])
                 slack, near = M.slack[p] + Wd.slack[b], _U(0)
                 if X.in_reach[b]:
                     near = near_body(x, y, z, Wd, b, M.bound[p, 3] + slack + Wd.clearance[b], _U(0))
                 if near != _U(0):
                     near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near)
-                out[p * B + b] = near | refused
+                out[i * B + j] = near | refused
     for i in range(n):
-        a, b = Wd.pairs[i, 0], Wd.pairs[i, 1]
+        a, b = _U(parts[pairs[i, 0]]), _U(parts[pairs[i, 1]])
         if M.frame[a] > M.frame[b]:
             a, b = b, a
         if M.frame[a] != M.frame[b] and _apart_from_all(M, X, a, M.frame[b], 0.0, own):
-            out[P * B + i] = refused
+            out[m * B + i] = refused
             continue
         slack = M.slack[a] + M.slack[b]
         r = M.bound[a, 3] + M.bound[b, 3] + slack + own
@@ -336,4 +346,4 @@ def open_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, refused: Mask,
             if coarse_balls(M, a) < coarse_balls(M, b):
                 a, b = b, a
             near, _ = _part_part(S, M, a, b, _ZERO, slack, own, ~near)
-        out[P * B + i] = near | refused
+        out[m * B + i] = near | refused

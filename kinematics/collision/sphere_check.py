@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
+from kinematics.collision.geometry import Asked, Queries, make_queries
 from kinematics.collision.sphere_batch import SphereScratch, check_batch, make_sphere_scratch, open_batch, scratch_for
 from kinematics.collision.sphere_lanes import ROW_AT, ROW_X, Mask
 from kinematics.collision.sphere_model import F32, Index, SphereModel, SphereWorld
@@ -40,6 +41,7 @@ __all__ = [
     "edge_open",
     "make_sphere_scratch",
     "open_pairs",
+    "open_rows",
     "scratch_for",
 ]
 
@@ -182,7 +184,7 @@ def configs_free(model: SphereModel, world: SphereWorld, Q: Array, scratch: Sphe
 def _judge_all(model: SphereModel, world: SphereWorld, Q: Array, zero: Array, scratch: SphereScratch, out: NDArray[np.uint8]) -> None:
     _begin(model, world, zero, zero, scratch)  # no travel
     for start in range(0, Q.shape[0], 16):
-        refused = _take(model, Q, start, scratch.rows)
+        refused = _take(model, Q, start, Q.shape[0], scratch.rows)
         fail, sure = check_batch(model, world, scratch, 0.0, False, False, True)
         for w in range(min(16, Q.shape[0] - start)):
             touches, open_ = (sure >> _U(w)) & _U(1), ((fail | refused) >> _U(w)) & _U(1)
@@ -196,29 +198,69 @@ def open_pairs(model: SphereModel, world: SphereWorld, Q: Array, scratch: Sphere
     not decide leave every pair of their row open.
     """
     Q = checked("Q", Q, -1, _coordinates(model), finite=False)
-    masks = np.zeros((-(-len(Q) // 16), world.check.size + len(world.pairs)), np.uint64)
-    _open_batches(model, world, Q, scratch, masks)
-    batches, pairs = np.nonzero(masks)
-    at, lane = np.nonzero(masks[batches, pairs][:, None] >> np.arange(16, dtype=np.uint64) & _U(1))
-    rows, pairs = 16 * batches[at] + lane, pairs[at]
-    order = np.argsort(rows, kind="stable")
-    order = order[rows[order] < len(Q)]
-    return rows[order], pairs[order]
+    P, B = world.check.shape
+    asked = Asked((0, len(Q)), np.arange(P), np.arange(B), world.check, world.pairs.astype(np.int64))
+    found = open_rows(model, world, make_queries([asked]), Q, scratch)
+    return found[:, 0], found[:, 1]
+
+
+def open_rows(model: SphereModel, world: SphereWorld, queries: Queries, Q: Array, scratch: SphereScratch) -> Int:
+    """What the covers do not prove apart at configurations Q (N, J) that several queries are about: rows (row of Q, pair, i, j), query by
+    query, the rows of Q rising in each.
+
+    In a query with parts (m,) and bodies (b,), pair i · b + j is part i against body j, which is numbered m + j; the pairs of parts
+    come after these. Joint values that `edge_free` would not decide leave every pair of their row open.
+    """
+    most = int((np.diff(queries.check_start) + np.diff(queries.pair_start)).max(initial=0))
+    masks, listed, out = np.empty(most, np.uint64), np.empty(most, np.int64), np.empty((4096, 4), np.int64)
+    count = _open_rows(model, world, queries, Q, scratch, masks, listed, out)
+    if count > len(out):
+        out = np.empty((count, 4), np.int64)
+        _open_rows(model, world, queries, Q, scratch, masks, listed, out)
+    return out[:count]
 
 
 @jit_entry
-def _open_batches(model: SphereModel, world: SphereWorld, Q: Array, scratch: SphereScratch, masks: Index) -> None:
-    for batch in range(masks.shape[0]):
-        refused = _take(model, Q, 16 * batch, scratch.rows)
-        open_batch(model, world, scratch, refused, masks[batch])
+def _open_rows(
+    model: SphereModel, world: SphereWorld, all: Queries, Q: Array, scratch: SphereScratch, masks: Index, listed: Int, out: Int
+) -> int:
+    """`open_rows`, as far as `out` has room; how many rows there are. masks, listed: scratch, one a pair."""
+    count = 0
+    for s in range(all.rows.shape[0]):
+        parts, bodies = all.parts[all.part_start[s] : all.part_start[s + 1]], all.bodies[all.body_start[s] : all.body_start[s + 1]]
+        check, pairs = all.check[all.check_start[s] : all.check_start[s + 1]], all.pairs[all.pair_start[s] : all.pair_start[s + 1]]
+        m, b = parts.shape[0], bodies.shape[0]
+        for start in range(all.rows[s, 0], all.rows[s, 1], 16):
+            rows = min(16, all.rows[s, 1] - start)
+            refused, found = _take(model, Q, start, start + rows, scratch.rows), 0
+            for k in range(m * b + pairs.shape[0]):
+                masks[k] = 0
+            open_batch(model, world, scratch, refused, parts, bodies, check, pairs, masks)
+            for k in range(m * b + pairs.shape[0]):
+                if masks[k] != _U(0):
+                    listed[found] = k
+                    found += 1
+            for w in range(rows):
+                for e in range(found):
+                    k = listed[e]
+                    if (masks[k] >> _U(w)) & _U(1):
+                        if count < out.shape[0]:
+                            out[count, 0], out[count, 1] = start + w, k
+                            if k < m * b:
+                                out[count, 2], out[count, 3] = k // b, m + k % b
+                            else:
+                                out[count, 2], out[count, 3] = pairs[k - m * b, 0], pairs[k - m * b, 1]
+                        count += 1
+    return count
 
 
 @jit_inline
-def _take(M: SphereModel, Q: Array, start: int, S: F32) -> Mask:
-    """Rows ROW_X: joint values of Q from row `start` on, the last one repeated. A bit for each lane with values out of bounds, put to 0."""
+def _take(M: SphereModel, Q: Array, start: int, end: int, S: F32) -> Mask:
+    """Rows ROW_X: joint values of Q from row `start` to before `end`, the last one repeated. A bit for each lane with values out of bounds,
+    put to 0."""
     refused = _U(0)
     for w in range(16):
-        i = min(start + w, Q.shape[0] - 1)
+        i = min(start + w, end - 1)
         for k in range(M.T.shape[0]):
             x = M.scale[k] * Q[i, M.q_index[k]] + M.offset[k]
             within = abs(x) <= M.limit[k]  # not so for NaN

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from kinematics.transforms import Array, wxyz_from_rotation
 from planning.io.checked import Node
@@ -54,7 +56,12 @@ def pose_to_json(T_a_b: Array) -> dict[str, list[float]]:
 
 def numbers(values: Array) -> list[float]:
     """An array (N,) as plain numbers with every digit."""
-    return [float(v) for v in values]
+    return cast("list[float]", np.asarray(values, float).tolist())
+
+
+def rows_of_numbers(values: Array) -> list[list[float]]:
+    """The same of a table (N, M), row by row."""
+    return cast("list[list[float]]", np.asarray(values, float).tolist())
 
 
 def without_none(fields: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinematics.transforms import Array
 from planning.io.checked import Node
-from planning.io.documents import numbers, pose_to_json
+from planning.io.documents import numbers, pose_to_json, rows_of_numbers
 
 MOST_CELLS = 10**8
 
@@ -64,7 +64,7 @@ def observation_to_json(
         seen[-1]["unknown"] = {"cells": [int(n) for n in cells], "boxes": [[int(i) for i in row] for row in unknown]}
     return {
         "objects": [{"name": name, "box": numbers(box)} for name, box in boxes.items()],
-        "regions": [numbers(row) for row in regions],
+        "regions": rows_of_numbers(regions),
         "views": seen,
         "known": float(known),
     }

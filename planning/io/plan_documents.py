@@ -10,7 +10,7 @@ import numpy as np
 
 from kinematics.scene import Grasp, Held, Settlement
 from planning.io.checked import Node
-from planning.io.documents import expect, numbers, pose_to_json, without_none
+from planning.io.documents import expect, numbers, pose_to_json, rows_of_numbers, without_none
 from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
 
 PLAN = "retrieve/plan@2"
@@ -79,13 +79,13 @@ def _motion_to_json(m: Motion) -> dict[str, Any]:
     document: dict[str, Any] = {
         "stage": m.stage,
         "joint_names": list(m.joint_names),
-        "q": [numbers(row) for row in m.q],
+        "q": rows_of_numbers(m.q),
         "t_s": numbers(m.t_s),
         "held": None if m.held is None else {"body": m.held.body, "T_hand_body": pose_to_json(m.held.T_hand_body)},
         "may_touch": [list(pair) for pair in m.allowed_contacts],
     }
     if m.qd is not None and m.qdd is not None:
-        document["qd"], document["qdd"] = [numbers(row) for row in m.qd], [numbers(row) for row in m.qdd]
+        document["qd"], document["qdd"] = rows_of_numbers(m.qd), rows_of_numbers(m.qdd)
     if m.gripper is not None:
         states = {"before": m.gripper.before, "after": m.gripper.after}
         told = {when: {"value": g.value, "command_m": g.width_m, "force_N": g.force_N} for when, g in states.items()}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.collision.broad_phase import BroadPhase
-from kinematics.collision.clearance import least_clearance
+from kinematics.collision.clearance import Clearance, least_clearances
+from kinematics.collision.stretches import PackedStretches, Stretch
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
@@ -29,28 +29,44 @@ def replay(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Iterator[tu
         before = motion
 
 
-def with_clearances(
-    robot: Robot,
-    scene: Scene,
-    motions: Sequence[Motion],
-    bodies: BroadPhase | None = None,
-    sampled: Callable[[Motion], Array] | None = None,
-) -> tuple[Motion, ...]:
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """Motions in samples, packed for checks: a stretch each, or two where the fingers move for a part of the way alone.
+
+    number (S,): whose motion each stretch is a part of. rows: of each motion, all its samples (N, J).
+    """
+
+    number: tuple[int, ...]
+    rows: tuple[Array, ...]
+    packed: PackedStretches
+
+
+def replayed(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Replayed:
+    """The motions from the scene's first state on, so densely sampled that no point moves further than RESOLUTION_M from row to row."""
+    number, rows, stretches = list[int](), list[Array](), list[Stretch]()
+    for n, (motion, poses) in enumerate(replay(robot, scene, motions)):
+        rows.append(samples(robot, scene, motion))
+        for some in while_fingers_move(robot, rows[-1]):
+            number.append(n)
+            stretches.append(Stretch(some, poses, motion.held, tuple(motion.allowed_contacts)))
+    return Replayed(tuple(number), tuple(rows), PackedStretches(robot, scene, stretches))
+
+
+def with_clearances(motions: Sequence[Motion], way: Replayed) -> tuple[Motion, ...]:
     """The same motions, each with the least distance that it keeps outside allowed contacts, and between which two bodies that is.
 
-    bodies: the scene's, packed before. sampled: `sampling.samples` of this scene's motions, if they are known already.
+    way: the motions as `replayed` has them.
     """
-    bodies, out = bodies or BroadPhase(robot, scene), list[Motion]()
-    for motion, poses in replay(robot, scene, motions):
-        rows = samples(robot, scene, motion) if sampled is None else sampled(motion)
-        measured = (
-            least_clearance(bodies, some, poses, motion.held, motion.allowed_contacts, RESOLUTION_M)
-            for some in while_fingers_move(robot, rows)
-        )
-        found = min((c for c in measured if c is not None), key=lambda c: c.distance_m, default=None)
-        distance, between = (None, None) if found is None else (found.distance_m, found.between)
-        out.append(replace(motion, clearance_m=distance, clearance_between=between))
-    return tuple(out)
+    nearest: dict[int, Clearance] = {}
+    for number, found in zip(way.number, least_clearances(way.packed, RESOLUTION_M)):
+        if found is not None and (number not in nearest or found.distance_m < nearest[number].distance_m):
+            nearest[number] = found
+    return tuple(
+        replace(motion, clearance_m=None, clearance_between=None)
+        if (found := nearest.get(n)) is None
+        else replace(motion, clearance_m=found.distance_m, clearance_between=found.between)
+        for n, motion in enumerate(motions)
+    )
 
 
 def hand_poses(robot: Robot, scene: Scene, q: Array) -> Array:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.clearance import clearances
+from kinematics.collision.stretches import Stretch
 from kinematics.inverse import BRISK, descend
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.robot import Robot
@@ -88,7 +88,6 @@ class _Drive:
         self.t, self.rows = np.empty(_ROWS), np.empty((_ROWS, 3, len(arm)))
         self.ends, self.points = np.empty((2, 3, len(arm))), np.empty((_ROWS, len(arm)))
         self.frames = np.empty((len(cell.arm.chain.q_index) + 1, 4, 4))
-        self.bodies: BroadPhase | None = None
 
     def trajectory(self, poses: Mapping[str, Array], motion: Motion) -> Motion:
         """One motion's trajectory. poses: of the objects that stand meanwhile."""
@@ -117,11 +116,10 @@ class _Drive:
 
     def _slower(self, poses: Mapping[str, Array], motion: Motion, t: Array, rows: Array) -> float:
         """So many times slower a motion with times t (R,) and rows (R, 3, J) is for what it comes near to."""
-        if self.bodies is None:
-            self.bodies = BroadPhase(self.cell.robot, self.cell.scene)
         most = self.pace.slow_below_m
         q = evaluate(hermite(t, *np.swapaxes(rows, 0, 1)), np.linspace(0, t[-1], 2 + int(t[-1] / LOOK_S)))
-        clearance_m = float(clearances(self.bodies, q, poses, motion.held, motion.allowed_contacts, most).min())
+        stretch = Stretch(q, poses, motion.held, tuple(motion.allowed_contacts))
+        clearance_m = float(clearances(self.cell.robot, self.cell.scene, stretch, most).min())
         return most / max(clearance_m, most / SLOWEST)
 
     def _drive(self, poses: Mapping[str, Array], motion: Motion, q: Array) -> int:

@@ -6,11 +6,11 @@ FCL. Pairs that the sphere covers prove apart (kinematics.collision.robot_model)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.broad_phase import broad_phase
 from kinematics.collision.fcl_check import Verdict
 from kinematics.quintic_spline import extremes
 from kinematics.robots.joints import WITHIN
@@ -19,8 +19,7 @@ from kinematics.robots.robot import Robot
 from kinematics.robots.start import start_q
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array, angle_between, inverse
-from planning.motion.replay import hand_poses
-from planning.motion.sampling import samples, while_fingers_move
+from planning.motion.replay import Replayed, hand_poses, replayed
 from planning.motion.settings import MOST_TILT_DEG, tilt_limit_deg
 from planning.plan import Blocked, Motion
 
@@ -29,50 +28,61 @@ SAME_DEG = 0.01  # what a tilt may exceed its limit by, for rounding
 
 
 def verify(
-    robot: Robot,
-    scene: Scene,
-    motions: Sequence[Motion],
-    *,
-    max_tilt_deg: float = MOST_TILT_DEG,
-    bodies: BroadPhase | None = None,
-    sampled: Callable[[Motion], Array] | None = None,
+    robot: Robot, scene: Scene, motions: Sequence[Motion], *, max_tilt_deg: float = MOST_TILT_DEG, way: Replayed | None = None
 ) -> Blocked | None:
     """Replay motions from the scene's first state. None when all is well, else the first thing that is not.
 
     Checked: the scene's q_start, joint limits, no gap between motions, held objects taken from where they stand, kept as they are held and
     upright, and no contact outside the allowed ones. max_tilt_deg: how far what is carried may lean, where the object itself does not say.
-    bodies: the scene's, packed before. sampled: `sampling.samples` of this scene's motions, if they are known already.
+    way: the motions as `replayed` has them, if that is known already.
     Raises: ValueError when two things have one name, for then nobody can tell what may touch what.
     """
     check_names(robot, scene)
-    verdict, sieve = Verdict(robot, scene), bodies or BroadPhase(robot, scene)
-    poses, start = scene.poses(), start_q(robot, scene.robot)
+    start = start_q(robot, scene.robot)
     if start is not None and len(motions) and np.abs(motions[0].q[0] - start).max() > WITHIN:
         return Blocked("verify", detail=f"motion 0, {motions[0].stage}: it does not begin where the scene says that the arm is")
+    sound, wrong = _sound(robot, scene, motions)
+    motions = motions[:sound]
+    way = way or replayed(robot, scene, motions)
+    for number, (motion, rows) in enumerate(zip(motions, way.rows)):
+        if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
+            sound, wrong = number, Blocked("verify", "hand", motion.held.body, detail=f"{_where(number, motion)}: {leans}")
+            break
+    verdict = Verdict(robot, scene)
+    for number, stretch, judged in zip(way.number, way.packed.stretches, broad_phase(way.packed)):
+        if number >= sound:
+            break
+        found = verdict.first_contacts(stretch.q, stretch.poses, stretch.held, stretch.allowed_contacts, judged)
+        if found is not None:
+            worst = found[1][0]
+            return Blocked("verify", worst.a, worst.b, worst.depth_m, _where(number, motions[number]))
+    return wrong
+
+
+def _where(number: int, motion: Motion) -> str:
+    return f"motion {number}, {motion.stage}"
+
+
+def _sound(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> tuple[int, Blocked | None]:
+    """How many motions keep to the joints' limits, begin where the one before ends and take what is there; and what the next one does."""
+    if not motions:
+        return 0, None
+    T_hand, poses = hand_poses(robot, scene, np.concatenate([m.q[[0, -1]] for m in motions])), scene.poses()
     before: Motion | None = None
     for number, motion in enumerate(motions):
-        where = f"motion {number}, {motion.stage}"
+        where = _where(number, motion)
         if not _within_limits(robot, motion):
-            return Blocked("verify", detail=f"{where}: a joint leaves its limits")
+            return number, Blocked("verify", detail=f"{where}: a joint leaves its limits")
         if before is not None and np.abs(before.q[-1] - motion.q[0]).max() > 1e-9:
-            return Blocked("verify", detail=f"{where}: it does not start where the one before ends")
+            return number, Blocked("verify", detail=f"{where}: it does not start where the one before ends")
         if before is not None and before.held:
-            poses[before.held.body] = hand_poses(robot, scene, before.q[-1]) @ before.held.T_hand_body
+            poses[before.held.body] = T_hand[2 * number - 1] @ before.held.T_hand_body
         if motion.held and motion.held.body in poses:
-            jump = inverse(poses.pop(motion.held.body)) @ hand_poses(robot, scene, motion.q[0]) @ motion.held.T_hand_body
+            jump = inverse(poses.pop(motion.held.body)) @ T_hand[2 * number] @ motion.held.T_hand_body
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
-                return Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
-        rows = samples(robot, scene, motion) if sampled is None else sampled(motion)
-        if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
-            return Blocked("verify", "hand", motion.held.body, detail=f"{where}: {leans}")
-        for some in while_fingers_move(robot, rows):
-            judged = sieve.judge(some, poses, motion.held, motion.allowed_contacts)
-            found = verdict.first_contacts(some, poses, motion.held, motion.allowed_contacts, judged)
-            if found is not None:
-                worst = found[1][0]
-                return Blocked("verify", worst.a, worst.b, worst.depth_m, where)
+                return number, Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
         before = motion
-    return None
+    return len(motions), None
 
 
 def _within_limits(robot: Robot, motion: Motion) -> bool:

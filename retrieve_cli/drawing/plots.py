@@ -6,8 +6,8 @@ from html import escape
 
 import numpy as np
 
-from kinematics.collision.broad_phase import BroadPhase
 from kinematics.collision.clearance import clearances
+from kinematics.collision.stretches import Stretch
 from kinematics.quintic_spline import evaluate
 from kinematics.transforms import Array
 from retrieve_cli.drawing.picture import Film
@@ -24,13 +24,14 @@ def clearance_plot(film: Film) -> str:
     """The clearance over time, in mm, as a row of the page; empty without motions."""
     if not film.stretches:
         return ""
-    bodies, times, values = BroadPhase(film.robot, film.scene), list[Array](), list[Array]()
+    times, values = list[Array](), list[Array]()
     for s in film.stretches:
         t = np.linspace(0, s.motion.t_s[-1], 2 + int(s.motion.t_s[-1] / STEP_S))
         q = film.full(s.motion, t)
         times.append(s.start_s + t)
         least = min(s.motion.clearance_m or 0.0, MOST_M)  # measured on all of the way; the curve's fingers are rounded
-        values.append(np.maximum(clearances(bodies, q, s.poses, s.motion.held, s.motion.allowed_contacts, MOST_M), least))
+        stretch = Stretch(q, s.poses, s.motion.held, tuple(s.motion.allowed_contacts))
+        values.append(np.maximum(clearances(film.robot, film.scene, stretch, MOST_M), least))
     t, mm = np.concatenate(times), 1000 * np.concatenate(values)
     x, y = _x(film, t), HEIGHT * (1 - mm / (1000 * MOST_M))
     area = f'<path d="{_path(x, y)} L{WIDTH} {HEIGHT} L0 {HEIGHT} Z" class="area"/><path d="{_path(x, y)}" class="edge"/>'

@@ -60,6 +60,7 @@ class Clock:
 def watch(clock: Clock) -> None:
     """Have the loop's parts tell the clock."""
     for owner, name, stage in (
+        (retrieval, "replayed", "verify"),
         (retrieval, "verify", "verify"),
         (retrieval, "examine", "verdict"),
         (retrieval, "with_clearances", "clearance"),

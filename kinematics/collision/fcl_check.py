@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.collision.fcl_solids import Contact, Solid, depth, hull_solid, shape_solids
+from kinematics.collision.stretches import Stretch
 from kinematics.doors import checked
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.mount import MOUNT, standing_still
@@ -30,17 +31,25 @@ _BATCH = 512  # configurations looked at together
 
 
 class _Layout(NamedTuple):
-    """The solids of a question: the movers (M) first, link hulls and the held object's parts, then what stands.
+    """Which solids a question is about: the movers (M) first, link hulls and the held object's parts, then what stands.
 
-    tested (M, S): which pairs are tested if no contact is allowed. at: the numbers of the solids with a name. boxes (S, 2, 3): of all.
+    numbers (S,): of the solids. tested (M, S): which pairs are tested if no contact is allowed. at: the places of the solids with a name.
     """
 
-    solids: tuple[Solid, ...]
+    numbers: Int
     names: tuple[str, ...]
     movers: int
     tested: NDArray[np.bool_]
     at: dict[str, list[int]]
-    boxes: Array
+
+
+class _Asked(NamedTuple):
+    """Pairs of solids, by their numbers, that one stretch is asked about: always (·, 2) at each of its configurations, once (·, 2) at the
+    first, said (·, 3) at the configuration that stands before them, these rising."""
+
+    always: Int
+    once: Int
+    said: Int
 
 
 class Verdict:
@@ -49,10 +58,18 @@ class Verdict:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = robot, scene
         self.T_world_base = scene.robot.T_world_base
-        self._links = [solid.twin() for solid in _link_solids(robot)]
-        self._fixtures = [(s, b.T_world_body) for b in standing_still(scene) for s in shape_solids(b.name, b.shape)]
+        links = [solid.twin() for solid in _link_solids(robot)]
+        still = [(s, b.T_world_body) for b in standing_still(scene) for s in shape_solids(b.name, b.shape)]
+        objects = [(b.name, shape_solids(b.name, b.shape)) for b in scene.objects]
+        self._links = len(links)
+        self._fixtures, self._T_fixtures = range(len(links), len(links) + len(still)), [T for _, T in still]
+        self._solids = [*links, *(s for s, _ in still)]
+        self._objects: dict[str, range] = {}
+        for name, parts in objects:
+            self._objects[name] = range(len(self._solids), len(self._solids) + len(parts))
+            self._solids += parts
+        self._boxes = np.array([s.box for s in self._solids])
         self._obstacles = {MOUNT, *(b.name for b in scene.obstacles)}
-        self._objects = {b.name: shape_solids(b.name, b.shape) for b in scene.objects}
         self._pairs = _self_pairs(robot)
         self._carriers, self._on_way = _ways(robot)
         self._known_still: dict[tuple[bytes, int, int], NDArray[np.bool_]] = {}
@@ -74,63 +91,92 @@ class Verdict:
         allowed_contacts: Iterable[tuple[str, str]] = (),
         judged: BroadPhaseResult | None = None,
     ) -> tuple[int, list[Contact]] | None:
-        """The first of configurations q (N, J) in which something touches, and what does, deepest first; None when nothing ever does.
+        """The first of configurations q (N, J) in which something touches, and what does, deepest first; None when nothing ever does: see
+        `along`."""
+        found = self.along([Stretch(q, poses, held, tuple(allowed_contacts))], [judged])
+        return None if found is None else found[1:]
 
-        poses: of the objects that stand; held: moves with the hand. Pairs are culled by boxes along the world's axes, then asked of FCL.
-        judged: what the covers say about these very configurations. Then a pair that they judge is asked about where they leave it open,
-        any other in every configuration, or just in the first when nothing between the two moves.
+    def along(self, stretches: Sequence[Stretch], judged: Sequence[BroadPhaseResult | None]) -> tuple[int, int, list[Contact]] | None:
+        """The first of some stretches, and the first of its configurations, in which something touches, and what does, deepest first; None
+        when nothing ever does.
+
+        Pairs are culled by boxes along the world's axes, then asked of FCL. judged: what the covers say about these very configurations.
+        Then a pair that they judge is asked about where they leave it open, any other in every configuration, or just in the first when
+        nothing between the two moves.
 
         Raises: ValueError when `judged` is about other solids, or about a pair that is not to be tested here.
         """
-        q = checked("q", q, -1, len(self.robot.joint_names))
-        if not _sound(poses):
-            for name, T in poses.items():
-                checked(f"the pose of {name}", T, 4, 4)
-        if held is not None:
-            checked("T_hand_body", held.T_hand_body, 4, 4)
-        layout = self._layout(None if held is None else held.body, tuple(poses))
-        grip = layout.movers - len(self._links)
-        T_standing = np.array([*(T for _, T in self._fixtures), *(T for name, T in poses.items() for _ in self._objects[name])])
-        tested = self._tested(layout, allowed_contacts)
-        none = np.zeros((0, 2), np.int64)
-        if judged is None:
-            always, once, said = np.argwhere(tested), none, np.zeros((0, 3), np.int64)
-        else:
-            if judged.names != layout.names or (judged.judged & ~tested).any():
-                raise ValueError("the covers and FCL were asked about different pairs")
-            left, still = tested & ~judged.judged, self._still(q, grip, len(T_standing))
-            always, once = (np.argwhere(some) if some.any() else none for some in (left & ~still, left & still))
-            said = np.stack([judged.rows, judged.a, judged.b], axis=-1)
-        for first in range(0, len(q), _BATCH):
-            part = said[slice(*np.searchsorted(said[:, 0], (first, first + _BATCH)))]
-            looked_at = np.full(min(_BATCH, len(q) - first), len(always) > 0)
-            looked_at[part[:, 0] - first] = True
-            looked_at[:1] |= first == 0 and len(once) > 0
-            rows = first + np.flatnonzero(looked_at)
-            if len(rows) == 0:
-                continue
-            T, ask = self._poses(q[rows], grip, held), np.empty((len(rows) * len(always) + len(once) + len(part), 3), np.int64)
-            count = _near(layout.boxes, T, T_standing, rows, always, once if first == 0 else once[:0], part, ask)
-            found = _ask(layout.solids, T, T_standing, ask[:count])
+        if not stretches:
+            return None
+        every = [checked("q", s.q, -1, len(self.robot.joint_names)) for s in stretches]
+        q, starts = np.concatenate(every), np.cumsum([0, *(len(rows) for rows in every)])
+        places, T_standing = self._places(stretches)
+        T_held = np.array([np.eye(4) if s.held is None else checked("T_hand_body", s.held.T_hand_body, 4, 4) for s in stretches])
+        asked = [self._asked(rows, s, said) for rows, s, said in zip(every, stretches, judged)]
+        rows, always, once, said = _rows_to_look_at(asked, starts)
+        which = np.searchsorted(starts, rows, "right") - 1
+        first, most = rows == starts[which], np.diff(always[1]).max(initial=0)
+        for i in range(0, len(rows), _BATCH):
+            now, its = rows[i : i + _BATCH], which[i : i + _BATCH]
+            T = self._poses(q[now], T_held, its)
+            part = said[slice(*np.searchsorted(said[:, 0], (now[0], now[-1] + 1)))]
+            ask = np.empty((len(now) * most + len(once[0]) + len(part), 3), np.int64)
+            count = _near(self._boxes, T, T_standing, places, now, its, first[i : i + _BATCH], *always, *once, part, ask)
+            found = self._ask(T, T_standing, places, its, ask[:count])
             if found is not None:
-                return int(rows[found[0]]), found[1]
+                s = int(its[found[0]])
+                return s, int(now[found[0]] - starts[s]), found[1]
         return None
+
+    def _places(self, stretches: Sequence[Stretch]) -> tuple[Int, Array]:
+        """Where the solids are during each stretch (S, N): at which of poses (P, 4, 4), and those; -1 for what moves."""
+        places, T = np.full((len(stretches), len(self._solids)), -1), list(self._T_fixtures)
+        places[:, self._fixtures] = np.arange(len(T))
+        before: Mapping[str, Array] | None = None
+        for s, stretch in enumerate(stretches):
+            if stretch.poses is before:
+                places[s] = places[s - 1]
+                continue
+            before = stretch.poses
+            if not _sound(before):
+                for name, pose in before.items():
+                    checked(f"the pose of {name}", pose, 4, 4)
+            for name, pose in before.items():
+                places[s, self._objects[name]] = len(T)
+                T.append(pose)
+        return places, np.array(T, float).reshape(-1, 4, 4)
+
+    def _asked(self, q: Array, stretch: Stretch, judged: BroadPhaseResult | None) -> _Asked:
+        """What FCL is asked about at configurations q (N, J) of a stretch."""
+        layout = self._layout(None if stretch.held is None else stretch.held.body, tuple(stretch.poses))
+        tested, numbers = self._tested(layout, stretch.allowed_contacts), layout.numbers
+        if judged is None:
+            return _Asked(numbers[np.argwhere(tested)], _NO_PAIRS, _NO_ROWS)
+        if judged.names != layout.names or (judged.judged & ~tested).any():
+            raise ValueError("the covers and FCL were asked about different pairs")
+        left, still = tested & ~judged.judged, self._still(q, layout.movers - self._links, len(numbers) - layout.movers)
+        always, once = left & ~still, left & still
+        return _Asked(
+            numbers[np.argwhere(always)] if always.any() else _NO_PAIRS,
+            numbers[np.argwhere(once)] if once.any() else _NO_PAIRS,
+            np.stack([judged.rows, numbers[judged.a], numbers[judged.b]], axis=-1),
+        )
 
     def _layout(self, held: str | None, standing: tuple[str, ...]) -> _Layout:
         """What is asked about while an object is held and others stand."""
         if (held, standing) not in self._layouts:
-            grip = self._objects[held] if held is not None else []
-            around = [*(s for s, _ in self._fixtures), *(s for name in standing for s in self._objects[name])]
-            solids, links, movers = (*self._links, *grip, *around), len(self._links), len(self._links) + len(grip)
-            names, at = tuple(s.name for s in solids), dict[str, list[int]]()
+            grip = self._objects[held] if held is not None else range(0)
+            numbers = np.array([*range(self._links), *grip, *self._fixtures, *(i for name in standing for i in self._objects[name])])
+            movers = self._links + len(grip)
+            names, at = tuple(self._solids[i].name for i in numbers), dict[str, list[int]]()
             for i, name in enumerate(names):
                 at.setdefault(name, []).append(i)
             tested = np.zeros((movers, len(names)), np.bool_)
             tested[self._pairs[:, 0], self._pairs[:, 1]] = True
-            tested[links:, :links] = tested[:, movers:] = True
+            tested[self._links :, : self._links] = tested[:, movers:] = True
             obstacles = [i for name in self._obstacles for i in at.get(name, ())]
             tested[np.ix_(self._fixed_links(), np.array(obstacles, np.int64))] = False
-            self._layouts[held, standing] = _Layout(solids, names, movers, tested, at, np.array([s.box for s in solids]))
+            self._layouts[held, standing] = _Layout(numbers, names, movers, tested, at)
         return self._layouts[held, standing]
 
     def _tested(self, layout: _Layout, allowed_contacts: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
@@ -146,7 +192,7 @@ class Verdict:
 
     def _fixed_links(self) -> Int:
         """The links that are fixed to the world: they stand on a table or beside a post as they were mounted."""
-        turned = self._on_way[: len(self._links)] & (self.robot.tree.q_index >= 0)
+        turned = self._on_way[: self._links] & (self.robot.tree.q_index >= 0)
         return np.flatnonzero(~turned.any(1))
 
     def _still(self, q: Array, grip: int, standing: int) -> NDArray[np.bool_]:
@@ -159,13 +205,53 @@ class Verdict:
             self._known_still[key] = goes_with[: len(goes_with) - standing, None] == goes_with
         return self._known_still[key]
 
-    def _poses(self, q: Array, grip: int, held: Held | None) -> Array:
-        """Poses (N, movers, 4, 4) of the link hulls and the held object's parts at q (N, J), in the world."""
-        joints, T = self.robot.tree.joints, np.empty((len(q), len(self._links) + grip, 4, 4))
-        T_held = np.eye(4) if held is None else np.ascontiguousarray(held.T_hand_body, float)
+    def _poses(self, q: Array, T_held: Array, which: Int) -> Array:
+        """Poses (N, L + 1, 4, 4) of the link hulls and of what is held at q (N, J), in the world. T_held (S, 4, 4): in the hand, during
+        each stretch, which (N,)."""
+        joints, T = self.robot.tree.joints, np.empty((len(q), self._links + 1, 4, 4))
         base, scratch = np.ascontiguousarray(self.T_world_base, float), np.empty((1, len(joints.parent), 4, 4))
-        _mover_poses(joints, q, self._carriers, base, T_held, np.empty((2, 4, 4)), scratch, T)
+        _mover_poses(joints, q, self._carriers, base, T_held, which, np.empty((2, 4, 4)), scratch, T)
         return T
+
+    def _ask(self, T: Array, T_standing: Array, places: Int, which: Int, ask: Int) -> tuple[int, list[Contact]] | None:
+        """What FCL says of rows (n, i, j), n rising: solids i and j at configuration n. The first n with contacts, and these, deepest
+        first. T, T_standing, places, which: see `_near`."""
+        solids, links = self._solids, self._links
+        placed: dict[int, int] = {}  # where each solid was moved last: to a configuration, or to place k as -1 - k
+        found: dict[tuple[str, str], float] = {}
+        first, at = -1, -1
+        for n, i, j in ask.tolist():
+            if found and n != first:
+                break
+            if n != at:
+                at, here = n, places[which[n]].tolist()
+            for k in (i, j):
+                to = n if here[k] < 0 else -1 - here[k]
+                if placed.get(k) != to:
+                    solids[k].move(T[n, min(k, links)] if to >= 0 else T_standing[here[k]])
+                    placed[k] = to
+            if (d := depth(solids[i], solids[j])) is not None:
+                names = solids[i].name, solids[j].name
+                first, found[names] = n, max(d, found.get(names, 0.0))
+        return (first, sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)) if found else None
+
+
+def _rows_to_look_at(asked: Sequence[_Asked], starts: Int) -> tuple[Int, tuple[Int, Int], tuple[Int, Int], Int]:
+    """At which rows of all stretches, which begin at `starts`, there is something to ask; the pairs of all, always and once, each with
+    where those of a stretch begin; and what is said of rows."""
+    looked_at = np.zeros(starts[-1], np.bool_)
+    for one, start, end in zip(asked, starts[:-1], starts[1:]):
+        looked_at[start : end if len(one.always) else start + bool(len(one.once))] = True
+    said = np.concatenate([one.said for one in asked])
+    said[:, 0] += np.repeat(starts[:-1], [len(one.said) for one in asked])
+    looked_at[said[:, 0]] = True
+    always, once = (
+        (np.concatenate(pairs), np.cumsum([0, *(len(p) for p in pairs)])) for pairs in zip(*((one.always, one.once) for one in asked))
+    )
+    return np.flatnonzero(looked_at), always, once, said
+
+
+_NO_PAIRS, _NO_ROWS = np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64)
 
 
 def _sound(poses: Mapping[str, Array]) -> bool:
@@ -176,17 +262,18 @@ def _sound(poses: Mapping[str, Array]) -> bool:
 
 
 @jit_entry
-def _mover_poses(joints: Joints, q: Array, carriers: Int, base: Array, T_held: Array, local: Array, links: Array, T: Array) -> None:
-    """`Verdict._poses` into T (N, M, 4, 4). carriers (H + 1,): of the H link hulls, and the hand. local (2, 4, 4), links (1, L, 4, 4):
-    scratch."""
+def _mover_poses(
+    joints: Joints, q: Array, carriers: Int, base: Array, T_held: Array, which: Int, local: Array, links: Array, T: Array
+) -> None:
+    """`Verdict._poses` into T (N, H + 1, 4, 4). carriers (H + 1,): of the H link hulls, and the hand. local (2, 4, 4),
+    links (1, L, 4, 4): scratch."""
     hulls = carriers.shape[0] - 1
     for r in range(q.shape[0]):
         link_poses(joints, q[r : r + 1], local[0], links)
         for i in range(hulls):
             product(base, links[0, carriers[i]], T[r, i])
         product(base, links[0, carriers[hulls]], local[0])
-        for i in range(hulls, T.shape[1]):
-            product(local[0], T_held, T[r, i])
+        product(local[0], T_held[which[r]], T[r, hulls])
 
 
 @lru_cache(maxsize=8)
@@ -208,55 +295,37 @@ def _ways(robot: Robot) -> tuple[Int, NDArray[np.bool_]]:
     return np.array(carriers), np.array([np.isin(np.arange(len(tree.names)), tree.path(k)) for k in carriers])
 
 
-def _ask(solids: Sequence[Solid], T: Array, T_standing: Array, ask: Int) -> tuple[int, list[Contact]] | None:
-    """What FCL says of rows (n, i, j), n rising: solids i and j at configuration n. The first n with contacts, and these, deepest first.
-
-    T (N, M, 4, 4): poses of the first M solids; T_standing (S, 4, 4): of the rest.
-    """
-    movers = T.shape[1]
-    placed: dict[int, int] = {}  # the configuration for which each solid was moved last
-    found: dict[tuple[str, str], float] = {}
-    first = -1
-    for n, i, j in ask.tolist():
-        if found and n != first:
-            break
-        for k in (i, j):
-            if placed.get(k) != (n if k < movers else 0):
-                solids[k].move(T[n, k] if k < movers else T_standing[k - movers])
-                placed[k] = n if k < movers else 0
-        if (d := depth(solids[i], solids[j])) is not None:
-            names = solids[i].name, solids[j].name
-            first, found[names] = n, max(d, found.get(names, 0.0))
-    return (first, sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)) if found else None
-
-
 @jit_entry
-def _near(boxes: Array, T: Array, T_standing: Array, rows: Int, always: Int, once: Int, said: Int, ask: Int) -> int:
-    """Fill in rows (n, i, j) of `ask`, n rising: pairs whose boxes overlap at T[n], and return how many there are.
+def _near(
+    boxes: Array, T: Array, T_standing: Array, places: Int, rows: Int, which: Int, first: NDArray[np.bool_],
+    always: Int, always_start: Int, once: Int, once_start: Int, said: Int, ask: Int,
+) -> int:  # fmt: skip
+    """Fill in rows (n, i, j) of `ask`, n rising: pairs whose boxes overlap at the n-th configuration, and return how many there are.
 
-    boxes (M + S, 2, 3): middle and half edges of each solid's in its own frame. T (N, M, 4, 4): poses of the first M at configurations
-    rows (N,), T_standing (S, 4, 4) of the rest. Pairs (i, j): always (·, 2) at every configuration, once (·, 2) at the first; said
-    (·, 3) at the configuration that it names, these rising.
+    boxes (S, 2, 3): middle and half edges of each solid's in its own frame. Configuration n is row rows[n] (N,) of all, belongs to stretch
+    which[n] and may be its first one. T (N, L + 1, 4, 4): poses of the L links and of what is held. places (·, S): see `Verdict._places`.
+    Pairs (i, j): always (·, 2) and once (·, 2) by stretches, said (·, 3) by the rows that they name, these rising.
     """
     count, next_said = 0, 0
     for n in range(rows.shape[0]):
-        for k in range(always.shape[0]):
-            count = _add(boxes, T, T_standing, n, always[k, 0], always[k, 1], ask, count)
-        if n == 0:
-            for k in range(once.shape[0]):
-                count = _add(boxes, T, T_standing, n, once[k, 0], once[k, 1], ask, count)
+        s = which[n]
+        for k in range(always_start[s], always_start[s + 1]):
+            count = _add(boxes, T, T_standing, places[s], n, always[k, 0], always[k, 1], ask, count)
+        if first[n]:
+            for k in range(once_start[s], once_start[s + 1]):
+                count = _add(boxes, T, T_standing, places[s], n, once[k, 0], once[k, 1], ask, count)
         while next_said < said.shape[0] and said[next_said, 0] == rows[n]:
-            count = _add(boxes, T, T_standing, n, said[next_said, 1], said[next_said, 2], ask, count)
+            count = _add(boxes, T, T_standing, places[s], n, said[next_said, 1], said[next_said, 2], ask, count)
             next_said += 1
     return count
 
 
 @jit_inline
-def _add(boxes: Array, T: Array, T_standing: Array, n: int, i: int, j: int, ask: Int, count: int) -> int:
+def _add(boxes: Array, T: Array, T_standing: Array, place: Int, n: int, i: int, j: int, ask: Int, count: int) -> int:
     """Add (n, i, j) to `ask` if boxes along the world's axes around the two solids overlap; how many there are then."""
-    movers = T.shape[1]
-    A = T[n, i] if i < movers else T_standing[i - movers]
-    B = T[n, j] if j < movers else T_standing[j - movers]
+    links = T.shape[1] - 1
+    A = T[n, min(i, links)] if place[i] < 0 else T_standing[place[i]]
+    B = T[n, min(j, links)] if place[j] < 0 else T_standing[place[j]]
     for r in range(3):
         apart, room = A[r, 3] - B[r, 3], 1e-9
         for c in range(3):

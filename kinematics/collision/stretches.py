@@ -97,8 +97,12 @@ class PackedStretches:
         fixed = tuple(range(len(which)))
         parts_of = {b.name: [i for i, owner in enumerate(owners) if owner == b.name] for b in scene.objects}
         self._standing: list[tuple[Int, tuple[str, ...]]] = []
+        before: Mapping[str, Array] | None = None
         for stretch in self.stretches:
-            here = list(fixed)
+            if stretch.poses is before:
+                self._standing.append(self._standing[-1])
+                continue
+            before, here = stretch.poses, list(fixed)
             for name, pose in stretch.poses.items():
                 for i in parts_of[name]:
                     at = places.setdefault((i, np.asarray(pose, float).tobytes()), len(which))

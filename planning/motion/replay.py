@@ -18,14 +18,14 @@ from planning.plan import Motion
 
 def replay(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> Iterator[tuple[Motion, dict[str, Array]]]:
     """Each of the motions with the poses of the objects that stand while it lasts, from the scene's first state on: what a hand lets go of
-    stays where it is then."""
+    stays where it is then. Motions during which the same things stand are given the same poses, to be read."""
     poses, before = scene.poses(), None
     for motion in motions:
         if before is not None and before.held and (motion.held is None or motion.held.body != before.held.body):
-            poses[before.held.body] = hand_poses(robot, scene, before.q[-1]) @ before.held.T_hand_body
-        if motion.held is not None:
-            poses.pop(motion.held.body, None)
-        yield motion, dict(poses)
+            poses = {**poses, before.held.body: hand_poses(robot, scene, before.q[-1]) @ before.held.T_hand_body}
+        if motion.held is not None and motion.held.body in poses:
+            poses = {name: T for name, T in poses.items() if name != motion.held.body}
+        yield motion, poses
         before = motion
 
 

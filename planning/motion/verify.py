@@ -48,14 +48,11 @@ def verify(
         if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
             sound, wrong = number, Blocked("verify", "hand", motion.held.body, detail=f"{_where(number, motion)}: {leans}")
             break
-    verdict = Verdict(robot, scene)
-    for number, stretch, judged in zip(way.number, way.packed.stretches, broad_phase(way.packed)):
-        if number >= sound:
-            break
-        found = verdict.first_contacts(stretch.q, stretch.poses, stretch.held, stretch.allowed_contacts, judged)
-        if found is not None:
-            worst = found[1][0]
-            return Blocked("verify", worst.a, worst.b, worst.depth_m, _where(number, motions[number]))
+    kept = sum(number < sound for number in way.number)
+    found = Verdict(robot, scene).along(way.packed.stretches[:kept], broad_phase(way.packed)[:kept])
+    if found is not None:
+        number, worst = way.number[found[0]], found[2][0]
+        return Blocked("verify", worst.a, worst.b, worst.depth_m, _where(number, motions[number]))
     return wrong
 
 
@@ -65,14 +62,12 @@ def _where(number: int, motion: Motion) -> str:
 
 def _sound(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> tuple[int, Blocked | None]:
     """How many motions keep to the joints' limits, begin where the one before ends and take what is there; and what the next one does."""
-    if not motions:
-        return 0, None
-    T_hand, poses = hand_poses(robot, scene, np.concatenate([m.q[[0, -1]] for m in motions])), scene.poses()
+    within = next((number for number, motion in enumerate(motions) if not _within_limits(robot, motion)), len(motions))
+    ends = [motion.q[[0, -1]] for motion in motions[:within]]
+    T_hand, poses = hand_poses(robot, scene, np.concatenate(ends)) if ends else np.zeros((0, 4, 4)), scene.poses()
     before: Motion | None = None
-    for number, motion in enumerate(motions):
+    for number, motion in enumerate(motions[:within]):
         where = _where(number, motion)
-        if not _within_limits(robot, motion):
-            return number, Blocked("verify", detail=f"{where}: a joint leaves its limits")
         if before is not None and np.abs(before.q[-1] - motion.q[0]).max() > 1e-9:
             return number, Blocked("verify", detail=f"{where}: it does not start where the one before ends")
         if before is not None and before.held:
@@ -82,7 +77,9 @@ def _sound(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> tuple[int, 
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return number, Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")
         before = motion
-    return len(motions), None
+    if within < len(motions):
+        return within, Blocked("verify", detail=f"{_where(within, motions[within])}: a joint leaves its limits")
+    return within, None
 
 
 def _within_limits(robot: Robot, motion: Motion) -> bool:

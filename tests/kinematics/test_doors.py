@@ -3,7 +3,7 @@ that is right; run once more with NUMBA_BOUNDSCHECK=1, where an index beyond an 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,11 @@ from conftest import Handmade
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.broad_phase import broad_phase
+from kinematics.collision.clearance import least_clearances
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.sphere_check import configs_free, make_sphere_scratch, open_pairs
+from kinematics.collision.stretches import PackedStretches, Stretch
 from kinematics.doors import checked, indices
 from kinematics.inverse import make_seeds, solve
 from kinematics.robots.robot import Robot
@@ -58,10 +60,13 @@ class Doors:
         self.scratch = make_sphere_scratch(self.model, self.world)
         self.seeds = make_seeds(cell.arm.chain, cell.arm.T_frame_hand, 256)
         self.T = cell.arm.hand_pose(self.arm)
-        self.verdict, self.broad = Verdict(robot, scene), BroadPhase(robot, scene)
+        self.verdict = Verdict(robot, scene)
         self.camera, self.voxels = pinhole(16, 12, 1.2), unknown_voxels(scene.cabinet)
         self.solids = surfaces([b.shape for b in scene.objects], np.array([b.T_world_body for b in scene.objects]))
         self.depth = np.ones((12, 16), np.float32)
+
+    def packed(self, q: np.ndarray, poses: Mapping[str, np.ndarray]) -> PackedStretches:
+        return PackedStretches(self.robot, self.scene, [Stretch(q, poses)])
 
     def asked(self) -> dict[str, tuple[np.ndarray, Callable[[Any], Any]]]:
         """By name: a good argument, and the call that takes it or another one."""
@@ -87,7 +92,8 @@ class Doors:
             "verdict": (np.stack([self.q] * 2), lambda q: self.verdict.first_contacts(q, poses)),
             "verdict pose": (np.eye(4), lambda T: self.verdict.first_contacts(self.q[None], {**rest, name: T})),
             "verdict held": (np.eye(4), lambda T: self.verdict.first_contacts(self.q[None], rest, Held(name, T))),
-            "broad phase": (np.stack([self.q] * 2), lambda q: self.broad.judge(q, poses, None, ())),
+            "stretches": (np.stack([self.q] * 2), lambda q: broad_phase(self.packed(q, poses))),
+            "clearances": (np.stack([self.q] * 2), lambda q: least_clearances(self.packed(q, poses), 0.002)),
             "raycast": (np.eye(4), lambda T: raycast(self.solids, T, self.camera)),
             "surfaces": (np.eye(4)[None], lambda T: surfaces([self.scene.objects[0].shape], T)),
             "fuse": (self.depth, lambda d: self.voxels.fuse(np.asarray(d, np.float32), self.camera, np.eye(4))),
@@ -102,7 +108,8 @@ def doors(ur5e: Robot, handmade: Handmade) -> Doors:
 
 NAMES = (
     "link_poses", "tree.poses", "touch", "edge", "ik", "solve near", "solve hand", "seeds", "plan start", "plan goals", "reach", "shorten",
-    "configs_free", "open_pairs", "verdict", "verdict pose", "verdict held", "broad phase", "raycast", "surfaces", "fuse", "fuse pose",
+    "configs_free", "open_pairs", "verdict", "verdict pose", "verdict held", "stretches", "clearances",
+    "raycast", "surfaces", "fuse", "fuse pose",
 )  # fmt: skip
 
 

@@ -33,8 +33,8 @@ def ordered(**regions: Sequence[int]) -> Policy:
 def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """The final check and the verdict pass everything here, and note what they were asked."""
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(retrieval, "with_clearances", lambda robot, scene, motions, bodies, sampled: tuple(motions))
-    monkeypatch.setattr(retrieval, "BroadPhase", lambda robot, scene: None)
+    monkeypatch.setattr(retrieval, "with_clearances", lambda motions, way: tuple(motions))
+    monkeypatch.setattr(retrieval, "replayed", lambda robot, scene, motions: None)
     monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions, **_: asked.append(("verify", robot, scene, tuple(motions))))
     monkeypatch.setattr(retrieval, "examine", lambda *about: asked.append(("examine", *about)) or Verdict((), (), True))
     return asked

@@ -17,7 +17,7 @@ from kinematics.collision.geometry import Parts, Query, make_parts, make_solids
 from kinematics.collision.gjk import distance, make_work
 from kinematics.collision.motion_bounds import begin_edge, safe_interval, twists
 from kinematics.collision.pair_bounds import TOLERANCE, pair_bound
-from kinematics.collision.path_clearance import config_clearance
+from kinematics.collision.path_clearance import config_clearances
 from kinematics.collision.posed_geometry import make_posed_geometry
 from kinematics.jit.decorators import jit_entry
 from kinematics.scene import Body
@@ -82,6 +82,13 @@ def pair_distance(problem: Problem, frames: Array, n: int) -> float:
     a, b, i, j, kind, a0, a1, b0, b1 = problem.pairs[n]
     _ = a
     return distance(problem.vertices, a0, a1, frames[i], kind, problem.boxes[b, :3].copy(), b0, b1, frames[j], make_work())
+
+
+def config_clearance(problem: Problem, q: Array, cap_m: float, scratch: Scratch) -> float:
+    """What is said of one configuration."""
+    out = np.empty(1)
+    config_clearances(problem, q[None], np.array([[0, 1]]), np.array([0, len(problem.pairs)]), cap_m, scratch, out)
+    return float(out[0])
 
 
 def least_distance(problem: Problem, q: Array) -> float:

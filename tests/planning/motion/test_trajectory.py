@@ -22,7 +22,7 @@ from planning.motion import waiting
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.reaching import APPROACH_M, APPROACH_STEPS, LARGEST_TURN
-from planning.motion.replay import replay, with_clearances
+from planning.motion.replay import replay, replayed, with_clearances
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.smoothing.straight_line import write_line
 from planning.motion.trajectory import FULL, STRAIGHT, Pace, _Drive, timed
@@ -174,7 +174,7 @@ def test_motions_slow_down_near_things(found: tuple[Motions, Done], ur5e: Robot)
     motions, done = found
     start = motions.start()
     full, slow = (timed(motions.cell, start.poses, done.motions, Pace(1.0, 10.0, below)) for below in (0.0, 0.01))
-    for a, b, c in zip(full, slow, with_clearances(ur5e, motions.scene, full)):
+    for a, b, c in zip(full, slow, with_clearances(full, replayed(ur5e, motions.scene, full))):
         assert c.clearance_m is not None
         if a.stage != "grasp":
             assert b.t_s[-1] == pytest.approx(a.t_s[-1] * min(10.0, max(1.0, 0.01 / c.clearance_m)), rel=0.12)

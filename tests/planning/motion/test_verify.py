@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import fcl
@@ -15,9 +15,11 @@ from test_kernel_properties import cell_of, cluttered
 
 from kinematics.chain import forward
 from kinematics.collision import sphere_check
-from kinematics.collision.broad_phase import BroadPhase
+from kinematics.collision.broad_phase import BroadPhaseResult, broad_phase, elsewhere
+from kinematics.collision.clearance import least_clearances
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import Contact
+from kinematics.collision.stretches import PackedStretches, Stretch
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
@@ -99,27 +101,66 @@ def test_refused_joint_values_leave_every_pair_open(ur5e: Robot) -> None:
 # ------------------------------------------------------------------------------------------------------------------- covers and FCL as one
 
 
+def judge(
+    robot: Robot,
+    scene: Scene,
+    q: Array,
+    poses: Mapping[str, Array],
+    held: Held | None = None,
+    may: tuple[tuple[str, str], ...] = (),
+) -> BroadPhaseResult:
+    """What the covers say of one stretch."""
+    (result,) = broad_phase(PackedStretches(robot, scene, [Stretch(q, poses, held, may)]))
+    return result
+
+
 def test_the_sieved_verdict_is_the_verdict(robot: Robot) -> None:
     """The same first configuration, the same pairs, the same depths; also at each configuration by itself."""
     bodies = cluttered(np.random.default_rng(8))[5:]
     angle = ConvexMesh((box_corners(np.array([0.02, 0.03, 0.06])), box_corners(np.array([0.06, 0.03, 0.01])) - (-0.04, 0.0, 0.07)))
     bodies[0], bodies[3] = replace(bodies[0], shape=angle), replace(bodies[3], shape=angle)
     scene = scene_of(robot, *bodies)
-    verdict, sieve = Verdict(robot, scene), BroadPhase(robot, scene)
+    verdict = Verdict(robot, scene)
     hits = later = proven = pairs = 0
     for i, (q, held, may) in enumerate(walks(robot, 24, 3)):
         poses = {name: T for name, T in scene.poses().items() if held is None or name != held.body}
-        judged = sieve.judge(q, poses, held, may)
+        judged = judge(robot, scene, q, poses, held, may)
         plain = verdict.first_contacts(q, poses, held, may)
         assert same(verdict.first_contacts(q, poses, held, may, judged), plain), i
         hits, later = hits + (plain is not None), later + (plain is not None and plain[0] > 0)
         proven, pairs = proven + judged.judged.sum() * len(q) - len(judged.rows), pairs + judged.judged.sum() * len(q)
         for row in q[:: 5 + i % 7]:
-            one = verdict.first_contacts(row[None], poses, held, may, sieve.judge(row[None], poses, held, may))
+            one = verdict.first_contacts(row[None], poses, held, may, judge(robot, scene, row[None], poses, held, may))
             assert same(one, verdict.first_contacts(row[None], poses, held, may)), i
     assert hits > 6
     assert later > 0
     assert proven > 0.8 * pairs
+
+
+def test_a_way_packed_as_a_whole_says_what_its_stretches_say(robot: Robot) -> None:
+    """Covers, FCL and distances: the same of each stretch, whatever else moves and stands in the others."""
+    scene = scene_of(robot, *cluttered(np.random.default_rng(8))[5:])
+    way = [
+        Stretch(q, {name: T for name, T in scene.poses().items() if held is None or name != held.body}, held, may)
+        for q, held, may in walks(robot, 8, 3)
+    ]
+    way[2:2] = [replace(way[1], q=way[0].q[:1])]  # a stretch of one row
+    packed, verdict = PackedStretches(robot, scene, way), Verdict(robot, scene)
+    judged, clearances = broad_phase(packed), least_clearances(packed, RESOLUTION_M)
+    firsts = []
+    for s, stretch in enumerate(way):
+        alone = PackedStretches(robot, scene, [stretch])
+        (one,) = broad_phase(alone)
+        for field in ("rows", "a", "b", "judged"):
+            assert np.array_equal(getattr(one, field), getattr(judged[s], field)), (s, field)
+        assert least_clearances(alone, RESOLUTION_M) == clearances[s : s + 1]
+        firsts.append(verdict.first_contacts(stretch.q, stretch.poses, stretch.held, stretch.allowed_contacts, one))
+    hits = [s for s, first in enumerate(firsts) if first is not None]
+    assert hits
+    for start in range(len(way)):
+        found, ahead = verdict.along(way[start:], judged[start:]), [s for s in hits if s >= start]
+        assert (found is None) == (not ahead)
+        assert found is None or (found[0] == ahead[0] - start and same(found[1:], firsts[ahead[0]]))
 
 
 def same(a: tuple[int, list[Contact]] | None, b: tuple[int, list[Contact]] | None) -> bool:
@@ -134,7 +175,7 @@ def test_what_the_covers_never_judge_is_asked(ur5e: Robot) -> None:
     q = ur5e.home + np.linspace(0, 0.1, 5)[:, None] * np.isin(np.arange(len(ur5e.home)), ur5e.arm_joints)
     for scene, in_hand, body in ((scene_of(ur5e, base, cabinet=FAR), None, "block"), (scene_of(ur5e, bar, cabinet=FAR), held, "0")):
         poses = {} if in_hand else scene.poses()
-        judged = BroadPhase(ur5e, scene).judge(q, poses, in_hand, ())
+        judged = judge(ur5e, scene, q, poses, in_hand)
         found = Verdict(ur5e, scene).first_contacts(q, poses, in_hand, (), judged)
         assert found is not None
         assert found[0] == 0
@@ -147,37 +188,32 @@ def test_fingers_that_close_on_something_are_asked_at_every_step(ur5e: Robot) ->
     q[:, ur5e.gripper_joint] = np.linspace(ur5e.opening.value_at(0.08), ur5e.opening.value_at(0.05), 15)
     scene = scene_of(ur5e, Body("0", Box(np.full(3, 0.056)), np.eye(4)), cabinet=FAR)
     poses = {"0": hand_poses(ur5e, scene, q[0])}
-    judged = BroadPhase(ur5e, scene).judge(q, poses, None, ())
+    judged = judge(ur5e, scene, q, poses)
     found = Verdict(ur5e, scene).first_contacts(q, poses, None, (), judged)
     assert found is not None
     assert 5 < found[0] < 15
     assert {c.a for c in found[1]} <= ur5e.fingers
     everything = tuple((finger, "0") for finger in ur5e.fingers)
-    assert (
-        Verdict(ur5e, scene).first_contacts(q, poses, None, everything, BroadPhase(ur5e, scene).judge(q, poses, None, everything)) is None
-    )
+    assert Verdict(ur5e, scene).first_contacts(q, poses, None, everything, judge(ur5e, scene, q, poses, None, everything)) is None
 
 
 def test_a_joint_that_the_covers_take_to_be_at_home(ur5e: Robot) -> None:
     """Nothing is judged when a joint besides the arm's and the gripper's has moved."""
     loose = replace(ur5e, arm_joints=ur5e.arm_joints[1:])
-    scene = scene_of(ur5e)
-    sieve = BroadPhase(ur5e, scene)
-    sieve.robot = loose
-    assert sieve._elsewhere(np.array([ur5e.home])) is False
+    assert elsewhere(loose, np.array([ur5e.home])) is False
     q = ur5e.home.copy()
     q[ur5e.arm_joints[0]] += 0.1
-    assert sieve._elsewhere(np.array([q])) is True
+    assert elsewhere(loose, np.array([q])) is True
 
 
 def test_slips_are_not_hidden(ur5e: Robot) -> None:
     """Covers asked about another scene, or about a pair that FCL is not to test, are refused; a pair they forget is asked."""
     scene = scene_of(ur5e, *cluttered(np.random.default_rng(8))[5:])
     poses = scene.poses()
-    verdict, sieve = Verdict(ur5e, scene), BroadPhase(ur5e, scene)
+    verdict = Verdict(ur5e, scene)
     for q, held, _ in walks(ur5e, 20, 5):
         if held is None and (plain := verdict.first_contacts(q, poses)) is not None:
-            judged = sieve.judge(q, poses, None, ())
+            judged = judge(ur5e, scene, q, poses)
             with pytest.raises(ValueError, match="different pairs"):
                 verdict.first_contacts(q, {n: T for n, T in poses.items() if n != "3"}, None, (), judged)
             with pytest.raises(ValueError, match="different pairs"):

@@ -16,9 +16,11 @@ import pytest
 from fakes import BASE, scene_of
 
 from kinematics.collision.fcl_solids import Contact
+from kinematics.collision.stretches import Stretch
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array, angle_between, inverse, rotations_about, transform
 from planning.motion import verify as module
+from planning.motion.replay import replay
 from planning.motion.verify import SAME_M, SAME_RAD, hand_poses, verify
 from planning.plan import Blocked, Motion
 
@@ -50,23 +52,28 @@ class Engines:
 
     def install(self, patch: pytest.MonkeyPatch) -> Engines:
         patch.setattr(module, "Verdict", lambda robot, scene: self._make("verdict", robot, scene))
-        patch.setattr(module, "BroadPhase", lambda robot, scene: self._make("broad phase", robot, scene))
+        patch.setattr(module, "broad_phase", lambda packed: [("judged", stretch) for stretch in packed.stretches])
         patch.setattr(module, "start_q", lambda robot, ref: self.start)
-        patch.setattr(module, "samples", lambda robot, scene, motion: ("rows of", motion.stage))
-        patch.setattr(module, "while_fingers_move", lambda robot, rows: [rows])
+        patch.setattr(module, "replayed", self._replayed)
         return self
 
     def _make(self, what: str, robot: Any, scene: Scene) -> Engines:
         self.made.append((what, robot, scene))
         return self
 
-    def judge(self, rows: Any, poses: dict[str, Array], held: Held | None, allowed: Sequence[tuple[str, str]]) -> Any:
-        return ("judged", rows, sorted(poses), held, allowed)
+    def _replayed(self, robot: Any, scene: Scene, motions: Sequence[Motion]) -> Any:
+        rows = [("rows of", motion.stage) for motion in motions]
+        both = zip(rows, replay(robot, scene, motions))
+        stretches = [Stretch(some, poses, m.held, m.allowed_contacts) for some, (m, poses) in both]  # type: ignore[arg-type]
+        return SimpleNamespace(number=tuple(range(len(rows))), rows=rows, packed=SimpleNamespace(stretches=stretches))
 
-    def first_contacts(self, rows: Any, poses: dict[str, Array], held: Held | None, allowed: Any, judged: Any) -> Any:
-        assert judged == ("judged", rows, sorted(poses), held, allowed)
-        self.asked.append(SimpleNamespace(rows=rows, poses={n: T.copy() for n, T in poses.items()}, held=held, allowed=allowed))
-        return self.answers.get(len(self.asked) - 1)
+    def along(self, stretches: Sequence[Stretch], judged: Sequence[Any]) -> Any:
+        assert judged == [("judged", stretch) for stretch in stretches]
+        for number, s in enumerate(stretches):
+            self.asked.append(SimpleNamespace(rows=s.q, poses=dict(s.poses), held=s.held, allowed=s.allowed_contacts))
+            if (found := self.answers.get(len(self.asked) - 1)) is not None:
+                return (number, *found)
+        return None
 
 
 @pytest.fixture
@@ -201,7 +208,7 @@ def test_limits_are_looked_at_before_gaps_and_gaps_before_contacts(engines: Engi
 def test_every_motion_is_asked_about_with_all_that_it_says(engines: Engines) -> None:
     robot, allowed = slider(), (("pad", "a"), ("a", "floor"))
     assert verify(robot, SCENE, [move([0, 0, 0]), move([0, 0, 0], stage="grasp", allowed=allowed)]) is None
-    assert engines.made == [("verdict", robot, SCENE), ("broad phase", robot, SCENE)]
+    assert engines.made == [("verdict", robot, SCENE)]
     first, second = engines.asked
     assert (first.rows, first.held, first.allowed) == (("rows of", "transit"), None, ())
     assert (second.rows, second.held, second.allowed) == (("rows of", "grasp"), None, allowed)

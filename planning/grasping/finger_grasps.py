@@ -18,7 +18,7 @@ from kinematics.robots.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform
-from planning.grasping.hand_poses import STAY, STEEP, Lowest, fit_box, fit_round, height_of, level_hand, most_above, usual_lowest
+from planning.grasping.hand_poses import STAY, STEEP, Lowest, Move, fit_box, fit_round, height_of, level_hand, most_above, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, under_pads
 from planning.grasping.sampling import USUAL, Headings, Sampling
@@ -66,9 +66,11 @@ def sample_grasps(
     """
     if opening.round_only and not isinstance(body.shape, Cylinder):
         return
-    candidates = _Candidates(body, opening, tuple(approaches), floor_z, toward, sampling, lowest)
-    headed = [] if headings is None or isinstance(body.shape, Box) else candidates.headed(headings)
-    ranked = sorted([*headed, *candidates.all_round()], key=lambda c: c.rank)
+    ranked = []
+    for room_m in sampling.rooms_m:
+        candidates = _Candidates(body, opening, tuple(approaches), floor_z, toward, sampling, lowest, room_m)
+        headed = [] if headings is None or isinstance(body.shape, Box) else candidates.headed(headings)
+        ranked += sorted([*headed, *candidates.all_round()], key=lambda c: c.rank)
     hits: dict[tuple[float, float, float], Contact | None] = {}
     left = []
     for c in ranked:
@@ -86,7 +88,7 @@ def sample_grasps(
 @dataclass(frozen=True, eq=False)
 class _Candidate:
     """A hand that may close. rank: the smaller the more natural; point (3,): between the pads; u (3,): along which; R (3, 3): the
-    hand's; extent: the body's, see `hand_poses.fit_box`; back_m: how much nearer to the hand than it must be."""
+    hand's; extent: the body's, see `hand_poses.fit_box`; back_m: how much nearer to the hand than it must be; room_m: see `Sampling`."""
 
     rank: float
     point: Array
@@ -94,6 +96,13 @@ class _Candidate:
     R: Array
     extent: tuple[float, float, float]
     back_m: float
+    room_m: float
+
+    def fit(self, body: Body, width_m: float, opening: Opening) -> Move:
+        """How the hand moves for what lies behind its pads."""
+        if not isinstance(body.shape, Cylinder):
+            return fit_box(*self.extent, width_m, opening, self.back_m, self.room_m)
+        return fit_round(body.shape.radius_m, *self.extent[1:], opening, self.room_m) if _is_upright(body) else STAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +116,7 @@ class _Candidates:
     toward: float
     sampling: Sampling
     lowest: Lowest
+    room_m: float
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -115,8 +125,9 @@ class _Candidates:
 
     @cached_property
     def kinds(self) -> list[tuple[str, float]]:
-        """Approaches and their pitches."""
-        return [(kind, pitch) for kind in self.approaches for pitch in self.sampling.pitches[kind]]
+        """Approaches and their pitches; level ones always keep the usual room."""
+        usual = self.room_m == self.sampling.rooms_m[0]
+        return [(kind, pitch) for kind in self.approaches for pitch in self.sampling.pitches[kind] if usual or pitch > 0.0]
 
     def headed(self, headings: Headings) -> Iterator[_Candidate]:
         """Hands that look where an arm of few joints can take them."""
@@ -148,7 +159,7 @@ class _Candidates:
         turn = abs((np.arctan2(ahead[1], ahead[0]) - self.toward + np.pi) % (2 * np.pi) - np.pi)
         point, extent = np.array([middle[0], middle[1], z]), (half_along(self.body, ahead), float(high[2] - z), pitch)
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
-            yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back)
+            yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back, self.room_m)
 
     def _heights(self, kind: str, pitch: float) -> list[float]:
         """Heights of the pads, world."""
@@ -162,7 +173,7 @@ class _Candidates:
         shape, (low, high) = self.body.shape, self.bounds
         least, floor = -np.inf, self.floor_z + self.lowest(kind, pitch)
         if isinstance(shape, Cylinder) and pitch > 0.0 and _is_upright(self.body):
-            least = high[2] - most_above(shape.radius_m, pitch, self.opening)
+            least = high[2] - most_above(shape.radius_m, pitch, self.opening, self.room_m)
         usual = (height_of(kind, low[2], high[2], floor, share, least) for share in self.sampling.heights)
         heights = sorted({z for z in usual if z is not None})
         if isinstance(shape, ConvexMesh):
@@ -222,12 +233,11 @@ def _antipodal(
     if hit is None:
         return None
     point, u = c.point, c.u
-    if isinstance(body.shape, Cylinder):
-        if _is_upright(body):
-            point = point + fit_round(body.shape.radius_m, *c.extent[1:], opening).by(c.R)
-    elif (back := fit_box(*c.extent, hit.leave - hit.enter, opening, c.back_m)) != STAY:
-        point = point + share * back.by(c.R)
-        hit = line_contacts(body.shape, body.T_world_body, point, u)
+    move = c.fit(body, hit.leave - hit.enter, opening)
+    if move != STAY:
+        point = point + share * move.by(c.R)
+        if not isinstance(body.shape, Cylinder):  # which flat pads meet where it is widest
+            hit = line_contacts(body.shape, body.T_world_body, point, u)
     cone = np.cos(friction_angle)
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
         return None

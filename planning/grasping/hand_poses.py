@@ -113,40 +113,40 @@ STAY = Move()
 
 
 @lru_cache(maxsize=256)
-def fit_box(reach: float, above: float, pitch: float, width_m: float, opening: Opening, more: float) -> Move:
+def fit_box(reach: float, above: float, pitch: float, width_m: float, opening: Opening, more: float, room_m: float = BEHIND_M) -> Move:
     """So far back that what lies behind the pads fits, if the pads' middle may stay over the object.
 
     reach: how far the object, taken for a box, extends from its middle towards the hand; above: from there upwards. more: by so much more,
-    for a level hand. A pitched one moves upwards as it goes back.
+    for a level hand. A pitched one moves upwards as it goes back; room_m: what it is to keep.
     """
     if pitch == 0.0:
         return Move(min(set_back(reach, width_m, opening) + more, _most_back(reach)))
     co, si, planes = max(float(np.cos(pitch)), 1e-9), float(np.sin(pitch)), _planes(pitch)
     depths = opening.depths_at(width_m)[planes.between].min(1, keepdims=True)
-    along = planes.needed(_lacking(reach, above, planes, depths), planes.tilts)
+    along = planes.needed(_lacking(reach, above, planes, depths - room_m), planes.tilts)
     most = min(max(0.0, reach / co - LEAST_BITE_M), max(0.0, above - BELOW_TOP_M) / si)
     if along <= most or pitch > STEEP:
         return Move(min(along, most))
     reach, above = reach - most * co, above - most * si
-    up = min(planes.needed(_lacking(reach, above, planes, depths), planes.rises), max(0.0, above - BELOW_TOP_M))
-    level = planes.needed(_lacking(reach, above - up, planes, depths), planes.faces)
+    up = min(planes.needed(_lacking(reach, above, planes, depths - room_m), planes.rises), max(0.0, above - BELOW_TOP_M))
+    level = planes.needed(_lacking(reach, above - up, planes, depths - room_m), planes.faces)
     return Move(most, up, min(level, max(0.0, reach - LEAST_BITE_M * co)))
 
 
 @lru_cache(maxsize=256)
-def fit_round(radius: float, above: float, pitch: float, opening: Opening) -> Move:
+def fit_round(radius: float, above: float, pitch: float, opening: Opening, room_m: float = BEHIND_M) -> Move:
     """The same for an upright cylinder: the pads meet it in one line on either side, and it stays between them."""
     if opening.round_only:
         return STAY  # it is held where the table says
     planes = _planes(pitch)
-    lacks = _lacking(_chords(radius), above, planes, opening.depths_at(2 * radius)[planes.between])
+    lacks = _lacking(_chords(radius), above, planes, opening.depths_at(2 * radius)[planes.between] - room_m)
     return Move(min(planes.needed(lacks, planes.tilts), MOST_BESIDE_M))
 
 
-def most_above(radius: float, pitch: float, opening: Opening) -> float:
+def most_above(radius: float, pitch: float, opening: Opening, room_m: float = BEHIND_M) -> float:
     """How far an upright cylinder may extend above the pads' middle, so that it fits before what lies behind them."""
     planes = _planes(pitch)
-    lacks, rises = _lacking(_chords(radius), 0.0, planes, opening.depths_at(2 * radius)[planes.between]), planes.rises
+    lacks, rises = _lacking(_chords(radius), 0.0, planes, opening.depths_at(2 * radius)[planes.between] - room_m), planes.rises
     some = rises > ALONG
     return float((-lacks[some] / rises[some, None]).max(0).min())
 
@@ -182,6 +182,6 @@ def _planes(pitch: float) -> _Planes:
 
 
 def _lacking(reach: float | Array, above: float, planes: _Planes, depths: Array) -> Array:
-    """By how much slices of an object that reach so far (S,) towards a pitched hand, and up, come too near to what lies behind the pads,
-    which is that far behind them (P, S), if one of the planes is to be between them: (P, S)."""
-    return np.asarray(reach * planes.faces[:, None] + above * planes.rises[:, None] + BEHIND_M - depths)
+    """By how much slices of an object that reach so far (S,) towards a pitched hand, and up, reach too far for depths (P, S) behind the
+    pads: (P, S)."""
+    return np.asarray(reach * planes.faces[:, None] + above * planes.rises[:, None] - depths)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from kinematics.robots.opening import ROOM_M
 from kinematics.transforms import Array
 
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
@@ -19,12 +20,14 @@ the vertical, or by half a turn about its z. The rotations (3, 3) that it then h
 class Sampling:
     """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
     than the middle, or than the gripper's depth lets it, a box may be taken; inf: as near as the pads still hold it. heights: of the pads,
-    in shares of the object's; 0 and 1: as low, and as high, as they can be. pitches: by approach, in rad."""
+    in shares of the object's; 0 and 1: as low, and as high, as they can be. pitches: by approach, in rad. rooms_m: what pitched hands keep
+    between what they hold and what lies behind their pads, if they can; those with the first come before all others."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
     heights: tuple[float, ...] = (0.6, 0.85)
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
+    rooms_m: tuple[float, ...] = (ROOM_M,)
 
 
 USUAL = Sampling()
@@ -33,6 +36,7 @@ DENSE = Sampling(
     backs_m=(0.0, 0.01, 0.02, np.inf),
     heights=(0.0, 0.3, 0.45, 0.6, 0.72, 0.85, 0.95, 1.0),
     pitches={**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)},
+    rooms_m=(ROOM_M, 0.001),
 )
 """All of the usual ones and many more, the outermost that hold among them: where a grasp that was not sampled would matter, as for proofs
 that there is none."""

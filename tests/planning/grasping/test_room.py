@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import fcl
@@ -63,6 +64,21 @@ def test_what_is_held_keeps_its_distance_from_knuckles_and_palm(name: str) -> No
             gaps += [gap_m(robot, solids, body, grasp) for grasp in grasps[:: len(grasps) // 20 or 1]]
     assert min(gaps) > 0.003
     assert np.median(gaps) > 0.0049
+
+
+def test_a_thorough_look_has_tighter_grasps_too_last(ur5e: Robot) -> None:
+    """Where nothing else does, what is held may be nearer to the knuckles: a proof that nothing can be picked must not hang on that."""
+    solids = [(h.link, convex(h.vertices)) for h in ur5e.hulls if h.link in ur5e.hand_links - ur5e.pads - {"camera"}]
+    for shape in (Box(np.array([0.05, 0.06, 0.15])), Cylinder(0.034, 0.15)):
+        body = Body("it", shape, transform(p=[0.6, 0.0, 0.075]))
+        usual, dense = (
+            list(sample_grasps(body, ur5e.opening, ["diagonal"], 0.0, 0.0, replace(sampling, yaws=4), lowest=lowest_of(ur5e)))
+            for sampling in (replace(DENSE, rooms_m=(ROOM_M,)), DENSE)
+        )
+        assert [g.T_world_hand.tolist() for g in dense[: len(usual)]] == [g.T_world_hand.tolist() for g in usual]
+        more = [gap_m(ur5e, solids, body, grasp) for grasp in dense[len(usual) :]]
+        assert min(more) > 0.0005
+        assert np.quantile(more, 0.2) < 0.003
 
 
 @pytest.mark.parametrize(("pitch", "reach", "above"), list(product(PITCHES[1:4], (0.015, 0.03, 0.045), (0.02, 0.05, 0.1))))

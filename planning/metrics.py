@@ -113,8 +113,8 @@ class Episode:
 def in_general(why: Blocked, moved: str | None = None) -> str:
     """A reason in words that count alike in all scenes: objects without their names. moved: the object that it was about."""
 
-    def called(name: str | None) -> str:
-        if name is None or name in _FIXED:
+    def called(name: str) -> str:
+        if name in _FIXED:
             return f"the {name}"
         return "the object itself" if name == moved else "unseen space" if name.startswith("unknown_") else "another object"
 

@@ -37,7 +37,7 @@ from mutation.mutants import HOME, Mutant, unchanged
 PACKAGES = ("kinematics", "perception", "planning", "retrieve_cli")
 THIRD_PARTY = ("numpy", "scipy", "numba", "llvmlite", "fcl", "lxml", "trimesh", "hypothesis", "torch", "safetensors", "yourdfpy")
 QUICKLY = ("-x", "-q", "-s", "-p", "no:cacheprovider", "-p", "no:xdist", "--assert=plain")
-SLOW_S = 3.0
+SLOW_S = 0.5
 """Tests that take longer are not asked."""
 PATIENCE, GRACE_S = 10, 3.0
 """A test may take so many times as long as on the code itself, and so much processor time more."""
@@ -95,7 +95,7 @@ def _functions(files: frozenset[str]) -> dict[tuple[str, str, int], list[Functio
     """The functions of some files that are loaded, by their places."""
     found = defaultdict[tuple[str, str, int], list[FunctionType]](list)
     for f in gc.get_objects():
-        if isinstance(f, FunctionType) and f.__code__.co_filename in files:
+        if type(f) is FunctionType and f.__code__.co_filename in files:
             found[_place(f.__code__)].append(f)
     return found
 
@@ -261,10 +261,10 @@ def _run(item: Any, following: Any) -> list[Any]:
 
 
 def choose(seen: Sequence[Seen], mutant: Mutant, functions: Sequence[CodeType] | None) -> list[Seen]:
-    """The tests that enter a mutant's function, or all if it is no function's; those first that reach its line, then the quicker ones."""
+    """The tests that enter a mutant's function, or all if none does; those first that reach its line, then the quicker ones."""
     file, places = str(HOME / mutant.module), {_place(c) for c in functions or ()}
-    enter = [s for s in seen if s.seconds <= SLOW_S and (not functions or s.functions & places)]
-    return sorted(enter, key=lambda s: ((file, mutant.number) not in s.lines, s.seconds))
+    quick = [s for s in seen if s.seconds <= SLOW_S]
+    return sorted([s for s in quick if s.functions & places] or quick, key=lambda s: ((file, mutant.number) not in s.lines, s.seconds))
 
 
 @contextmanager

@@ -61,6 +61,14 @@ def test_moves_are_held_against_the_bound_that_any_planner_knows() -> None:
     assert [row.proved for row in rows([many, episode("a", success=False)])] == [1, 1]
     (alone,) = rows([episode("a", moved=3), episode("c", success=False)])
     assert (alone.least, alone.at_least, alone.proved) == ((0, 0, 0), 0, 0)
+    (free,) = rows([episode("a", moved=0, least_moves=0)])  # nothing to be held against
+    assert (free.least, free.at_least) == ((0, 0, 0), 0)
+
+
+def test_what_is_proved_and_yet_solved_counts_as_solved() -> None:
+    """A search with few grasps may prove what is not so."""
+    wrong = episode("a", "search", success=False, unsolvable=Unsolvable(("box_1",), ()))
+    assert [(row.policy, row.proved) for row in rows([wrong, episode("a")])] == [("random", 0), ("search", 1)]
 
 
 def motion(stage: str, clearance_m: float | None) -> Motion:
@@ -71,7 +79,7 @@ def test_the_clearance_of_a_plan_is_its_motions_least_and_that_of_its_free_ones_
     """A lift at 1 mm counts for all motions and not for the free ones; failures and what nobody measured count for neither."""
     near = [motion("transit", 0.006), motion("lift", 0.001), motion("transfer", 0.0042)]
     far = [motion("transit", 0.009), motion("release", None)]
-    plans = [replace(plan(str(i)), motions=tuple(m)) for i, m in enumerate((near, far, [motion("transit", None)]))]
+    plans = [replace(plan(str(i)), motions=tuple(m)) for i, m in enumerate((far, near, [motion("transit", None)]))]
     plans.append(replace(plan("f", success=False, reason=Blocked("lift")), motions=tuple(near)))
     (row,) = rows(Episode.of(p) for p in plans)
     assert row.clearance_m == (0.001, 0.009)
@@ -90,6 +98,8 @@ def test_the_clearance_of_a_plan_is_its_motions_least_and_that_of_its_free_ones_
         (Blocked("grasp", detail="box_12 stands on can_1 and goes first"), "grasp: an object stands on an object and goes first"),
         (Blocked("unsolvable", "wrist", "can_5", detail="none of box_9 can be picked"), "it is proved that no picks help"),
         (Blocked("select"), "select"),
+        (Blocked("look", None, "box_3", detail="nothing but box_3 was seen"), "look: nothing but an object was seen"),
+        (Blocked("look", "camera", None, detail="it is dark"), "look: it is dark"),
     ],
 )
 def test_reasons_count_alike_in_all_scenes(why: Blocked, words: str) -> None:
@@ -117,14 +127,15 @@ def test_what_is_counted_of_a_success() -> None:
     assert (e.scene, e.policy, e.rule, e.success, e.verified) == ("0-7", "local", "region", True, False)
     assert (e.moved, e.planning_time_s, e.motion_time_s, e.hand_travel_m, e.value) == (2, 0.5, 2.0, 3.0, -4.0)
     assert e.whole_time_s == 2.5
-    assert (e.reason, e.kind, e.blocked) == (None, None, ("ik", "lift"))
+    assert (e.reason, e.kind, e.blocked, e.stopped) == (None, None, ("ik", "lift"), ("ik", "lift"))
 
 
 def test_what_is_counted_of_a_failure() -> None:
     e = Episode.of(plan(success=False, reason=Blocked("transfer", "arm", "can"), moves=[failed("grasp")]))
     assert (e.success, e.reason, e.kind) == (False, "transfer", "pick")
     assert Episode.of(plan(success=False)).reason == "unknown"
-    assert Episode.of(plan(success=True, reason=Blocked("lift"))).reason is None
+    after_all = Episode.of(plan(success=True, reason=Blocked("lift")))
+    assert (after_all.reason, after_all.kept_in) == (None, None)
 
 
 def test_the_names_in_reports() -> None:
@@ -133,6 +144,7 @@ def test_the_names_in_reports() -> None:
     assert set(MEASURES) <= set(Episode.__dataclass_fields__)
     assert KINDS == ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable", "scene")
     assert SHARES == (0.1, 0.5, 0.9, 0.95)
+    assert SENSED == ", sensed"
     assert RULES == ("deep", "region", "strict")
     assert set(RULES) == set(Rule)
 
@@ -140,7 +152,7 @@ def test_the_names_in_reports() -> None:
 # ------------------------------------------------------------------------------------------------------------------------ why a plan failed
 
 
-@pytest.mark.parametrize("stage", ["verify", "look", "scene"])
+@pytest.mark.parametrize("stage", ["verify", "look", "scene", "moves", "unsolvable"])
 def test_a_refused_plan_and_a_target_that_was_not_found_go_first(stage: str) -> None:
     assert failure(plan(success=False, reason=Blocked(stage), moves=[failed("ik")])) == stage
 

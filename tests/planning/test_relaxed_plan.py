@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 import pytest
 
-from planning.relaxed_plan import Names, gets_shorter, relaxed_plan, relaxed_plans, shortest_plans, still_holds, stuck_set
+from planning.relaxed_plan import (
+    MOST_SETS,
+    Names,
+    RelaxedPlan,
+    gets_shorter,
+    relaxed_plan,
+    relaxed_plans,
+    shortest_plans,
+    still_holds,
+    stuck_set,
+)
 
 
 class Written:
@@ -158,3 +168,29 @@ def breadth_first(written: Written, not_first: Names) -> int | None:
                 seen.add(after)
                 queue.append((gone + 1, after))
     return None
+
+
+def test_of_what_can_go_first_the_cheapest_does() -> None:
+    ways = {"t": ["ab"], "a": [""], "b": [""]}
+    (plan,) = relaxed_plans(Written(ways), "t", frozenset("ab"), cost={"a": 2.0, "b": 1.0}.__getitem__)
+    assert (plan.order, plan.firsts) == (("b", "a"), ("b", "a"))
+    (plan,) = relaxed_plans(Written(ways), "t", frozenset("ab"))
+    assert plan.order == ("a", "b")
+
+
+def test_nothing_waits_for_others_that_only_what_stands_aside_does_not_get_to() -> None:
+    """x waits for y alone; that the arm does not get to w, which is in nobody's way, makes no plan with v."""
+    written = Written({"t": ["x"], "x": ["y"], "y": [""], "w": [""], "v": [""]})
+    assert [plan.order for plan in relaxed_plans(written, "t", written.standing, not_first=frozenset("w"))] == [("y", "x")]
+
+
+def test_shortest_plans_ask_for_one_that_is_longer_and_no_more() -> None:
+    def plans() -> Iterator[RelaxedPlan]:
+        yield from (RelaxedPlan(tuple(order), tuple(order)) for order in ("a", "b", "cd"))
+        raise AssertionError("nobody needs another")
+
+    assert [plan.order for plan in shortest_plans(plans())] == [("a",), ("b",)]
+
+
+def test_the_numbers_of_relaxed_plans() -> None:
+    assert MOST_SETS == 20_000

@@ -18,7 +18,20 @@ from kinematics.transforms import Array, rotation_about, transform
 from perception.observation import Observation
 from planning import retrieval
 from planning.plan import Blocked, Fault, Move, Outlook, Plan, Unsolvable
-from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, failed, hand_travel, objective, proposals, relocating, retrieve
+from planning.retrieval import (
+    MAX_MOVES,
+    Policy,
+    Rule,
+    Stopwatch,
+    conclude,
+    failed,
+    hand_travel,
+    hand_travels,
+    objective,
+    proposals,
+    relocating,
+    retrieve,
+)
 from planning.verdict import Settings, Verdict
 
 NEVER = frozenset({("never", 0)})
@@ -479,6 +492,9 @@ def test_travel_along_an_arc_is_measured_in_chords() -> None:
     assert hand_travel(robot, scene, [motion("transit", 0.0, 1.0), motion("grasp", 1.0, 1.0)]) == pytest.approx(arc, rel=1e-12)
     there_and_back = [motion("transit", 0.0, 1.0), motion("lift", 1.0, 1.06), motion("transfer", 1.06, 1.0, 0.0)]
     assert hand_travel(robot, scene, there_and_back) == pytest.approx(2 * arc + 2 * 4 * np.sin(0.015) + 2 * 4 * np.sin(0.015), rel=1e-12)
+    assert hand_travels(robot, scene, there_and_back) == pytest.approx([arc, 2 * 4 * np.sin(0.015), arc + 2 * 4 * np.sin(0.015)], rel=1e-12)
+    slowly = replace(there_and_back[2], t_s=np.array([7.0, 9.0, 12.5]))
+    assert hand_travel(robot, scene, [slowly]) == pytest.approx(arc + 2 * 4 * np.sin(0.015), rel=1e-12)
     assert hand_travel(robot, scene, []) == 0.0
     assert hand_travel(robot, scene, [motion("transit", 0.3)]) == 0.0
 
@@ -562,6 +578,21 @@ def test_conclude_says_what_the_loop_found() -> None:
     assert (plan.scene, plan.policy, plan.rule, plan.success, plan.reason) == ("by-hand", "n", "region", False, why)
     assert (plan.moves, plan.motions, plan.verified) == (tuple(made), (), None)
     assert (plan.planning_time_s, plan.motion_time_s, plan.hand_travel_m, plan.value) == (3.0, 4.0, 0.0, -2.0)
+
+
+def test_where_the_truth_is_not_known_only_what_was_found_wrong_counts(checked: list[tuple[Any, ...]]) -> None:
+    def concluded(*faults: Fault) -> Plan:
+        watches = {"thinking": Stopwatch(), "moving": Stopwatch()}
+        way = [motion("transit", 0.0, 1.0)]
+        return conclude(stick(), scene_of("a"), None, [], way, name="n", rule=Rule.DEEP, is_truth=False, faults=faults, **watches)
+
+    fine = concluded()
+    assert (fine.success, fine.verified, fine.faults, fine.value) == (True, True, (), 1.0)
+    slipped = Fault("transit", ("a",), "a is gone", 1.0)
+    wrong = concluded(slipped)
+    assert (wrong.success, wrong.verified, wrong.faults, wrong.value) == (False, False, (slipped,), 0.0)
+    assert wrong.reason == Blocked("verify", detail=str(slipped))
+    assert not checked
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -179,13 +179,13 @@ def test_a_state_whose_moves_fail_steps_back_behind_those_that_look_as_good() ->
 def test_nearest_regions_are_in_front_and_of_those_as_near_the_first() -> None:
     """169 regions on a grid around the object, its coordinates exact in binary, so that many are equally near."""
     grid = [(i / 8, k / 8) for i in range(-6, 7) for k in range(-6, 7)]
-    seen = observation({"a": [0, 0, 0.5, 0.01, 0.01, 0.01]})
+    seen = observation({"a": [0.125, 0.25, 0.5, 0.01, 0.01, 0.01]})
     seen = replace(
         seen,
         cabinet=Cabinet(np.array([2.0, 2.0, 1.0]), transform(p=[-1.0, 0.0, 0.0]), 0.03),
         regions=np.array([[x, y, 0.0, float((x, y) != (0, 0.125))] for x, y in grid]),
     )
-    in_order = sorted(range(len(grid)), key=lambda i: (grid[i][0] ** 2 + grid[i][1] ** 2, i))
+    in_order = sorted(range(len(grid)), key=lambda i: ((grid[i][0] - 0.125) ** 2 + (grid[i][1] - 0.25) ** 2, i))
     assert nearest_regions(seen, "a", rng()) == [i for i in in_order if grid[i] != (0, 0.125)]
 
 

@@ -133,8 +133,11 @@ def _hash(group: Group, module: str, by: str) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() if f.is_file() else b"" for f in files)).hexdigest()[:16]
 
 
-def examine(group: Group, chosen: Sequence[Mutant], results: Results) -> dict[Key, Outcome]:
-    """What became of the chosen mutants of a group. Raises ValueError when a test fails on the code as it is."""
+def examine(group: Group, chosen: Sequence[Mutant], results: Results, *, quickly: bool = False) -> dict[Key, Outcome]:
+    """What became of the chosen mutants of a group. quickly: of those that can be asked in forks; none is asked from the start.
+
+    Raises: ValueError when a test fails on the code as it is.
+    """
     known = results.read(group)
 
     def note(mutant: Mutant, outcome: Outcome) -> None:
@@ -152,6 +155,10 @@ def examine(group: Group, chosen: Sequence[Mutant], results: Results) -> dict[Ke
             print(f"{len(seen)} tests, {sum(s.whole_s for s in seen):.0f} s of processor time; {len(asked)} mutants", file=sys.stderr)
         elif told[1].how != "survived":
             note(left.pop(told[0]), told[1])
+        elif quickly:
+            known[told[0]] = told[1]
+    if quickly:
+        return known
     whole = {m: unchanged(m) for m in group.modules}
     print(f"{len(left)} mutants are left to be asked from the start", file=sys.stderr)
     for m in left.values():
@@ -190,6 +197,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--results", type=Path, default=Path("out/mutants.jsonl"), help="where results are kept; what is there is not run again"
     )
+    parser.add_argument("--quickly", action="store_true", help="ask in forks only, which counts some as survivors that are none")
     parser.add_argument("--list", action="store_true", help="print the mutants and run nothing")
     asked = parser.parse_args(argv)
     if unknown := [m for m in asked.modules if m not in MODULES]:
@@ -211,13 +219,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             for m in (m for of_module in every.values() for m in of_module):
                 print(f"{m.module}:{m.number}: {m.line}\n    {m.change}" + f" ({m.nth})" * (m.nth > 1))
             continue
-        chosen = {module: _draw(of_module, asked.sample, asked.seed) for module, of_module in every.items()}
+        drawn = {module: _draw(of_module, asked.sample, asked.seed) for module, of_module in every.items()}
         try:
-            outcomes = examine(group, [m for of_module in chosen.values() for m in of_module], results) if chosen else {}
+            outcomes = (
+                examine(group, [m for of_module in drawn.values() for m in of_module], results, quickly=asked.quickly) if drawn else {}
+            )
         except ValueError as e:
             print(e, file=sys.stderr)
             return 2
-        for module, tried in chosen.items():
+        for module, of_module in drawn.items():
+            tried = [m for m in of_module if m.key in outcomes]
             with_reason = {e.key for e in listed[module]}
             alive = {m.key for m in tried if outcomes[m.key].how == "survived"}
             killed, mean_s = len(tried) - len(alive), sum(outcomes[m.key].seconds for m in tried) / max(1, len(tried))

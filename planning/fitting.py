@@ -5,6 +5,7 @@ First by inverse kinematics alone, on a grid around the arm; then the best place
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
@@ -17,13 +18,16 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, apply, rotation_about, transform
+from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.finger_grasps import SPARE_M
 from planning.grasping.hand_poses import UP
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.pick_place import Motions
+from planning.motion.picking import headings_of
 from planning.motion.settings import UNCONSTRAINED
 from planning.motion.waiting import places_to_wait
 from planning.scene_generation import NoScene, Spec
+from planning.verdict import judge_grasp
 
 USUAL_REACH_M = 0.85  # of the arms that the specs' cabinets are made for
 LEAST_SCALE = 0.25
@@ -34,26 +38,32 @@ BEFORE_M, BESIDE_M = 0.05, 0.01
 """What the cabinet's front keeps from what is fixed to the arm's base, and all of it from a frame of the base that it stands in."""
 LEAST_SHARE, BOX_SHARE, BOX_YAWS = 0.2, 0.5, (0.0, 0.5)
 """From how many of the places an arm takes a cylinder, at least; and a box, turned so, where there are to be boxes."""
+SLIMMER = (1.0, 0.9, 0.8, 0.65, 0.5)
+"""Shares of the objects' width, of which the first is taken that the hand can hold: palm and knuckles may leave less room than fingers."""
+ROOMY = 4.0  # times as large as a spec's cabinet is one whose walls are in no hand's way
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """A spec and a robot's place that go together. share: of the places in the cabinet that were tried, how many the arm can take an object
-    from; scale: of the cabinet and what is in it. alone: the only kind of objects in it, where the arm hardly takes others."""
+    from; scale: of the cabinet and what is in it; slimmer: of the objects' width besides. alone: the only kind of objects in it, where the
+    arm hardly takes others."""
 
     spec: Spec
     ref: RobotRef
     share: float
     scale: float
+    slimmer: float = 1.0
     alone: str | None = None
 
     def __str__(self) -> str:
         size = " × ".join(f"{v:.2f}" for v in self.spec.cabinet_size_m)
         x, _, z = self.ref.T_world_base[:3, 3]
         front, floor = self.spec.cabinet_front_m - x, self.spec.cabinet_floor_m - z
+        slim = f"; they are {100 * self.slimmer:.0f} % as wide, as its hand holds no wider ones" if self.slimmer < 1.0 else ""
         return (
             f"a cabinet of {size} m, its front {front:.2f} m before the arm's base and its floor {floor:.2f} m above: the arm takes "
-            f"objects from {100 * self.share:.0f} % of it{f'; {self.alone} alone, as it hardly takes others' if self.alone else ''}"
+            f"objects from {100 * self.share:.0f} % of it{slim}{f'; {self.alone} alone, as it hardly takes others' if self.alone else ''}"
         )
 
 
@@ -75,28 +85,55 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
     if arm.few_joints:  # such an arm looks where it turns to
         spec = replace(spec, grasp_bearing_share=1.0, grasp_yaw_spread=0.0)
     turned = replace(ref, T_world_base=T_base)
-    best, placed = -1.0, None
     cup = robot.opening.cup_m > 0
     places = _promising(arm, spec, reach)[:EXACTLY]
-    for k, (front, floor) in enumerate(places, 1):
-        on_step(f"fitting a cabinet: place {k} of {len(places)}" + (f", so far {100 * best:.0f} % in reach" if k > 1 else ""))
-        tried = replace(spec, cabinet_front_m=front, cabinet_floor_m=floor)
-        share, home = _share(tried, robot, turned, boxes=cup)
-        if share > best:
-            best, placed = share, (tried, home)
-        if best == 1.0:
+    found, slimmer, why = _Tried(spec, 0.0), 1.0, ""
+    for slimmer in SLIMMER:
+        slim = _slimmed(spec, slimmer)
+        if wrong := _not_held(slim, robot, turned, boxes=cup):
+            why = wrong
+            continue
+        found = _best_of(places, slim, robot, turned, cup, on_step)
+        if found.share >= LEAST_SHARE:
             break
-    if placed is None or best < LEAST_SHARE:
-        most = 100 * max(best, 0.0)
-        raise NoScene(f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {most:.0f} % of it at most")
-    tried, home = placed
-    if home is not None and ref.name is None:
+        why = found.why or why
+    if found.share < LEAST_SHARE:
+        raise NoScene(
+            f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {100 * found.share:.0f} % of it at "
+            f"most{f' ({why})' if why else ''}"
+        )
+    if found.home is not None and ref.name is None:
         names = [robot.joint_names[j] for j in robot.arm_joints]
-        turned = replace(turned, home={name: float(q) for name, q in zip(names, home)})
-    others = _share(tried, robot, replace(turned, home=None), boxes=not cup)[0] >= BOX_SHARE
-    return Fitted(
-        tried if others else _of_one_kind(tried, boxes=cup), turned, best, scale, None if others else "boxes" if cup else "cylinders"
-    )
+        turned = replace(turned, home={name: float(q) for name, q in zip(names, found.home)})
+    others = _share(found.spec, robot, replace(turned, home=None), boxes=not cup).share >= BOX_SHARE
+    spec = found.spec if others else _of_one_kind(found.spec, boxes=cup)
+    return Fitted(spec, turned, found.share, scale, slimmer, None if others else "boxes" if cup else "cylinders")
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A spec at one place. share: from how many of the places in the cabinet an object can be taken; home (A,): where the arm waits before
+    it; why: what is in the way most often where none can, in words."""
+
+    spec: Spec
+    share: float
+    home: Array | None = None
+    why: str = ""
+
+
+def _best_of(
+    places: Sequence[tuple[float, float]], spec: Spec, robot: Robot, ref: RobotRef, cup: bool, on_step: Callable[[str], None]
+) -> _Tried:
+    """The spec at the front and floor from where most objects can be taken."""
+    best = _Tried(spec, -1.0)
+    for k, (front, floor) in enumerate(places, 1):
+        on_step(f"fitting a cabinet: place {k} of {len(places)}" + (f", so far {100 * best.share:.0f} % in reach" if k > 1 else ""))
+        tried = _share(replace(spec, cabinet_front_m=front, cabinet_floor_m=floor), robot, ref, boxes=cup)
+        if tried.share > best.share:
+            best = tried
+        if best.share == 1.0:
+            break
+    return best if best.share >= 0.0 else _Tried(spec, 0.0)
 
 
 def _positions(arm: Arm) -> Array:
@@ -143,6 +180,40 @@ def _scaled(spec: Spec, scale: float) -> Spec:
         target_half_width_m=by(spec.target_half_width_m),
         target_depth_m=by(spec.target_depth_m),
     )  # fmt: skip
+
+
+def _slimmed(spec: Spec, by: float) -> Spec:
+    """A spec with objects as high, and so much less wide; those of a household are smaller as a whole."""
+
+    def times(pair: tuple[float, float]) -> tuple[float, float]:
+        return by * pair[0], by * pair[1]
+
+    return spec if by == 1.0 else replace(
+        spec,
+        objects_half_width_m=times(spec.objects_half_width_m),
+        objects_scale=times(spec.objects_scale),
+        target_half_width_m=times(spec.target_half_width_m),
+    )  # fmt: skip
+
+
+def _not_held(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool) -> str | None:
+    """Why the hand alone can't hold the widest object that its fingers open for, level if it may, as the verdict says of most grasps; None
+    when it can."""
+    widest = max(spec.objects_half_width_m[1], spec.target_half_width_m[1])
+    most = widest if boxes else min(widest, robot.opening.max_m / 2 - SPARE_M)
+    roomy = replace(spec, cabinet_size_m=ROOMY * spec.cabinet_size_m, target_half_width_m=(most, most))
+    scene = _with_one(roomy, ref, (0.5, 0.0), boxes=boxes)
+    body, floor_z = scene.body("can"), float(scene.cabinet.T_world_cabinet[2, 3])
+    x, y = body.T_world_body[:2, 3] - robot.pivot(ref.T_world_base)
+    headings = headings_of(arm_at(robot, ref.T_world_base))
+    level = [kind for kind in spec.moves_approaches if kind == "horizontal"]  # in a cabinet most others end at its ceiling
+    said = Counter[str]()
+    for grasp in grasps_on(body, robot, level or spec.moves_approaches, floor_z, float(np.arctan2(y, x)), headings=headings):
+        wrong = judge_grasp(robot, scene, grasp)
+        if wrong is None:
+            return None
+        said[wrong] += 1
+    return next((words for words, _ in said.most_common(1)), "no grasp fits its shape and the gripper's opening")
 
 
 def _promising(arm: Arm, spec: Spec, reach: float) -> list[tuple[float, float]]:
@@ -194,22 +265,31 @@ def _of_one_kind(spec: Spec, *, boxes: bool) -> Spec:
     return replace(spec, objects_box_share=float(boxes), objects_household=kinds or spec.objects_household)
 
 
-def _share(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool = False) -> tuple[float, Array | None]:
-    """From how many of 3 × 3 places in the empty cabinet an object can be taken, and where the arm waits before it (A,). boxes: not a
-    cylinder, but a box, turned in several ways, from three places."""
-    cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
+def _share(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool = False) -> _Tried:
+    """From how many of 3 × 3 places in the empty cabinet an object can be taken. boxes: not a cylinder, but a box, turned in several ways,
+    from three places."""
+    cabinet = _with_one(spec, ref, (0.5, 0.0), boxes=boxes).cabinet
     home = next(iter(places_to_wait(arm_at(robot, ref.T_world_base), cabinet)), None)
     if home is None:
-        return 0.0, None
+        return _Tried(spec, 0.0, None, "there is no place before it where the arm could wait")
+    places = list(product((0.3, 0.5, 0.75), (0.0,) if boxes else (-0.3, 0.0, 0.3), BOX_YAWS if boxes else (0.0,)))
+    good, said = 0, Counter[str]()
+    for along, across, yaw in places:
+        scene = _with_one(spec, ref, (along, across), yaw, boxes=boxes)
+        motions = Motions(robot, replace(scene, approaches=spec.moves_approaches), settings=UNCONSTRAINED)
+        state = State(robot.with_arm(home, robot.opening.value_at(robot.opening.max_m)), scene.poses())
+        picks, why = motions.picks(state, "can")
+        good += bool(picks)
+        if not picks:
+            said[str(why)] += 1
+    return _Tried(spec, good / len(places), home, next((words for words, _ in said.most_common(1)), ""))
+
+
+def _with_one(spec: Spec, ref: RobotRef, at: tuple[float, float], yaw: float = 0.0, *, boxes: bool) -> Scene:
+    """A spec's cabinet with one object of usual size, `can`: a cylinder, or a box. at: where, in shares of its depth and width."""
+    cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
     depth, width, _ = cabinet.size_m
     radius, height = float(np.mean(spec.target_half_width_m)) or 0.025, float(np.mean(spec.objects_height_m)) or 0.12
     shape: Shape = Box(np.array([2 * radius, 2 * radius, height])) if boxes else Cylinder(radius, height)
-    places = list(product((0.3, 0.5, 0.75), (0.0,) if boxes else (-0.3, 0.0, 0.3), BOX_YAWS if boxes else (0.0,)))
-    good = 0
-    for along, across, yaw in places:
-        T = cabinet.T_world_cabinet @ transform(rotation_about(UP, yaw), [along * depth, across * width, height / 2])
-        scene = Scene("fit", replace(ref, mount=False), cabinet, (Body("can", shape, T),), "can", None, spec.regions_n)
-        motions = Motions(robot, replace(scene, approaches=spec.moves_approaches), settings=UNCONSTRAINED)
-        state = State(robot.with_arm(home, robot.opening.value_at(robot.opening.max_m)), scene.poses())
-        good += bool(motions.picks(state, "can")[0])
-    return good / len(places), home
+    T = cabinet.T_world_cabinet @ transform(rotation_about(UP, yaw), [at[0] * depth, at[1] * width, height / 2])
+    return Scene("fit", replace(ref, mount=False), cabinet, (Body("can", shape, T),), "can", None, spec.regions_n)

@@ -53,7 +53,7 @@ def run(
         _one(_missing(name), as_json)
         return
     with blame("robots"):
-        arm = load(name, hand_frame, gripper_joint, on_step=say if own else None)
+        arm = load(name, hand_frame, gripper_joint, on_step=_say_steps if own else None)  # its notes are in what is printed
     if urdf is not None:
         if str(urdf) == "-":
             sys.stdout.write(arm.urdf)
@@ -65,6 +65,12 @@ def run(
         write_portrait(arm, png)
     if urdf is None:
         _one(about(arm, own), as_json)
+
+
+def _say_steps(step: str) -> None:
+    """Say what takes long; a robot's notes are told with all else that was understood of it."""
+    if not step.startswith("robot "):
+        say(step)
 
 
 def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
@@ -104,11 +104,35 @@ def visuals_collide(root: etree._Element) -> list[str]:
     if next(root.iter("collision"), None) is not None:
         bare = _bare_ends(root)
         drawn = {link: visuals for link, visuals in drawn.items() if link.get("name") in bare}
-    for visual in (v for visuals in drawn.values() for v in visuals):
+    for visuals in drawn.values():
+        _collide(visuals)
+    return [link.get("name", "") for link, visuals in drawn.items() if visuals]
+
+
+def visuals_instead(root: etree._Element, names: Collection[str]) -> list[str]:
+    """Take what is drawn of links in place of their collision geometry, in place. Returns those of the links of which anything is drawn."""
+    replaced = list[str]()
+    for link in root.iter("link"):
+        visuals = [v for v in link.iter("visual") if v.find("geometry") is not None]
+        if link.get("name") in names and visuals:
+            for collision in link.findall("collision"):
+                link.remove(collision)
+            _collide(visuals)
+            replaced.append(link.get("name", ""))
+    return replaced
+
+
+def _collide(visuals: Iterable[etree._Element]) -> None:
+    """Put collision geometry beside each visual element, the same as it."""
+    for visual in visuals:
         collision = etree.Element("collision")
         collision.extend([deepcopy(part) for part in visual if part.tag in ("origin", "geometry")])
         visual.addnext(collision)
-    return [link.get("name", "") for link, visuals in drawn.items() if visuals]
+
+
+def frozen_mimics(root: etree._Element) -> list[str]:
+    """The names of fixed joints that have a <mimic> all the same: converters freeze what they can't drive."""
+    return [joint.get("name", "") for joint in root.iter("joint") if joint.get("type") == "fixed" and joint.find("mimic") is not None]
 
 
 def _bare_ends(root: etree._Element) -> set[str]:

@@ -21,7 +21,8 @@ from kinematics import cache
 from kinematics.robots import urdf
 from kinematics.robots.assemble import CACHE_VERSION, assemble, stamps
 from kinematics.robots.derive import read_description
-from kinematics.robots.hand_model import Model
+from kinematics.robots.dialects import visuals_instead
+from kinematics.robots.hand_model import Model, NoGripper
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.named import locate, named_robots
 from kinematics.robots.own import Grip, find_grip, grip_from_arrays, grip_to_arrays, put_in
@@ -140,7 +141,14 @@ def _load_urdf(
         raise ValueError(f"{file} has no link {hand_frame!r} for the hand frame; it has {', '.join(links)}")
     if hand_frame is None and (T_link_hand != np.eye(4)).any():
         raise ValueError(f"{file}: T_link_hand is the hand in a link; say in which with hand_frame (links: {', '.join(links)})")
-    grip = _grip(file, root, hand_frame, named, T_link_hand, on_step)
+    try:
+        grip = _grip(file, root, hand_frame, named, T_link_hand, on_step)
+        if grip.filled_by and (drawn := visuals_instead(root, grip.filled_by)):
+            words = f"the collision geometry of {', '.join(drawn)} fills the room between the pads: what is drawn is taken for it"
+            grip, notes = _grip(file, root, hand_frame, named, T_link_hand, on_step), (*notes, words)
+    except NoGripper as e:
+        frozen = [note for note in notes if "<mimic>" in note]
+        raise NoGripper("; ".join([str(e), *frozen])) from None
     put_in(root, grip)
     srdf = file.with_suffix(".srdf")
     robot = assemble(
@@ -160,7 +168,7 @@ def _grip(
 ) -> Grip:
     """How the hand of a URDF of one's own closes: from the cache, or found out."""
     text = urdf.to_string(root)
-    name_in_cache = "grip-2-" + cache.key(CACHE_VERSION, text, *stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
+    name_in_cache = "grip-3-" + cache.key(CACHE_VERSION, text, *stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
     if (data := cache.load(name_in_cache)) is not None:
         return grip_from_arrays(data)
     if on_step:

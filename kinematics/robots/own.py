@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from kinematics.errors import did_you_mean
 from kinematics.robots import urdf
-from kinematics.robots.find_gripper import HINGE_RAD, CupFound, Motors, drive, find_palm
+from kinematics.robots.find_gripper import HINGE_RAD, CupFound, Motors, drive, find_palm, rigid
 from kinematics.robots.fixed_joints import freeze
 from kinematics.robots.gripper import NotClosing, measure
 from kinematics.robots.hand_frame import hand_frame as measured_frame
 from kinematics.robots.hand_model import Model, NoGripper
 from kinematics.robots.suction import ON_M, SUCTION, add_valve, at_face, cup_frame, cup_links
-from kinematics.robots.tree import FIXED, TURNS, Tree
+from kinematics.robots.tree import FIXED, TURNS, LinkHull, Tree
 from kinematics.transforms import Array, inverse, rotation_about, transform, wxyz_from_rotation
 
 ALONG = 0.5
@@ -30,7 +30,7 @@ class Grip:
     """What was understood of a gripper. joints: its motors by name, the first drives the others: follows, by name (multiplier, offset).
     limits: of the first, where they are narrower than the URDF's. link: what the hand frame is fixed to, and T_link_hand (4, 4) where.
     kind: in words. measured: whether the frame was measured, because nobody said where it is. frozen: motors of the hand that stand still,
-    and where."""
+    and where. filled_by: links with collision geometry where the pads should hold something."""
 
     joints: tuple[str, ...]
     follows: dict[str, tuple[float, float]]
@@ -40,6 +40,7 @@ class Grip:
     kind: str
     measured: bool
     frozen: tuple[tuple[str, float], ...] = ()
+    filled_by: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -47,6 +48,8 @@ class Grip:
         first, *others = self.joints
         notes = [f"the motors {', '.join(others)} go with {first}"] if others else []
         notes += [f"the motor {name} stands still at {value:.3g}" for name, value in self.frozen]
+        if self.filled_by:
+            notes.append(f"the collision geometry of {', '.join(self.filled_by)} fills the room between the pads: they can hold nothing")
         if self.measured:
             p, q = self.T_link_hand[:3, 3], wxyz_from_rotation(self.T_link_hand[:3, :3])
             notes.append(f"{self.kind}, hand frame measured: p {_numbers(p)}, q_wxyz {_numbers(q)} in the link {self.link!r}")
@@ -64,6 +67,7 @@ def grip_to_arrays(grip: Grip) -> dict[str, NDArray[Any]]:
         "measured": np.array([grip.measured]),
         "frozen": np.array([name for name, _ in grip.frozen], dtype=np.str_),
         "frozen_at": np.array([value for _, value in grip.frozen], float),
+        "filled_by": np.array(grip.filled_by, dtype=np.str_),
     }
 
 
@@ -74,7 +78,8 @@ def grip_from_arrays(data: Mapping[str, NDArray[Any]]) -> Grip:
     (low, high), (link, kind) = data["limits"], data["words"]
     T = np.asarray(data["T_link_hand"], float)
     frozen = tuple((str(name), float(value)) for name, value in zip(data["frozen"], data["frozen_at"]))
-    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]), frozen)
+    filled_by = tuple(str(name) for name in data["filled_by"])
+    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]), frozen, filled_by)
 
 
 def _numbers(values: Array) -> str:
@@ -170,7 +175,24 @@ def _grip(model: Model, motors: Motors, link: str, T: Array, *, measured: bool) 
     follows = {names[j]: rule for j, rule in motors.followers.items()}
     kind = "one jaw against a fixed one" if len(motors.branches) == 1 else motors.kind
     frozen = tuple((names[j], float(model.rest[j])) for j in motors.frozen)
-    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured, frozen)
+    filled_by = _filled_by(model, motors, link, T) if len(motors.branches) > 1 else ()
+    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured, frozen, filled_by)
+
+
+def _filled_by(model: Model, motors: Motors, link: str, T_link_hand: Array) -> tuple[str, ...]:
+    """Those of the palm's links in whose collision geometry the hand frame's origin lies, which is between the pads."""
+    from scipy.spatial import ConvexHull
+
+    tree = model.tree
+    poses = tree.poses(model.rest)
+    p = (poses[tree.index[link]] @ T_link_hand)[:3, 3]
+    palm = {tree.names[i] for i in rigid(model, motors.palm)}
+
+    def holds(hull: LinkHull) -> bool:
+        planes = ConvexHull(hull.vertices, qhull_options="QJ").equations
+        return bool(((planes[:, :3] @ (inverse(poses[tree.index[hull.link]])[:3] @ [*p, 1.0]) + planes[:, 3]) < 0.0).all())
+
+    return tuple(dict.fromkeys(hull.link for hull in model.hulls if hull.link in palm and holds(hull)))
 
 
 def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from kinematics.robots.dialects import apply_soft_limits, expand_xacro, in_plain_words, is_xacro, visuals_collide
+from kinematics.robots.dialects import apply_soft_limits, expand_xacro, frozen_mimics, in_plain_words, is_xacro, visuals_collide
 from kinematics.robots.joint_checks import check_joints, check_numbers
 from kinematics.robots.mesh_files import find_mesh
 from kinematics.robots.mobile_base import hold_base
@@ -48,6 +48,8 @@ def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
         notes = [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
         notes += [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
         check_joints(root)
+        if frozen := frozen_mimics(root):
+            notes.append(f"joints with <mimic> that are fixed stand still; where they move, say their type: {', '.join(frozen)}")
         if drawn := visuals_collide(root):
             notes.append(f"what is drawn is taken for the collision geometry that is missing of the links {', '.join(drawn)}")
         in_plain_words(root)

@@ -273,3 +273,32 @@ def test_a_hand_of_two_fingers_closes_where_it_is(robot: Callable[..., Robot]) -
     assert opening.beside(T) is T
     assert opening.held(T) is T
     assert opening.closing_value(0.03) == opening.value_at(0.03)
+
+
+@pytest.mark.parametrize(
+    ("drawn", "says", "top"),
+    [
+        (
+            '<visual><origin xyz="0 0 0.01"/><geometry><box size="0.03 0.03 0.02"/></geometry></visual>',
+            "what is drawn is taken for it",
+            0.02,
+        ),
+        ("", "they can hold nothing", 0.12),
+    ],
+)
+def test_a_palm_that_fills_the_room_between_the_pads_is_as_it_is_drawn(
+    drawn: str, says: str, top: float, robot: Callable[..., Robot]
+) -> None:
+    """Coarse collision geometry reaches beyond the pads, so that nothing could be held; where nothing is drawn, that is said."""
+    tall = '<link name="block">' + box("0.03 0.03 0.12", "0 0 0.06") + drawn + '</link><joint name="b" type="fixed"><parent link="palm"/>'
+    made = robot(MIRRORED + tall + '<child link="block"/></joint>')
+    assert max(float(h.vertices[:, 2].max()) for h in made.hulls if h.link == "block") == pytest.approx(top)
+    assert f"the collision geometry of block fills the room between the pads: {says}" in made.notes
+
+
+def test_fixed_joints_that_are_said_to_follow_others_are_named(robot: Callable[..., Robot]) -> None:
+    frozen = '<joint name="stiff" type="fixed"><parent link="palm"/><child link="minus"/><mimic joint="f1"/></joint>'
+    says = r"joints with <mimic> that are fixed stand still; where they move, say their type: stiff"
+    alone = joint("f1", TURN, "palm", "plus", "0 0.3 0.06", "0 1 0", (0, 0.04)) + FINGERS + frozen
+    with pytest.raises(ValueError, match=says):
+        robot(alone)

@@ -7,23 +7,30 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Scene
 from kinematics.transforms import Array
 from perception.belief import Belief, believe, without_bodies, without_objects
 from perception.frames import Frame
-from perception.mapping.voxels import FREE, UNKNOWN, unknown_voxels
+from perception.mapping.voxels import unknown_voxels
 from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.pick_place import Motions
 from planning.motion.trajectory import Pace
 from planning.plan import Motion
-from planning.sensing.look_around import BODY_MARGIN_M, Limits, Looked, look_around, skin
+from planning.sensing.fine_map import FineMap, Moved, in_grid_of, within
+from planning.sensing.hiding_places import COMPLETE, SMALLEST_M
+from planning.sensing.look_around import Limits, Looked, look_around, unknown_mask, unknown_space
 from planning.sensing.world import World, configuration, part_done, with_own_pixels
 
 
 class BeliefState:
-    """Grows with each look. q (J,): where the arm is; voxels: the map; belief: what all pictures together show."""
+    """Grows with each look. q (J,): where the arm is; voxels: the map; belief: what all pictures together show.
+
+    by_size: whether unseen space into which nothing of `smallest_m` fits is taken for free. tops: name to the share of its top that was
+    seen. fine: the map in which this is found.
+    """
 
     def __init__(
         self,
@@ -35,12 +42,16 @@ class BeliefState:
         noise_1m_m: float,
         target_box: Array | None,
         pace: Pace,
+        smallest_m: float = SMALLEST_M,
     ) -> None:
         self.by, self.target_box, self.pace = by, target_box, pace
         self.empty_scene = replace(scene, objects=(), observation=None)
         self.robot, self.rng, self.noise = robot, rng, noise_1m_m
         self.voxels, self.frames = unknown_voxels(self.empty_scene.cabinet), list[Frame]()
         self.tracked: dict[str, Body] = {}
+        self.smallest_m, self.by_size = smallest_m, False
+        self._hiding: tuple[Belief, NDArray[np.bool_]] | None = None
+        self.fine, self.tops = FineMap(self.empty_scene.cabinet, noise_1m_m), dict[str, float]()
         before_looking = Motions(self.robot, self.empty_scene)
         self.q, self.start_blocked = before_looking.start().q, before_looking.start_blocked()
         self.belief = Belief((), {}, self.voxels)
@@ -59,9 +70,11 @@ class BeliefState:
         looked = look_around(
             self.empty_scene, self.robot, lambda _, q: with_own_pixels(self.robot, base, world.take_frame(), q), self.q, self.voxels,
             self.rng, bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise,
-            intrinsics=getattr(world, "intrinsics", DEFAULT), pace=self.pace, drive=drive, on_step=on_step,
+            intrinsics=getattr(world, "intrinsics", DEFAULT), pace=self.pace, drive=drive,
+            hiding=self.unseen_boxes if self.by_size else None, on_step=on_step,
         )  # fmt: skip
         fresh = looked.frames
+        self.fine.add(*fresh)
         if self.by is None:
             self.by = "geometry" if any(f.instance is None for f in fresh) else "mask"
         if self.by == "geometry":
@@ -76,6 +89,27 @@ class BeliefState:
             self.empty_scene, self.frames, self.voxels,
             by=self.by or "geometry", target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
         )  # fmt: skip
+        self.tops |= self.belief.seen_tops
+
+    def unseen_boxes(self) -> tuple[Body, ...]:
+        """Where something may be that nobody has seen, as obstacles."""
+        bodies = self.belief.bodies
+        return self.fine.boxes(self._places(), bodies) if self.by_size else unknown_space(self.voxels, bodies, blocks=1)
+
+    def unseen_voxels(self) -> NDArray[np.bool_]:
+        """The same as voxels (X, Y, Z) of the map."""
+        if not self.by_size:
+            return unknown_mask(self.voxels, self.belief.bodies)
+        return in_grid_of(self.voxels, self.fine.voxels, self._places())
+
+    def _places(self) -> NDArray[np.bool_]:
+        """Where something may hide, in voxels of the fine map; what the coarse map knows is known. Kept until the belief changes."""
+        if self._hiding is None or self._hiding[0] is not self.belief:
+            bodies = self.belief.bodies
+            complete = {name for name, share in self.tops.items() if share >= COMPLETE}
+            places = self.fine.hiding_places(bodies, complete, self.smallest_m)
+            self._hiding = (self.belief, within(places, self.fine.voxels, unknown_mask(self.voxels, bodies), self.voxels))
+        return self._hiding[1]
 
     def moved(self, name: str, T_world_body: Array, q: Array) -> None:
         """An object has been put down: the room that it took is free now, and where it stands is its own."""
@@ -85,7 +119,8 @@ class BeliefState:
             before = (without_objects(f, (name,)) for f in self.belief.frames)
             self.frames = [replace(f, instance=None, names=()) for f in before]
         self.tracked[name] = replace(body, T_world_body=T_world_body)
-        left = self.voxels.touched(body, BODY_MARGIN_M) | skin(self.voxels, [body])
-        self.voxels = self.voxels.marked(left, FREE).marked(self.voxels.touched(self.tracked[name]), UNKNOWN)
+        moved = Moved(body, self.tracked[name])
+        self.fine.add(moved)
+        self.voxels = moved.marked_in(self.voxels)
         bodies = tuple(self.tracked.get(b.name, b) for b in self.belief.bodies)
         self.belief, self.q = replace(self.belief, bodies=bodies, voxels=self.voxels), q

@@ -35,15 +35,18 @@ LIFTED_M = 0.002  # room around a lifted object
 SAMPLES = 8  # steps on the straight way to a grasp
 
 
-def wanted(empty_scene: Scene, robot: Robot, belief: Belief, names: Sequence[str] = ()) -> Array:
+def wanted(
+    empty_scene: Scene, robot: Robot, belief: Belief, names: Sequence[str] = (), unseen: NDArray[np.bool_] | None = None
+) -> Array:
     """How much more the voxels (X, Y, Z) count that are in the way to the target's grasp and to `names`, objects that are to be moved.
 
     In shares of the space, to be added to a voxel's own; all 0 when nothing that was not seen is in the way.
+    unseen (X, Y, Z): the voxels that may be in the way; by default all that may hold what nobody has seen.
     """
     voxels, bodies = belief.voxels, belief.bodies
     cell = Workcell(robot, empty_scene, iterations=1, time_budget_s=None)
     full = Workcell(robot, replace(empty_scene, objects=bodies), iterations=1, time_budget_s=None)
-    unknown_space = np.argwhere(unknown_mask(voxels, bodies))
+    unknown_space = np.argwhere(unknown_mask(voxels, bodies) if unseen is None else unseen)
     out = np.zeros(voxels.state.shape)
     for name in (empty_scene.target_name, *names):
         body = belief.body(name)

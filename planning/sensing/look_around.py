@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,7 @@ def look_around(
     intrinsics: Intrinsics = DEFAULT,
     pace: Pace = FULL,
     drive: Drive | None = None,
+    hiding: Callable[[], tuple[Body, ...]] | None = None,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Looked:
     """Take views of the cabinet, the first one where the arm stands, at q (J,).
@@ -107,7 +108,7 @@ def look_around(
     blank: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
     focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.sensing.focus`.
     choose: "gain", "random" or "sweep". pace: how fast the arm moves. drive: takes the arm along motions to the next view; without it the
-    camera is told where it would be.
+    camera is told where it would be. hiding: obstacles around all that may be in unseen space, asked when the arm stands in some of it.
     Raises: ValueError when the robot has no camera in its hand, and for another word.
     """
     limits = limits or Limits()
@@ -135,7 +136,7 @@ def look_around(
             break
         if at >= 0:
             preview.taken(voxels, at)
-        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng)
+        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding)
         if way.blocked is not None:
             reason = f"the arm can't move on: {way.blocked}"
             break
@@ -212,14 +213,15 @@ class KnownFreePaths:
         q: Array,
         spots: ReachableViews,
         rng: np.random.Generator,
+        hiding: Callable[[], tuple[Body, ...]] | None = None,
     ) -> None:
         self.spots, self.rng, self.paths, self.failed = spots, rng, dict[int, Array](), 0
         self.start, gripper = robot.arm_q(q), float(q[robot.gripper_joint])
         scene = replace(empty_scene, objects=tuple(bodies))
         self.poses = scene.poses()
-        for blocks in (2, 1):  # in blocks the map is quicker, and a little larger
-            walls = unknown_space(voxels, bodies, blocks)
-            self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=walls)
+        in_blocks = (partial(unknown_space, voxels, bodies, blocks) for blocks in (2, 1))  # quicker, and a little larger
+        for walls in (*in_blocks, *([] if hiding is None else [hiding])):
+            self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=walls())
             self.query: PlanningQuery = self.cell.problem(self.poses, gripper)
             touch = self.cell.touch(self.query, self.start)
             if touch is None:

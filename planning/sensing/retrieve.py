@@ -28,7 +28,8 @@ from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, pro
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.carrying_out import Driven, carry_out
 from planning.sensing.focus import wanted
-from planning.sensing.look_around import Limits, Looked, unknown_space
+from planning.sensing.hiding_places import SMALLEST_M, smallest
+from planning.sensing.look_around import Limits, Looked
 from planning.sensing.world import AsBelieved, Truth, World
 from planning.target_grasps import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
@@ -80,6 +81,7 @@ def retrieve_unseen(
     sensing: SensingSettings = SENSING,
     pace: Pace = FULL,
     grasp: GraspChoice = GraspChoice.GIVEN,
+    smallest_m: float = SMALLEST_M,
     rng: np.random.Generator,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
@@ -89,11 +91,13 @@ def retrieve_unseen(
     `truth`. policy_for: makes the policy for what is believed at a moment. by: how objects are told apart; None: by masks, if the frames
     have some. noise_1m_m: of the camera's depth at one metre. target_box (6,): where the target is, see `perception.belief`.
     pace: how fast the arm is driven. grasp: with which grasps the target may be taken, x_g being what is looked for.
+    smallest_m: no object is slimmer; once the target can't be taken at once, unseen space into which nothing of this size fits is taken for
+    free (0: never), and a note says so.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
     was seen when they were planned, and by the truth at the end, if there is one; `verified` and the reason "verify" tell.
     """
     known = truth or AsBelieved()
-    mind = BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace)
+    mind = BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace, smallest_m=smallest_m)
     loop = _Loop(
         world, known, mind, policy_for,
         rule=rule, max_moves=max_moves, iterations=iterations, time_budget_s=time_budget_s, settings=settings, sensing=sensing, grasp=grasp,
@@ -112,7 +116,7 @@ def retrieve_unseen(
         robot, scene, ended.why, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving,
         settings=settings, grasp=ended.grasp, faults=record.doubts, is_truth=truth is not None,
     )  # fmt: skip
-    return replace(plan, target_blocked=tuple(record.kept_in))
+    return replace(plan, target_blocked=tuple(record.kept_in), notes=(*plan.notes, *assumed(mind)))
 
 
 @dataclass(frozen=True)
@@ -183,8 +187,11 @@ class _Loop:
         except NoSurfaces as e:
             return _Ended(Blocked("look", body=mind.empty_scene.target_name, detail=f"the target was not found: {e}"))
         with self.moving:
-            motions, state = _ready(mind, self.iterations, self.time_budget_s, self.settings, self.grasp)
+            motions, state = self.ready()
             taken = _try_target(mind, looked, motions, state, self.rng)
+            if isinstance(taken, Blocked) and self.count_by_size():
+                motions, state = self.ready()
+                taken = _try_target(mind, looked, motions, state, self.rng)
         if not isinstance(taken, Blocked):
             return self.take_out(motions, state, taken)
         record.kept_in[sum(move.done for move in record.moves) :] = [taken]
@@ -202,6 +209,30 @@ class _Loop:
                 self.focus = wanted(mind.empty_scene, mind.robot, mind.belief)
             return None
         return None if self.look_closer(motions, state, tried.hindered) else _Ended(taken)
+
+    def count_by_size(self) -> bool:
+        """From now on take unseen space into which nothing fits for free, so that an object is moved that has to be; False when that is
+        done already, not wished, or no help."""
+        mind = self.mind
+        if mind.by_size or mind.smallest_m <= 0 or mind.belief.body(mind.empty_scene.target_name) is None:
+            return False
+        mind.by_size = True
+        self.on_step(f"unseen space is free from now on where nothing of {1e3 * mind.smallest_m:g} mm fits in")
+        return True
+
+    def ready(self) -> tuple[Motions, State]:
+        """Motion planning for what is believed now."""
+        mind = self.mind
+        scene = replace(mind.empty_scene, objects=mind.belief.bodies)
+        found: TargetGrasps | str = TargetGrasps((scene.x_g,))
+        if self.grasp is not GraspChoice.GIVEN and mind.belief.body(scene.target_name) is not None:
+            found = target_grasps(mind.robot, scene, self.grasp)
+        grasps = TargetGrasps(()) if isinstance(found, str) else found
+        motions = Motions(
+            mind.robot, scene, iterations=self.iterations, time_budget_s=self.time_budget_s, obstacles=mind.unseen_boxes(),
+            settings=self.settings, target_grasps=grasps.first, more_grasps=grasps.more, pace=mind.pace,
+        )  # fmt: skip
+        return motions, State(mind.q, scene.poses())
 
     def take_out(self, motions: Motions, state: State, taken: Done) -> _Ended | None:
         """Carry the last motions out; None when they stopped before the target was in the hand, and there is another try."""
@@ -256,7 +287,8 @@ class _Loop:
         """Aim the next look at what is in the way; False when the loop is to end instead."""
         mind, before = self.mind, self.focus
         with self.moving:
-            self.focus = wanted(mind.empty_scene, mind.robot, mind.belief, _hidden(motions, state, hindered, self.sensing.most_hidden))
+            names = _hidden(motions, state, hindered, self.sensing.most_hidden)
+            self.focus = wanted(mind.empty_scene, mind.robot, mind.belief, names, mind.unseen_voxels())
         if self.patience == 0 or not self.focus.any() or (before is not None and np.array_equal(before > 0, self.focus > 0)):
             # the last look has not shown any of what it was to show
             self.steps += 1
@@ -281,6 +313,14 @@ class _Loop:
         return driven
 
 
+def assumed(mind: BeliefState) -> tuple[Fault, ...]:
+    """What the plan took for granted, as a note."""
+    if not mind.by_size:
+        return ()
+    least = smallest(mind.belief.bodies, mind.smallest_m)
+    return (Fault("look", (), "unseen space into which nothing of this size fits was taken for free", least),)
+
+
 def _as_seen(mind: BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:
     """What the verdict finds wrong with motions in the world as it was seen: what was not seen is left to the planner."""
     arm, names = mind.empty_scene.robot, mind.robot.joint_names
@@ -290,23 +330,6 @@ def _as_seen(mind: BeliefState, state: State, motions: Sequence[Motion], max_til
     scene = replace(mind.empty_scene, robot=arm, objects=bodies)
     found = judge_motions(scene, motions, mind.robot, Settings(max_tilt_deg=max_tilt_deg), grasp=grasp)
     return [replace(fault, detail=f"as it was seen: {fault.detail}") for fault in found]
-
-
-def _ready(
-    mind: BeliefState, iterations: int, time_budget_s: float | None, settings: MotionSettings, choice: GraspChoice
-) -> tuple[Motions, State]:
-    """Motion planning for what is believed now."""
-    bodies = mind.belief.bodies
-    scene, walls = replace(mind.empty_scene, objects=bodies), unknown_space(mind.voxels, bodies, blocks=1)
-    found: TargetGrasps | str = TargetGrasps((scene.x_g,))
-    if choice is not GraspChoice.GIVEN and mind.belief.body(scene.target_name) is not None:
-        found = target_grasps(mind.robot, scene, choice)
-    grasps = TargetGrasps(()) if isinstance(found, str) else found
-    motions = Motions(
-        mind.robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=walls, settings=settings,
-        target_grasps=grasps.first, more_grasps=grasps.more, pace=mind.pace,
-    )  # fmt: skip
-    return motions, State(mind.q, scene.poses())
 
 
 def _try_target(mind: BeliefState, looked: Looked, motions: Motions, state: State, rng: np.random.Generator) -> Done | Blocked:

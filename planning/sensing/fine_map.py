@@ -1,0 +1,82 @@
+"""The map with finer voxels that the loop makes once something has to be moved, and where it says that something may hide.
+
+The loop's own map has voxels of 1 cm, too coarse to tell a slit from a place where a thing could be. So all that was seen and moved is
+kept, and put into finer voxels once that is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.scene import Body, Cabinet
+from perception.frames import Frame
+from perception.mapping.voxels import FREE, UNKNOWN, VOXEL_M, Voxels, unknown_voxels
+from planning.sensing import hiding_places
+from planning.sensing.look_around import BODY_MARGIN_M, coarser, skin
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """An object that was put down elsewhere: as it stood, and as it stands now."""
+
+    before: Body
+    after: Body
+
+    def marked_in(self, voxels: Voxels) -> Voxels:
+        """The map with the room that it took free, and that where it stands its own."""
+        left = voxels.touched(self.before, BODY_MARGIN_M) | skin(voxels, [self.before])
+        return voxels.marked(left, FREE).marked(voxels.touched(self.after), UNKNOWN)
+
+
+class FineMap:
+    """What was seen and moved, in the order in which it happened; a map of it is made when it is asked for.
+
+    noise_1m_m: standard deviation of a depth at one metre.
+    """
+
+    def __init__(self, cabinet: Cabinet, noise_1m_m: float) -> None:
+        self.noise_1m_m = noise_1m_m
+        self._voxels = unknown_voxels(cabinet, hiding_places.VOXEL_M)
+        self._new = list[Frame | Moved]()
+
+    def add(self, *news: Frame | Moved) -> None:
+        """Remember what happened."""
+        self._new += news
+
+    @property
+    def voxels(self) -> Voxels:
+        """The map of all that happened until now."""
+        for it in self._new:
+            if isinstance(it, Moved):
+                self._voxels = it.marked_in(self._voxels)
+            else:
+                self._voxels = self._voxels.fuse(it.depth, it.intrinsics, it.T_world_camera, own=it.arm, noise_1m_m=self.noise_1m_m)
+        self._new.clear()
+        return self._voxels
+
+    def hiding_places(self, bodies: Sequence[Body], complete: Collection[str], smallest_m: float) -> NDArray[np.bool_]:
+        """The fine voxels (X, Y, Z) in which something may be that nobody has seen, see `planning.sensing.hiding_places`."""
+        return hiding_places.hiding_places(self.voxels, bodies, complete, hiding_places.smallest(bodies, smallest_m))
+
+    def boxes(self, places: NDArray[np.bool_], bodies: Sequence[Body]) -> tuple[Body, ...]:
+        """Obstacles that fill such places (X, Y, Z), and a little more away from the bodies."""
+        return self.voxels.boxes(coarser(self.voxels, places, bodies, round(VOXEL_M / hiding_places.VOXEL_M)))
+
+
+def in_grid_of(coarse: Voxels, fine: Voxels, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The voxels of one map (X, Y, Z) that hold the middle of any of the marked voxels of a finer one of the same cabinet."""
+    out = np.zeros(coarse.state.shape, bool)
+    out[tuple(np.floor((np.argwhere(which) + 0.5) * fine.step / coarse.step).astype(int).T)] = True
+    return out
+
+
+def within(which: NDArray[np.bool_], fine: Voxels, mask: NDArray[np.bool_], coarse: Voxels) -> NDArray[np.bool_]:
+    """The marked voxels (X, Y, Z) of a fine map whose middles are in marked voxels of a coarser one of the same cabinet."""
+    rows = np.argwhere(which)
+    out = np.zeros(which.shape, bool)
+    out[tuple(rows.T)] = mask[tuple(np.floor((rows + 0.5) * fine.step / coarse.step).astype(int).T)]
+    return out

@@ -140,6 +140,15 @@ class Unsolvable:
     stuck: tuple[str, ...]
     would_help: tuple[str, ...]
 
+    @property
+    def words(self) -> str:
+        """What is proved. Nothing need be stuck: what stands still (walls, unseen space) may keep the hand from x_g by itself."""
+        if not self.stuck:
+            return "with every object gone the target's grasp is still out of reach, or blocked by what can't be moved"
+        if len(self.stuck) == 1:
+            return f"{self.stuck[0]} can't be picked, even with nothing but the target beside it"
+        return f"none of {', '.join(self.stuck)} can be picked while the others of them stand"
+
 
 @dataclass(frozen=True)
 class Outlook:
@@ -158,7 +167,7 @@ class Plan:
     out; None where nobody measured it. value: the paper's objective (eq. 1), written as `return` in files.
     verified: the motions passed the exact check (planning.motion.verify), and the plan the verdict (planning.verdict); None when there are
     no motions. faults: why it is not verified, as far as the verdict found it. notes: what it found and is no fault: pairs of links that
-    touch and that the robot's SRDF switches off.
+    touch and that the robot's SRDF switches off; and what the plan takes for granted of unseen space.
     grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
     unsolvable: the proof that there is none, if it was found.
     settled: objects that were moved a little before the plan began: it starts from where they stand now.

@@ -177,8 +177,7 @@ def retrieve(
 def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
     """Why the target was not taken: the proof that it can't be, or that so many moves are too few; else what blocked it at last."""
     if outlook.unsolvable is not None:
-        stuck = ", ".join(outlook.unsolvable.stuck)
-        return Blocked("unsolvable", taken.link, taken.body, detail=f"none of {stuck} can be picked while the others of them stand")
+        return Blocked("unsolvable", taken.link, taken.body, detail=outlook.unsolvable.words)
     if outlook.least_moves is not None and outlook.least_moves > max_moves:
         return Blocked("moves", taken.link, taken.body, detail=f"at least {outlook.least_moves} moves are needed, {max_moves} are allowed")
     return taken

@@ -32,6 +32,7 @@ class Job:
     noise: bool = False
     by: Literal["mask", "geometry"] = "mask"
     target_box: str | None = None
+    smallest_mm: float = 40.0
     fail_fast: bool = False
     speed: float = 1.0
     hand_speed: float = 1.0
@@ -69,7 +70,13 @@ def check(job: Job) -> None:
         raise InputError("plan: --iterations and --time-budget-s exclude each other: give one budget")
     if job.time_budget_s is not None:
         say("a budget in seconds: the plans depend on this machine's speed and can't be repeated bit by bit")
-    for given, option in ((job.noise, "--noise"), (job.by != "mask", "--by"), (job.target_box is not None, "--target-box")):
+    for_sensing = {
+        "--noise": job.noise,
+        "--by": job.by != Job.by,
+        "--target-box": job.target_box is not None,
+        "--smallest": job.smallest_mm != Job.smallest_mm,
+    }
+    for option, given in for_sensing.items():
         if given and not job.sense:
             raise InputError(f"plan: {option} is for --sense: without it nothing is looked at")
     if job.target_box is not None:

@@ -125,6 +125,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             settings=motion_settings(job),
             pace=pace(job),
             grasp=choice,
+            smallest_m=job.smallest_mm / 1000,
             rng=rng,
         )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
     from kinematics.transforms import Array
+    from perception.belief import Belief
     from perception.frames import Frame
     from perception.mapping.voxels import Voxels
     from planning.sensing.look_around import Limits
@@ -26,6 +28,35 @@ if TYPE_CHECKING:
 STAGE = 2  # this stage's word in the seeds of random generators
 BY = ("mask", "geometry")
 CLOUD = "cloud.ply"
+
+
+@dataclass(frozen=True)
+class _Job:
+    """How to look, as the options of `retrieve sense` say it; box (6,) or pixel: where the target is, if anybody says so."""
+
+    views: Path | None
+    from_views: Path | None
+    max_views: int | None
+    share: float | None
+    noise: bool
+    by: Literal["mask", "geometry"]
+    box: Array | None
+    pixel: tuple[int, int, int] | None
+    seed: int
+    smallest_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """What the frames of one scene show. shares: of the space known after each frame; reason: why there are no more of them."""
+
+    arm: Robot
+    frames: tuple[Frame, ...]
+    noise_1m_m: float
+    voxels: Voxels
+    shares: Sequence[float]
+    belief: Belief
+    reason: str
 
 
 def run(
@@ -48,20 +79,12 @@ def run(
 
     A scene that lists no objects is given those that the recorded frames show.
     """
-    import numpy as np
-
-    from kinematics.robots.load import from_ref
-    from perception.belief import believe, region_flags
-    from perception.frames import write_frames, write_ply
-    from perception.objects.prepared_frames import axial_noise
-    from planning.sensing.look_around import unknown_mask
-    from planning.sensing.recording import box_at_pixel, fused, may_hide, seen_bodies, seen_scene, with_grasp
-
     choose("way to tell objects apart (--by)", by, BY)
     told_by: Literal["mask", "geometry"] = "mask" if by == "mask" else "geometry"
     box, pixel = None if target_box is None else parse_box(target_box), None if target_pixel is None else parse_pixel(target_pixel)
     if box is not None and pixel is not None:
         raise InputError("sense: --target-box and --target-pixel exclude each other: say once where the target is")
+    job = _Job(views, from_views, max_views, share, noise, told_by, box, pixel, seed, smallest_mm / 1e3)
     announce_first_run()
     asked = {"command": "sense", "version": version(), "seed": seed, "by": by, "noise": noise, "views": max_views, "share": share}
     asked |= {
@@ -71,55 +94,78 @@ def run(
         "from_views": None if from_views is None else str(from_views.absolute()),
     }
     with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", out=out) as advance:
-        for index, line in write.left(
-            enumerate(read_scene_lines(scenes, "sense", on_mesh=mesh_progress)), key=lambda numbered: numbered[1].key
-        ):
+        lines = enumerate(read_scene_lines(scenes, "sense", on_mesh=mesh_progress))
+        for index, line in write.left(lines, key=lambda numbered: numbered[1].key):
             if line.scene is None:
                 raise InputError(line.error)
-            where, scene = line.where, line.scene
-            say_settled(where, scene)
-            blind = all(b.source == "seen" for b in scene.objects)  # nobody has told what is in the cabinet
-            empty_scene = replace(scene, objects=(), observation=None)
-            with blame(where, *UNREADABLE):
-                arm = from_ref(scene.robot, on_step=say)
-                if from_views is None:
-                    if blind:
-                        raise InputError("the scene lists no objects to look at: give recorded frames, --from-views DIR")
-                    rng = np.random.default_rng([seed, STAGE, scene.random_word])
-                    limits = limits_of(share, max_views, recording=views is not None)
-                    if views is None:
-                        frames, voxels, reason = look(scene, arm, limits, noise, rng)
-                    else:
-                        frames, voxels, reason = record(scene, arm, limits, noise, told_by, rng)
-                    noise_1m_m = axial_noise(frames, scene.cabinet)
-                    _, shares = fused(scene, frames, noise_1m_m)
-                else:
-                    frames = recorded(arm, scene, from_views, index)
-                    noise_1m_m = axial_noise(frames, scene.cabinet)
-                    voxels, shares = fused(scene, frames, noise_1m_m)
-                    reason = f"{len(frames)} recorded views"
-                wanted = box if pixel is None else box_at_pixel(frames, *pixel)
-                belief = believe(empty_scene, frames, voxels, by=told_by, target_box=wanted)
-                if views is not None:
-                    write_ply(write_frames(views, frames, scene=index) / CLOUD, frames)
-            if blind:
-                bodies, pieces = seen_bodies(belief, scene)
-                mapped, hidden = may_hide(scene, frames, noise_1m_m, belief, bodies, pieces, smallest_mm / 1e3)
-            else:
-                mapped, hidden = voxels, unknown_mask(voxels, belief.bodies)
-            views_known = [(f.T_world_camera, k) for f, k in zip(frames, shares)]
-            regions = region_flags(empty_scene, belief)
-            document = observation_to_json(belief.boxes, regions, views_known, voxels.known, mapped.state.shape, mapped.ranges(hidden))
-            sensed = with_grasp(arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
-            found = (
-                "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
-            )
-            say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(belief.boxes)} objects{found}; {reason}")
-            if blind and sensed.grasp is not scene.grasp:
-                say(f"{scene.id}: {'the grasp is fitted to' if scene.grasp else 'a grasp is proposed for'} the target as it was seen")
-            write(sensed)
+            say_settled(line.where, line.scene)
+            with blame(line.where, *UNREADABLE):
+                sight = _look_at(job, line.scene, index)
+            write(_described(job, line.scene, sight))
             advance()
     return 0
+
+
+def _blind(scene: Scene) -> bool:
+    """Whether nobody has told what is in the cabinet."""
+    return all(b.source == "seen" for b in scene.objects)
+
+
+def _look_at(job: _Job, scene: Scene, index: int) -> _Sight:
+    """Take the frames of scene number `index`, or those that are recorded, and find the objects in them."""
+    import numpy as np
+
+    from kinematics.robots.load import from_ref
+    from perception.belief import believe
+    from perception.frames import write_frames, write_ply
+    from perception.objects.prepared_frames import axial_noise
+    from planning.sensing.recording import box_at_pixel, fused
+
+    arm = from_ref(scene.robot, on_step=say)
+    mapped: Voxels | None = None
+    if job.from_views is not None:
+        frames = recorded(arm, scene, job.from_views, index)
+        reason = f"{len(frames)} recorded views"
+    elif _blind(scene):
+        raise InputError("the scene lists no objects to look at: give recorded frames, --from-views DIR")
+    else:
+        rng = np.random.default_rng([job.seed, STAGE, scene.random_word])
+        limits = limits_of(job.share, job.max_views, recording=job.views is not None)
+        if job.views is None:
+            frames, mapped, reason = look(scene, arm, limits, job.noise, rng)
+        else:
+            frames, mapped, reason = record(scene, arm, limits, job.noise, job.by, rng)
+    noise_1m_m = axial_noise(frames, scene.cabinet)
+    voxels, shares = fused(scene, frames, noise_1m_m)
+    voxels = voxels if mapped is None else mapped
+    target_box = job.box if job.pixel is None else box_at_pixel(frames, *job.pixel)
+    belief = believe(replace(scene, objects=(), observation=None), frames, voxels, by=job.by, target_box=target_box)
+    if job.views is not None:
+        write_ply(write_frames(job.views, frames, scene=index) / CLOUD, frames)
+    return _Sight(arm, frames, noise_1m_m, voxels, shares, belief, reason)
+
+
+def _described(job: _Job, scene: Scene, sight: _Sight) -> Scene:
+    """The scene with what was observed, and with the bodies and the grasp that planning needs where nobody has told of objects."""
+    from perception.belief import region_flags
+    from planning.sensing.look_around import unknown_mask
+    from planning.sensing.recording import may_hide, seen_bodies, seen_scene, with_grasp
+
+    frames, voxels, belief, blind = sight.frames, sight.voxels, sight.belief, _blind(scene)
+    if blind:
+        bodies, pieces = seen_bodies(belief, scene)
+        mapped, hidden = may_hide(scene, frames, sight.noise_1m_m, belief, bodies, pieces, job.smallest_m)
+    else:
+        mapped, hidden = voxels, unknown_mask(voxels, belief.bodies)
+    views_known = [(f.T_world_camera, k) for f, k in zip(frames, sight.shares)]
+    regions = region_flags(replace(scene, objects=(), observation=None), belief)
+    document = observation_to_json(belief.boxes, regions, views_known, voxels.known, mapped.state.shape, mapped.ranges(hidden))
+    sensed = with_grasp(sight.arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
+    target = "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
+    say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(belief.boxes)} objects{target}; {sight.reason}")
+    if blind and sensed.grasp is not scene.grasp:
+        say(f"{scene.id}: {'the grasp is fitted to' if scene.grasp else 'a grasp is proposed for'} the target as it was seen")
+    return sensed
 
 
 def recorded(arm: Robot, scene: Scene, folder: Path, index: int) -> tuple[Frame, ...]:

@@ -43,9 +43,8 @@ def _failure(plan: Plan, *, again: bool, target: str) -> Iterator[str]:
     """Why the target stays in."""
     why = plan.reason
     if plan.unsolvable is not None:
-        stuck, helps = ", ".join(plan.unsolvable.stuck), "; ".join(plan.unsolvable.would_help)
-        one = len(plan.unsolvable.stuck) == 1
-        yield f"  no moves help: {stuck} can't be picked" + ("" if one else ", each of them while the others stand")
+        helps = "; ".join(plan.unsolvable.would_help)
+        yield f"  no moves help: {plan.unsolvable.words}"
         yield f"  what would: {helps}" if helps else "  nothing that was tried would help"
     elif why is not None and why.stage == "moves":
         yield f"  not solved: {why.detail}"

@@ -19,7 +19,7 @@ from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.pick_place import Motions
 from planning.motion.trajectory import Pace
 from planning.plan import Motion
-from planning.sensing.fine_map import FineMap, Moved, in_grid_of, within
+from planning.sensing.fine_map import FineMap, Moved, coarsened
 from planning.sensing.hiding_places import COMPLETE, SMALLEST_M
 from planning.sensing.look_around import Limits, Looked, look_around, unknown_mask, unknown_space
 from planning.sensing.world import World, configuration, part_done, with_own_pixels
@@ -100,15 +100,15 @@ class BeliefState:
         """The same as voxels (X, Y, Z) of the map."""
         if not self.by_size:
             return unknown_mask(self.voxels, self.belief.bodies)
-        return in_grid_of(self.voxels, self.fine.voxels, self._places())
+        return coarsened(self._places(), self.fine.voxels, self.voxels)
 
     def _places(self) -> NDArray[np.bool_]:
         """Where something may hide, in voxels of the fine map; what the coarse map knows is known. Kept until the belief changes."""
         if self._hiding is None or self._hiding[0] is not self.belief:
             bodies = self.belief.bodies
             complete = {name for name, share in self.tops.items() if share >= COMPLETE}
-            places = self.fine.hiding_places(bodies, complete, self.smallest_m)
-            self._hiding = (self.belief, within(places, self.fine.voxels, unknown_mask(self.voxels, bodies), self.voxels))
+            places = self.fine.hiding_places(self.voxels, unknown_mask(self.voxels, bodies), bodies, complete, self.smallest_m)
+            self._hiding = (self.belief, places)
         return self._hiding[1]
 
     def moved(self, name: str, T_world_body: Array, q: Array) -> None:

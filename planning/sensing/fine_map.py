@@ -40,43 +40,48 @@ class FineMap:
 
     def __init__(self, cabinet: Cabinet, noise_1m_m: float) -> None:
         self.noise_1m_m = noise_1m_m
-        self._voxels = unknown_voxels(cabinet, hiding_places.VOXEL_M)
+        self.voxels = unknown_voxels(cabinet, hiding_places.VOXEL_M)
         self._new = list[Frame | Moved]()
 
     def add(self, *news: Frame | Moved) -> None:
         """Remember what happened."""
         self._new += news
 
-    @property
-    def voxels(self) -> Voxels:
-        """The map of all that happened until now."""
+    def hiding_places(
+        self, coarse: Voxels, may_hide: NDArray[np.bool_], bodies: Sequence[Body], complete: Collection[str], smallest_m: float
+    ) -> NDArray[np.bool_]:
+        """The fine voxels (X, Y, Z) in which something may be that nobody has seen, see `planning.sensing.hiding_places`.
+
+        coarse: the loop's own map, of which `may_hide` (X, Y, Z) are the voxels that come into question.
+        """
+        self._update(_refined(coarse.state == FREE, coarse, self.voxels))
+        places = hiding_places.hiding_places(self.voxels, bodies, complete, hiding_places.smallest(bodies, smallest_m))
+        return places & _refined(may_hide, coarse, self.voxels)
+
+    def _update(self, known_free: NDArray[np.bool_]) -> None:
+        """Put what is new into the map; what is known to be free need not be found out again."""
+        voxels = self.voxels.marked(known_free, FREE)
         for it in self._new:
             if isinstance(it, Moved):
-                self._voxels = it.marked_in(self._voxels)
+                voxels = it.marked_in(voxels)
             else:
-                self._voxels = self._voxels.fuse(it.depth, it.intrinsics, it.T_world_camera, own=it.arm, noise_1m_m=self.noise_1m_m)
+                voxels = voxels.fuse(it.depth, it.intrinsics, it.T_world_camera, own=it.arm, noise_1m_m=self.noise_1m_m)
+        self.voxels = voxels.marked(known_free, FREE)
         self._new.clear()
-        return self._voxels
-
-    def hiding_places(self, bodies: Sequence[Body], complete: Collection[str], smallest_m: float) -> NDArray[np.bool_]:
-        """The fine voxels (X, Y, Z) in which something may be that nobody has seen, see `planning.sensing.hiding_places`."""
-        return hiding_places.hiding_places(self.voxels, bodies, complete, hiding_places.smallest(bodies, smallest_m))
 
     def boxes(self, places: NDArray[np.bool_], bodies: Sequence[Body]) -> tuple[Body, ...]:
         """Obstacles that fill such places (X, Y, Z), and a little more away from the bodies."""
         return self.voxels.boxes(coarser(self.voxels, places, bodies, round(VOXEL_M / hiding_places.VOXEL_M)))
 
 
-def in_grid_of(coarse: Voxels, fine: Voxels, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The voxels of one map (X, Y, Z) that hold the middle of any of the marked voxels of a finer one of the same cabinet."""
+def _refined(which: NDArray[np.bool_], coarse: Voxels, fine: Voxels) -> NDArray[np.bool_]:
+    """The voxels (X, Y, Z) of a fine map whose middles are in marked voxels of a coarser one of the same cabinet."""
+    at = (((np.arange(n) + 0.5) * a / b).astype(int) for n, a, b in zip(fine.state.shape, fine.step, coarse.step))
+    return np.asarray(which[np.ix_(*at)])
+
+
+def coarsened(which: NDArray[np.bool_], fine: Voxels, coarse: Voxels) -> NDArray[np.bool_]:
+    """The voxels (X, Y, Z) of a coarse map that hold the middle of a marked voxel of a finer one of the same cabinet."""
     out = np.zeros(coarse.state.shape, bool)
-    out[tuple(np.floor((np.argwhere(which) + 0.5) * fine.step / coarse.step).astype(int).T)] = True
-    return out
-
-
-def within(which: NDArray[np.bool_], fine: Voxels, mask: NDArray[np.bool_], coarse: Voxels) -> NDArray[np.bool_]:
-    """The marked voxels (X, Y, Z) of a fine map whose middles are in marked voxels of a coarser one of the same cabinet."""
-    rows = np.argwhere(which)
-    out = np.zeros(which.shape, bool)
-    out[tuple(rows.T)] = mask[tuple(np.floor((rows + 0.5) * fine.step / coarse.step).astype(int).T)]
+    out[tuple(((np.argwhere(which) + 0.5) * fine.step / coarse.step).astype(int).T)] = True
     return out

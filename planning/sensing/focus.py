@@ -35,9 +35,7 @@ LIFTED_M = 0.002  # room around a lifted object
 SAMPLES = 8  # steps on the straight way to a grasp
 
 
-def wanted(
-    empty_scene: Scene, robot: Robot, belief: Belief, names: Sequence[str] = (), unseen: NDArray[np.bool_] | None = None
-) -> Array:
+def wanted(empty_scene: Scene, robot: Robot, belief: Belief, names: Sequence[str] = (), unseen: NDArray[np.bool_] | None = None) -> Array:
     """How much more the voxels (X, Y, Z) count that are in the way to the target's grasp and to `names`, objects that are to be moved.
 
     In shares of the space, to be added to a voxel's own; all 0 when nothing that was not seen is in the way.

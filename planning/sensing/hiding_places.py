@@ -64,15 +64,29 @@ def _middles(voxels: Voxels, closed: NDArray[np.bool_], bodies: Sequence[Body], 
     """
     step = voxels.step
     least = smallest_m / 2 - float(np.linalg.norm(step)) / 2  # the ball's middle may be at a voxel's corner
-    away = ndimage.distance_transform_edt(np.pad(closed, 1), sampling=step)[1:-1, 1:-1, 1:-1] - float(step.min()) / 2
-    out = closed & (away >= least)
-    rows = np.argwhere(out)
+    rows = np.argwhere(closed)
     points = apply(voxels.T_world_grid, (rows + 0.5) * step)
-    clear = np.ones(len(rows), bool)
     for body in bodies:
-        clear &= _distance(body, points) >= least - BODY_MARGIN_M
-    out[tuple(rows[~clear].T)] = False
-    return np.asarray(out)
+        clear = _distance(body, points) >= least - BODY_MARGIN_M
+        rows, points = rows[clear], points[clear]
+    pad, offsets = _ball(step, least + float(step.min()) / 2)
+    room = np.pad(closed, pad)  # beyond the grid are the walls
+    shifts = np.ravel_multi_index(tuple((offsets + pad).T), room.shape) - np.ravel_multi_index((pad, pad, pad), room.shape)
+    left, room = np.ravel_multi_index(tuple((rows + pad).T), room.shape), room.ravel()
+    for shift in shifts:
+        left = left[room[left + shift]]
+    out = np.zeros(tuple(n + 2 * pad for n in closed.shape), bool)
+    out.ravel()[left] = True
+    return out[pad:-pad, pad:-pad, pad:-pad]
+
+
+def _ball(step: Array, radius_m: float) -> tuple[int, NDArray[np.int64]]:
+    """The neighbours (N, 3) of a voxel whose middles are nearer to its own than a radius, nearest first; and a bound on their indices."""
+    bound = max(int(np.ceil(radius_m / float(step.min()))), 1)
+    offsets = np.argwhere(np.ones([2 * bound + 1] * 3, bool)) - bound
+    away = np.linalg.norm(offsets * step, axis=1)
+    nearest = np.argsort(away, kind="stable")
+    return bound, offsets[nearest[: np.count_nonzero(away < radius_m)]]
 
 
 def _extent(body: Body) -> Array:

@@ -59,6 +59,12 @@ def plan(
         str | None,
         typer.Option("--target-box", help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.", metavar="BOX"),
     ] = None,
+    smallest: Annotated[
+        float,
+        typer.Option(
+            "--smallest", help="With --sense: nothing unseen is slimmer, nor than the slimmest seen; 0: any.", metavar="MM", min=0.0
+        ),
+    ] = 40.0,
     grasp: Annotated[
         TargetGrasp,
         typer.Option("--grasp", help="How to take the target: x_g, any grasp that fits, or the best of a list."),
@@ -120,6 +126,7 @@ def plan(
         noise=noise,
         by=by.value,
         target_box=target_box,
+        smallest_mm=smallest,
         fail_fast=fail_fast,
         speed=speed,
         hand_speed=hand_speed,

@@ -71,9 +71,17 @@ def test_a_proof_says_what_would_help(scene: Scene) -> None:
     lines = told(scene, reason=Blocked("unsolvable", "camera", "box_1"), unsolvable=proof, target_blocked=(why,))
     assert lines[1:4] == [
         f"  {scene.target} is blocked: camera would touch box_1 (approach)",
-        "  no moves help: box_1, box_2 can't be picked, each of them while the others stand",
+        "  no moves help: none of box_1, box_2 can be picked while the others of them stand",
         "  what would: another grasp of t; box_1 taken away by hand",
     ]
+
+
+def test_a_proof_needs_nothing_that_is_stuck(scene: Scene) -> None:
+    """What stands still may block x_g by itself, and a single object has no others beside it."""
+    reason = Blocked("unsolvable", "camera", "unknown_3")
+    alone, walls = (told(scene, reason=reason, unsolvable=Unsolvable(stuck, ()))[1] for stuck in (("box_1",), ()))
+    assert alone == "  no moves help: box_1 can't be picked, even with nothing but the target beside it"
+    assert walls.startswith("  no moves help: with every object gone the target's grasp is still out of reach, or blocked")
 
 
 class Terminal(io.StringIO):

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
 from perception.objects.tops import seen_top
-from planning.sensing.hiding_places import hiding_places, smallest
+from planning.sensing.hiding_places import _middles, hiding_places, smallest
 
 CABINET = Cabinet(np.array([0.30, 0.40, 0.25]), transform(p=[0.3, 0.0, 0.1]), 0.03)
 LEAST_M = 0.04
@@ -53,6 +55,19 @@ def test_a_slit_holds_nothing_unless_a_body_may_reach_into_it() -> None:
     assert hiding_places(voxels, [seen], set(), LEAST_M).any()
     assert hiding_places(voxels, [seen], {"seen"}, 0.015).any()
     assert hiding_places(voxels, [seen], {"seen"}, 0.0).any()
+
+
+@pytest.mark.parametrize("smallest_m", [0.002, 0.012, 0.04, 0.07])
+def test_a_ball_has_room_where_the_nearest_open_voxel_is_far_enough(smallest_m: float) -> None:
+    """Distances to open voxels and to what is beyond the grid, by another's hand."""
+    rng = np.random.default_rng(4)
+    state = all_free().state.copy()
+    for low in rng.integers(0, 40, (12, 3)):
+        state[tuple(slice(a, a + n) for a, n in zip(low, rng.integers(3, 25, 3)))] = UNKNOWN
+    voxels, closed = replace(all_free(), state=state), state != FREE
+    away = distance_transform_edt(np.pad(closed, 1), sampling=voxels.step)[1:-1, 1:-1, 1:-1] - voxels.step.min() / 2
+    roomy = closed & (away >= smallest_m / 2 - np.linalg.norm(voxels.step) / 2)
+    np.testing.assert_array_equal(_middles(voxels, closed, [], smallest_m), roomy)
 
 
 def test_the_slimmest_that_was_seen_says_how_slim_things_may_be() -> None:

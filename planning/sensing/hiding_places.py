@@ -71,13 +71,13 @@ def _middles(voxels: Voxels, closed: NDArray[np.bool_], bodies: Sequence[Body], 
         rows, points = rows[clear], points[clear]
     pad, offsets = _ball(step, least + float(step.min()) / 2)
     room = np.pad(closed, pad)  # beyond the grid are the walls
-    shifts = np.ravel_multi_index(tuple((offsets + pad).T), room.shape) - np.ravel_multi_index((pad, pad, pad), room.shape)
-    left, room = np.ravel_multi_index(tuple((rows + pad).T), room.shape), room.ravel()
-    for shift in shifts:
-        left = left[room[left + shift]]
-    out = np.zeros(tuple(n + 2 * pad for n in closed.shape), bool)
-    out.ravel()[left] = True
-    return out[pad:-pad, pad:-pad, pad:-pad]
+    strides = np.array([room.shape[1] * room.shape[2], room.shape[2], 1])
+    left, flat = (rows + pad) @ strides, room.ravel()
+    for shift in offsets @ strides:
+        left = left[flat[left + shift]]
+    out = np.zeros(flat.shape, bool)
+    out[left] = True
+    return np.asarray(out.reshape(room.shape)[pad:-pad, pad:-pad, pad:-pad])
 
 
 def _ball(step: Array, radius_m: float) -> tuple[int, NDArray[np.int64]]:

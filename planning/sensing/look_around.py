@@ -219,8 +219,8 @@ class KnownFreePaths:
         self.start, gripper = robot.arm_q(q), float(q[robot.gripper_joint])
         scene = replace(empty_scene, objects=tuple(bodies))
         self.poses = scene.poses()
-        in_blocks = (partial(unknown_space, voxels, bodies, blocks) for blocks in (2, 1))  # quicker, and a little larger
-        for walls in (*in_blocks, *([] if hiding is None else [hiding])):
+        unknown: list[Callable[[], tuple[Body, ...]]] = [partial(unknown_space, voxels, bodies, blocks) for blocks in (2, 1)]
+        for walls in unknown if hiding is None else [*unknown, hiding]:  # in blocks the map is quicker, and a little larger
             self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=walls())
             self.query: PlanningQuery = self.cell.problem(self.poses, gripper)
             touch = self.cell.touch(self.query, self.start)

@@ -230,7 +230,7 @@ class Verdict:
                 if placed.get(k) != to:
                     solids[k].move(T[n, min(k, links)] if to >= 0 else T_standing[here[k]])
                     placed[k] = to
-            if (d := depth(solids[i], solids[j])) is not None:
+            if (d := depth(solids[i], solids[j], near=True)) is not None:
                 names = solids[i].name, solids[j].name
                 first, found[names] = n, max(d, found.get(names, 0.0))
         return (first, sorted((Contact(a, b, d) for (a, b), d in found.items()), key=lambda c: -c.depth_m)) if found else None

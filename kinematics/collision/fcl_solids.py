@@ -47,7 +47,7 @@ class Solid:
 
         self.name, self.geometry, self.centre, self.radius, self.vertices = name, geometry, centre, radius, vertices
         self.object = fcl.CollisionObject(geometry)
-        self.at, self.T = centre, np.eye(4)
+        self.T = np.eye(4)
 
     def twin(self) -> Solid:
         """The same solid once more, to be moved on its own."""
@@ -63,8 +63,13 @@ class Solid:
         import fcl
 
         self.object.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
-        self.at, self.T = T[:3, :3] @ self.centre + T[:3, 3], T
+        self.T = T
         return self
+
+    @property
+    def at(self) -> Array:
+        """Where its centre (3,) is."""
+        return np.asarray(self.T[:3, :3] @ self.centre + self.T[:3, 3])
 
     @cached_property
     def box(self) -> Array:
@@ -116,11 +121,14 @@ def shape_solids(name: str, shape: Shape) -> list[Solid]:
 
 def touch(a: Solid, b: Solid) -> float | None:
     """None when two solids are apart, else how deep they penetrate at most, in metres: close for shallow contacts, coarse for deep."""
+    d = a.at - b.at
+    return None if d @ d > (a.radius + b.radius) ** 2 else _touch_near(a, b)
+
+
+def _touch_near(a: Solid, b: Solid) -> float | None:
+    """`touch` without a look at the balls around the two."""
     import fcl
 
-    d = a.at - b.at
-    if d @ d > (a.radius + b.radius) ** 2:
-        return None
     if not fcl.collide(a.object, b.object, fcl.CollisionRequest(), fcl.CollisionResult()):
         return None
     result = fcl.CollisionResult()
@@ -128,12 +136,12 @@ def touch(a: Solid, b: Solid) -> float | None:
     return max((float(c.penetration_depth) for c in result.contacts), default=0.0)
 
 
-def depth(a: Solid, b: Solid) -> float | None:
+def depth(a: Solid, b: Solid, *, near: bool = False) -> float | None:
     """How deep two solids penetrate, in metres: the shortest way out along a face of either; None when they are apart.
 
-    FCL's own figure (libccd's portal refinement) is up to 17 times too large for deep contacts.
+    FCL's own figure (libccd's portal refinement) is up to 17 times too large for deep contacts. near: their boxes are known to overlap.
     """
-    bound = touch(a, b)
+    bound = _touch_near(a, b) if near else touch(a, b)
     if bound is None or bound <= SHALLOW_M:
         return bound
     out = np.concatenate([a.normals @ a.T[:3, :3].T, -b.normals @ b.T[:3, :3].T])

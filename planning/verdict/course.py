@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
 from kinematics.scene import Held
@@ -51,31 +52,49 @@ class Course:
             return self.q.min(0), self.q.max(0)
         return self.spline.control.min((0, 1)), self.spline.control.max((0, 1))
 
-    def dense(self, step: float) -> tuple[Array, Array]:
-        """Where on the way (N,), in rows, and configurations (N, J), such that no joint moves by much more than `step` between two."""
+    @cached_property
+    def ways(self) -> Array:
+        """How far (K - 1,) the joint that goes furthest goes between any two rows, at most."""
         ahead = np.abs(np.diff(self.q, axis=0)).max(1, initial=0.0)
         if self.spline is not None and len(self.q) > 1:
             # a joint's way is no longer than that along its Bernstein coefficients: it turns back less often than they do
             ahead = np.maximum(ahead, np.abs(np.diff(self.spline.control, axis=1)).sum(1).max(1))
-        return self.cut(np.maximum(1, np.ceil(ahead / step)).astype(np.int64))
+        return np.asarray(ahead)
 
-    def cut(self, pieces: Sequence[int] | Array) -> tuple[Array, Array]:
-        """The same with so many even pieces, in time or in way, between row k and row k + 1."""
-        counts = np.asarray(pieces, np.int64)
-        k = np.repeat(np.arange(len(counts)), counts)
-        share = (np.arange(len(k)) - (np.cumsum(counts) - counts)[k] + 1) / counts[k] if len(k) else np.zeros(0)
-        at = np.concatenate([[0.0], k + share])
-        return at, self.at(at)
+    def dense(self, step: float) -> tuple[Array, Array]:
+        """Where on the way (N,), in rows, and configurations (N, J), such that no joint moves by much more than `step` between two."""
+        k, share = _cut(self.ways, step)
+        return np.append(0.0, k + share), np.concatenate([self.q[:1], self._between(k, share)])
+
+    def _between(self, k: NDArray[np.int64], share: Array) -> Array:
+        """Configurations (N, J) at shares (N,) of the way from rows k (N,) to the next ones."""
+        if self.spline is None or not len(k):
+            return np.asarray(self.q[k] + share[:, None] * np.diff(self.q, axis=0)[k])
+        return evaluate(self.spline, self.t_s[k] + share * np.diff(self.t_s)[k])
 
     def at(self, rows: Array) -> Array:
         """Configurations (N, J) at places (N,) on the way, counted in rows: 2.5 is half-way from row 2 to row 3."""
         k = np.clip(np.floor(rows).astype(np.int64), 0, max(0, len(self.q) - 2))
-        share = (rows - k)[:, None]
-        if len(self.q) < 2:
-            return self.q[k]
-        if self.spline is None:
-            return np.asarray(self.q[k] + share * (self.q[k + 1] - self.q[k]))
-        return evaluate(self.spline, self.t_s[k] + share[:, 0] * (self.t_s[k + 1] - self.t_s[k]))
+        return self.q[k] if len(self.q) < 2 else self._between(k, rows - k)
+
+
+def _cut(ways: Array, step: float) -> tuple[NDArray[np.int64], Array]:
+    """Ways (P,) cut into even pieces of about `step`: for each piece's end the way (N,) that it is on, and its share (N,) of that."""
+    counts = np.maximum(1, np.ceil(ways / step)).astype(np.int64)
+    k = np.repeat(np.arange(len(counts)), counts)
+    return k, (np.arange(1, len(k) + 1) - (np.cumsum(counts) - counts)[k]) / counts[k]
+
+
+def dense_rows(courses: Sequence[Course], step: float) -> list[Array]:
+    """The configurations (N, J) of `Course.dense` for several courses."""
+    ways = [course.ways for course in courses]
+    starts = np.cumsum([0, *(len(way) for way in ways)])
+    k, share = _cut(np.concatenate([*ways, np.zeros(0)]), step)
+    ends = np.searchsorted(k, starts)
+    return [
+        np.concatenate([course.q[:1], course._between(k[i:j] - start, share[i:j])])
+        for course, start, i, j in zip(courses, starts, ends[:-1], ends[1:])
+    ]
 
 
 def courses(arm: Arm, motions: Sequence[Motion]) -> tuple[list[Course], list[Fault]]:
@@ -102,13 +121,13 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
     def fault(detail: str, amount: float | None = None) -> Fault:
         return Fault(motion.stage, (), f"motion {number} {detail}", amount)
 
-    names, known = motion.joint_names, ", ".join(arm.joints)
+    names = motion.joint_names
     if len(set(names)) < len(names):
         return fault("names a joint twice")
     if strange := [n for n in names if n not in arm.joints and n not in arm.followers]:
-        return fault(f"moves {strange[0]!r}, which is no actuated joint of this robot; these are {known}")
+        return fault(f"moves {strange[0]!r}, which is no actuated joint of this robot; these are {', '.join(arm.joints)}")
     if missing := [n for n in arm.joints if n not in names]:
-        return fault(f"does not say where {missing[0]!r} is; the robot's actuated joints are {known}")
+        return fault(f"does not say where {missing[0]!r} is; the robot's actuated joints are {', '.join(arm.joints)}")
     qd, qdd = motion.qd, motion.qdd
     tables = [motion.q, *(t for t in (qd, qdd) if t is not None)]
     if (qd is None) != (qdd is None):
@@ -120,7 +139,7 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
         own, other = (np.asarray(motion.q, float)[:, names.index(n)] for n in (name, arm.joints[source]))
         if not (away := float(np.abs(scale * other + offset - own).max())) <= FOLLOWS:
             return fault(f"moves {name!r} {away:.3g} from where it goes with {arm.joints[source]!r}", away)
-    largest = max(float(np.abs(np.asarray(t, float)).max()) for t in (*tables, motion.t_s))
+    largest = float(np.abs(np.concatenate([np.ravel(t) for t in (*tables, motion.t_s)])).max())
     if not largest <= MOST:
         return fault(f"has a number as large as {largest:.3g}", largest)
     way = np.abs(np.diff(np.asarray(motion.q, float), axis=0)).sum(0).max(initial=0.0)

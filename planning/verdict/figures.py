@@ -10,7 +10,7 @@ from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
 from planning.plan import Motion, Move, Plan
-from planning.verdict.course import Course
+from planning.verdict.course import Course, dense_rows
 from planning.verdict.faults import MOVES, PLAN, Fault, Settings
 from planning.verdict.hand import Hand
 from planning.verdict.ledger import Ledger, difference, hand_poses
@@ -104,7 +104,7 @@ def tilt_faults(courses: Sequence[Course], ledger: Ledger, hand: Hand, T_world_b
         if limit is None or limit >= 180:
             continue
         held = courses[carry.first : carry.last + 1]
-        rows = [course.dense(0.01)[1] for course in held]
+        rows = dense_rows(held, 0.01)
         up = carry.T_world_from[:3, :3].T @ [0.0, 0.0, 1.0]  # what points up, in the body
         axis = hand_poses(hand, np.concatenate(rows), T_world_base)[:, :3, :3] @ (carry.T_hand_body[:3, :3] @ up)
         tilts = np.degrees(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
@@ -173,7 +173,7 @@ def _travel_faults(name: str, said_m: float, way_m: float, of: str) -> list[Faul
 
 def hand_ways(courses: Sequence[Course], hand: Hand, T_world_base: Array) -> Array:
     """Lengths in m (C,) of the hand's way in each course, along chords of at most `CHORD` in any joint."""
-    rows = [c.dense(CHORD)[1] for c in courses]
+    rows = dense_rows(courses, CHORD)
     at = hand_poses(hand, np.concatenate(rows), T_world_base)[:, :3, 3]
     chords = np.append(np.linalg.norm(np.diff(at, axis=0), axis=1), 0.0)
     ends = np.cumsum([len(r) for r in rows])

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from kinematics.quintic_spline import coefficients, extremes, extremes_of
+from kinematics.quintic_spline import DEGREE, coefficients, extremes, extremes_of
 from kinematics.transforms import Array
 from planning.verdict.arm import Arm
 from planning.verdict.course import Course
@@ -20,15 +21,39 @@ RATE = 1e-4  # of a limit, by which a rate may be above it; and the rate, in rad
 def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> list[Fault]:
     """What the joints can't do, the worst joint of each motion; acceleration (J,): its limits in rad/s² or m/s²."""
     out: list[Fault] = []
-    for course, before in zip(courses, [None, *courses]):
+    for n in np.flatnonzero(_doubtful(arm, courses, acceleration)).tolist():
+        course = courses[n]
         out += _positions(arm, course)
-        if before is not None:
-            jump = np.abs(course.q[0] - before.q[-1])
+        if n > 0:
+            jump = np.abs(course.q[0] - courses[n - 1].q[-1])
             if jump.max() > GAP:
                 worst = int(np.argmax(jump))
                 out.append(_fault(course, f"starts {jump[worst]:.3g} from where {arm.joints[worst]} ended before", jump[worst]))
         out += _rates(arm, course, acceleration)
     return out
+
+
+def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array) -> NDArray[np.bool_]:
+    """Which courses (C,) deserve a closer look: all but those splines whose Bernstein coefficients, between which they stay, keep all
+    limits, and that begin where the one before ends, and rest at both ends."""
+    doubtful = np.array([course.spline is None for course in courses])
+    smooth = np.flatnonzero(~doubtful)
+    if not len(smooth):
+        return doubtful
+    splines = [spline for n in smooth.tolist() if (spline := courses[n].spline) is not None]
+    pieces = np.cumsum([0, *(len(spline.control) for spline in splines)])
+    control, h = np.concatenate([spline.control for spline in splines]), np.concatenate([np.diff(spline.t_s) for spline in splines])
+    way = np.diff(control, axis=1)
+    speed = DEGREE / h[:, None, None] * way
+    rate = DEGREE * (DEGREE - 1) / h[:, None, None] ** 2 * np.diff(way, axis=1)
+    beyond = (control > arm.upper).any((1, 2)) | (control < arm.lower).any((1, 2))
+    beyond |= (np.abs(speed) > arm.velocity).any((1, 2)) | (np.abs(rate) > acceleration).any((1, 2))
+    doubtful[smooth] = np.logical_or.reduceat(beyond, pieces[:-1])
+    for ends in (speed[pieces[:-1], 0], speed[pieces[1:] - 1, -1], rate[pieces[:-1], 0], rate[pieces[1:] - 1, -1]):
+        doubtful[smooth] |= (np.abs(ends) > RATE).any(1)
+    first, last = (np.array([course.q[k] for course in courses]) for k in (0, -1))
+    doubtful[1:] |= (np.abs(first[1:] - last[:-1]) > GAP).any(1)
+    return doubtful
 
 
 def _positions(arm: Arm, course: Course) -> list[Fault]:

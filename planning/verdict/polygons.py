@@ -53,8 +53,7 @@ def contains(polygon: Array, point: Array) -> bool:
     """Whether a point (2,) lies in a polygon or on its edge."""
     if len(polygon) < 3:
         return False
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    to = point - polygon
+    edge, to = np.concatenate([polygon[1:], polygon[:1]]) - polygon, point - polygon
     return bool((edge[:, 0] * to[:, 1] - edge[:, 1] * to[:, 0] >= -_SAME).all())
 
 

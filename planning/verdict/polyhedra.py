@@ -85,16 +85,23 @@ def _box(x: float, y: float, z: float) -> Polyhedron:
 
 @lru_cache(maxsize=256)
 def _prism(radius: float, height: float, sides: int) -> Polyhedron:
-    angle = 2 * np.pi * np.arange(sides) / sides
+    around, edges, outward = _ring(sides)
     inner = radius * np.sqrt(np.cos(np.pi / sides))
-    rim = inner / np.cos(np.pi / sides) * np.stack([np.cos(angle), np.sin(angle)], -1)
-    vertices = np.concatenate([np.c_[rim, np.full(sides, z)] for z in (-height / 2, height / 2)])
-    i = np.arange(sides)
+    vertices, planes = np.empty((2 * sides, 3)), np.zeros((sides + 2, 4))
+    vertices[:sides, :2] = vertices[sides:, :2] = inner / np.cos(np.pi / sides) * around
+    vertices[:sides, 2], vertices[sides:, 2] = -height / 2, height / 2
+    planes[:sides, :2], planes[:sides, 3] = outward, inner
+    planes[sides:, 2], planes[sides:, 3] = (1.0, -1.0), height / 2
+    return Polyhedron(vertices, edges, planes, np.pi * radius**2 * height, np.zeros(3))
+
+
+@lru_cache(maxsize=8)
+def _ring(sides: int) -> tuple[Array, Int, Array]:
+    """Of an upright prism around a unit circle: its corners (N, 2) seen from above, its edges (3 N, 2), its sides' normals (N, 2)."""
+    angle, i = 2 * np.pi * np.arange(sides) / sides, np.arange(sides)
     edges = np.concatenate([np.stack(e, -1) for e in ((i, (i + 1) % sides), (i + sides, (i + 1) % sides + sides), (i, i + sides))])
     middle = angle + np.pi / sides
-    round_ = np.c_[np.cos(middle), np.sin(middle), np.zeros(sides), np.full(sides, inner)]
-    planes = np.concatenate([round_, [[0, 0, 1, height / 2], [0, 0, -1, height / 2]]])
-    return Polyhedron(vertices, edges, planes, np.pi * radius**2 * height, np.zeros(3))
+    return np.stack([np.cos(angle), np.sin(angle)], -1), edges, np.stack([np.cos(middle), np.sin(middle)], -1)
 
 
 @lru_cache(maxsize=64)

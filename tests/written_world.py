@@ -25,8 +25,8 @@ class WrittenWorld:
     """Stands for `Motions` as `planning.policies.search.World` has it. Objects are single letters, the target is t.
 
     blocking: see `Blocking`. can: whether an object can be moved to a region, beyond what blocks it. reached: whether the arm gets to an
-    object, or to the target, at all. finer: the blocking for a thorough look; rough: for a rough one. tried: the moves that were asked for,
-    in order.
+    object, or to the target, at all. finer: the blocking for a thorough look; finest: for an exhaustive one; rough: for a rough one.
+    tried: the moves that were asked for, in order.
     """
 
     names: str
@@ -36,6 +36,7 @@ class WrittenWorld:
     finer: Blocking | None = None
     tried: list[Choice] = field(default_factory=list)
     rough: Blocking | None = None
+    finest: Blocking | None = None
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -66,6 +67,12 @@ class WrittenWorld:
         if self.finer is None:
             return self
         return WrittenWorld(self.names, self.finer, self.can, self.reached, None, self.tried)
+
+    @property
+    def exhaustive(self) -> WrittenWorld:
+        if self.finest is None:
+            return self.thorough
+        return WrittenWorld(self.names, self.finest, self.can, self.reached, None, self.tried)
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         return transform(p=[*self.scene.regions()[region, :2], 0.06])

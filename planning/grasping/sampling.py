@@ -40,3 +40,11 @@ DENSE = Sampling(
 )
 """All of the usual ones and many more, the outermost that hold among them: where a grasp that was not sampled would matter, as for proofs
 that there is none."""
+DENSEST = Sampling(
+    yaws=36,
+    backs_m=(*np.arange(0.0, 0.025, 0.005), np.inf),
+    heights=(*np.linspace(0.0, 1.0, 61), *DENSE.heights),
+    pitches={**PITCHES, "diagonal": tuple(np.radians((30, 37.5, 45, 52.5, 60)))},
+)
+"""Ten times as many again, with heights 2 or 3 mm apart: before it is said that nothing helps. Between what the arm would touch further
+down and further up there are gaps of 3 mm in which a pick is possible."""

@@ -28,7 +28,7 @@ from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import Obstruction, View
 from planning.motion.patience import Patience
-from planning.motion.picking import THOROUGH, Pick, Picking
+from planning.motion.picking import EXHAUSTIVE, THOROUGH, Pick, Picking, PickSettings
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.quickest import Choices, quickest
 from planning.motion.reaching import place_on_floor
@@ -295,10 +295,17 @@ class Motions:
     def thorough(self) -> Motions:
         """The same motions with more grasps to choose from and more of the arm's solutions for them: slower, for where the quick look finds
         no way. What it finds, these find again."""
+        return self._with(THOROUGH)
+
+    @cached_property
+    def exhaustive(self) -> Motions:
+        """The same with as many grasps as can be looked at: for what is to be proved, which nothing is while space is unseen."""
+        return self.thorough if self.partly_unseen else self._with(EXHAUSTIVE)
+
+    def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)
-        other._picking, other._memories = Picking(self.cell, THOROUGH), deque(maxlen=KEPT)
-        other.__dict__["thorough"] = other
-        for found in ("_obstruction", "target_grasps"):
+        other._picking, other._memories = Picking(self.cell, settings), deque(maxlen=KEPT)
+        for found in ("_obstruction", "target_grasps", "thorough", "exhaustive"):
             other.__dict__.pop(found, None)
         return other
 

@@ -15,7 +15,7 @@ from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.finger_grasps import open_width
-from planning.grasping.sampling import DENSE, USUAL, Headings, Sampling
+from planning.grasping.sampling import DENSE, DENSEST, USUAL, Headings, Sampling
 from planning.motion import queries, reaching
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.lazy_list import LazyList
@@ -50,6 +50,8 @@ class PickSettings:
 QUICK = PickSettings()
 THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
+EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
+"""Where a thorough look finds none, either, before that is called a proof."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -258,6 +258,23 @@ def test_where_the_quick_look_finds_no_way_a_thorough_one_does() -> None:
     assert [name for name, _ in asked(look(world, prove=proved), world)] == ["b"]
 
 
+def test_where_a_thorough_look_finds_no_hope_either_an_exhaustive_one_does() -> None:
+    """It is the last, so what it does not find is proved."""
+    stuck = at_first({"t": ["a"], "a": ["b"], "b": ["a"]})
+    world = WrittenWorld("ab", stuck, finest=at_first({"t": ["a"], "a": ["b"], "b": ["a", ""]}))
+    policy = look(world, prove=proved)
+    assert [name for name, _ in asked(policy, world)] == ["b"]
+    assert policy.outlook.unsolvable is None
+
+
+def test_an_exhaustive_look_is_not_taken_where_a_way_is_known_that_motions_do_not_find() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}), can=lambda choice: False)
+    world.finest = at_first({"t": [""], "a": [""], "b": [""]})
+    policy = look(world, prove=proved)
+    assert asked(policy, world) == []
+    assert policy.outlook.least_moves == 1
+
+
 def test_both_looks_share_the_attempts_and_the_thorough_one_has_a_third_at_least() -> None:
     """Nothing can be moved: the quick look may use two thirds, and where it has nothing to try, the thorough one has all."""
     both = at_first({"t": ["ab"], "a": [""], "b": [""]})

@@ -36,9 +36,9 @@ class Written:
 
 
 class Cabinet:
-    """Stands for `Motions`: what blocks what in the thorough look, with any grasp of the target, with all approaches, with both.
+    """Stands for `Motions`: what blocks what in the exhaustive look, with any grasp of the target, with all approaches, with both.
 
-    made: how often obstructions were built for other grasps than the thorough look's own.
+    made: how often obstructions were built for other grasps than the exhaustive look's own.
     """
 
     def __init__(self, usual: Ways, *, any_grasp: Ways | None = None, freely: Ways | None = None, both: Ways | None = None) -> None:
@@ -50,7 +50,8 @@ class Cabinet:
         }
         self.scene = SimpleNamespace(target_name="t", approaches=("horizontal",))
         self.robot, self.cell, self.made = object(), object(), 0
-        self.thorough = SimpleNamespace(target_grasps=("the target's own",), obstructions=self._look(usual))
+        self.exhaustive = SimpleNamespace(obstructions=self._look(usual))
+        self.thorough = SimpleNamespace(target_grasps=("the target's own",))
 
     def _look(self, ways: Ways) -> Callable[[Mapping[str, Array]], Written]:
         def look(poses: Mapping[str, Array]) -> Written:

@@ -45,6 +45,7 @@ DENSEST = Sampling(
     backs_m=(*np.arange(0.0, 0.025, 0.005), np.inf),
     heights=(*np.linspace(0.0, 1.0, 61), *DENSE.heights),
     pitches={**PITCHES, "diagonal": tuple(np.radians((30, 37.5, 45, 52.5, 60)))},
+    rooms_m=DENSE.rooms_m,
 )
 """Ten times as many again, with heights 2 or 3 mm apart: before it is said that nothing helps. Between what the arm would touch further
 down and further up there are gaps of 3 mm in which a pick is possible."""

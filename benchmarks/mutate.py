@@ -13,14 +13,14 @@ Mutants that can't be told from the code by any test stand in `mutate_equivalent
 its line, not by its number. The script exits with 1 when a mutant survives that is not listed there, when a listed one is killed or does
 not exist any more, or when fewer than 95 % are killed, the listed ones counted as survivors.
 
-Results are kept in --results. A mutant that was killed is not asked again while its module and the file of the test that killed it stay as
-they are; one that survived, while its module and all the group's tests do. Remove the file after changes elsewhere. Leave the sources alone
-meanwhile.
+Results are kept in --results. A mutant that was killed is not asked again while the function that it changes and the test that killed it
+stay as they are; one that survived, while that function and all the group's tests do. Remove the file after changes elsewhere.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import json
 import os
@@ -109,28 +109,50 @@ class Results:
         self.file = file
         file.parent.mkdir(parents=True, exist_ok=True)
 
-    def read(self, group: Group) -> dict[Key, Outcome]:
-        """The outcomes that hold still: the module is the same, and so is the file of the test that killed, or all tests where none did."""
-        found = {}
+    def read(self, group: Group, asked: Sequence[Mutant]) -> dict[Key, Outcome]:
+        """The outcomes of some mutants that hold still: what they change is the same, and the test that killed, or all where none did."""
+        found, mutants_by = dict[Key, Outcome](), {m.key: m for m in asked}
         for line in self.file.read_text().splitlines() if self.file.is_file() else ():
             r = json.loads(line)
-            if r["module"] in group.modules and r["hash"] == _hash(group, r["module"], r["by"]):
-                found[r["module"], r["line"], r["change"], r["nth"]] = Outcome(r["how"], r["by"], r["seconds"])
+            mutant = mutants_by.get((r["module"], r["line"], r["change"], r["nth"]))
+            if mutant is not None and r["hash"] == _hash(group, mutant, r["by"]):
+                found[mutant.key] = Outcome(r["how"], r["by"], r["seconds"])
         return found
 
     def add(self, group: Group, mutant: Mutant, outcome: Outcome) -> None:
         what = {"module": mutant.module, "line": mutant.line, "change": mutant.change, "nth": mutant.nth}
         fate = {"how": outcome.how, "by": outcome.by, "seconds": round(outcome.seconds, 2)}
         with self.file.open("a") as out:
-            out.write(json.dumps({**what, **fate, "hash": _hash(group, mutant.module, outcome.by)}, ensure_ascii=False) + "\n")
+            out.write(json.dumps({**what, **fate, "hash": _hash(group, mutant, outcome.by)}, ensure_ascii=False) + "\n")
+
+
+def _hash(group: Group, mutant: Mutant, by: str) -> str:
+    """A hash of the function, class or statement that a mutant changes, and of the test `by`, or of all the group's tests."""
+    changed = next((text for first, last, _, text in _statements(HOME / mutant.module) if first <= mutant.number <= last), "")
+    if by:
+        file, _, test = by.partition("::")
+        tests = "".join(text for _, _, name, text in _statements(HOME / file) if name == test.partition("[")[0])
+    else:
+        tests = _text_of(group.tests)
+    return hashlib.sha256((changed + tests).encode()).hexdigest()[:16]
 
 
 @cache
-def _hash(group: Group, module: str, by: str) -> str:
-    """A hash of the module, and of the file of the test `by`, or of all the group's tests."""
-    tests = (by.split("::")[0],) if by else group.tests
-    files = [HOME / module, *(f for t in tests for f in ([HOME / t] if t.endswith(".py") else sorted((HOME / t).rglob("*.py"))))]
-    return hashlib.sha256(b"".join(f.read_bytes() if f.is_file() else b"" for f in files)).hexdigest()[:16]
+def _statements(file: Path) -> list[tuple[int, int, str, str]]:
+    """The first and last line of a file's outermost statements, the name of what they define, if they do, and their text."""
+    lines = file.read_text().splitlines() if file.is_file() else []
+    found = []
+    for node in ast.parse("\n".join(lines)).body:
+        first = min([node.lineno, *(d.lineno for d in getattr(node, "decorator_list", ()))])
+        last = node.end_lineno or first
+        found.append((first, last, str(getattr(node, "name", "")), "\n".join(lines[first - 1 : last])))
+    return found
+
+
+@cache
+def _text_of(tests: tuple[str, ...]) -> str:
+    files = [f for t in tests for f in ([HOME / t] if t.endswith(".py") else sorted((HOME / t).rglob("*.py")))]
+    return "".join(f.read_text() for f in files)
 
 
 def examine(group: Group, chosen: Sequence[Mutant], results: Results, *, quickly: bool = False) -> dict[Key, Outcome]:
@@ -138,7 +160,7 @@ def examine(group: Group, chosen: Sequence[Mutant], results: Results, *, quickly
 
     Raises: ValueError when a test fails on the code as it is.
     """
-    known = results.read(group)
+    known = results.read(group, chosen)
 
     def note(mutant: Mutant, outcome: Outcome) -> None:
         known[mutant.key] = outcome

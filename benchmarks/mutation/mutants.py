@@ -6,6 +6,7 @@ import ast
 import marshal
 from collections import Counter
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType
@@ -163,7 +164,7 @@ def mutants(module: str) -> list[Mutant]:
     for put, node, line_number in _places(tree):
         for other in (new for operator in OPERATORS for new in operator(node)):
             change = f"{_words(node)} → {_words(other)}"
-            put(ast.fix_missing_locations(ast.copy_location(other, node)))
+            put(ast.fix_missing_locations(ast.copy_location(copy(other), node)))  # a copy, since it may be a part of the node
             code = compile(tree, str(HOME / module), "exec")
             put(node)
             if (dumped := marshal.dumps(code)) not in codes:

@@ -94,7 +94,8 @@ def retrieve_unseen(
     smallest_m: no object is slimmer; once the target can't be taken at once, unseen space into which nothing of this size fits is taken for
     free (0: never), and a note says so.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
-    was seen when they were planned, and by the truth at the end, if there is one; `verified` and the reason "verify" tell.
+    was seen when they were planned, where those that do not hold are not carried out, and by the truth at the end, if there is one;
+    `verified` and the reason "verify" tell.
     """
     known = truth or AsBelieved()
     mind = BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace, smallest_m=smallest_m)
@@ -114,7 +115,7 @@ def retrieve_unseen(
     scene = scene if truth is not None else replace(scene, objects=mind.belief.bodies)
     plan = conclude(
         robot, scene, ended.why, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving,
-        settings=settings, grasp=ended.grasp, faults=record.doubts, is_truth=truth is not None,
+        settings=settings, grasp=ended.grasp, is_truth=truth is not None,
     )  # fmt: skip
     return replace(plan, target_blocked=tuple(record.kept_in), notes=(*plan.notes, *assumed(mind)))
 
@@ -143,7 +144,6 @@ class _Record:
 
     moves: list[Move] = field(default_factory=list)
     way: list[Motion] = field(default_factory=list)
-    doubts: list[Fault] = field(default_factory=list)
     kept_in: list[Blocked] = field(default_factory=list)
 
 
@@ -235,10 +235,13 @@ class _Loop:
         return motions, State(mind.q, scene.poses())
 
     def take_out(self, motions: Motions, state: State, taken: Done) -> _Ended | None:
-        """Carry the last motions out; None when they stopped before the target was in the hand, and there is another try."""
+        """Carry the last motions out; None when they are in doubt, or stopped before the target was in the hand, and there is another
+        try."""
         target = self.mind.empty_scene.target_name
         with self.moving:
-            self.record.doubts += _as_seen(self.mind, state, taken.motions, self.settings.max_tilt_deg, taken.grasp)
+            doubts = _as_seen(self.mind, state, taken.motions, self.settings.max_tilt_deg, taken.grasp)
+        if doubts:
+            return self.look_after_doubt(doubts[0])
         names = self.known.names(self.mind.belief.bodies)
         driven = self.carry_out(motions, state, taken.motions, names)
         if driven.why is not None and not driven.holding and driven.released is None and self.stops < self.sensing.most_stops:
@@ -257,7 +260,7 @@ class _Loop:
         policy = self.policy_for(motions)
         for object_name, region in proposals(policy, seen, self.rule, self.failed, self.rng, self.thinking, out_of_reach):
             with self.moving:
-                done = motions.relocate(state, object_name, region, self.rng)
+                done = self.relocation(motions, state, object_name, region)
             names = self.known.names(mind.belief.bodies)
             its = names[object_name]
             T_from = self.known.poses_now(state.poses)[its]
@@ -269,11 +272,7 @@ class _Loop:
                 if not motions.picks(state, object_name)[0]:
                     out_of_reach.add(object_name)  # another region would not help
                 continue
-            with self.moving:
-                ((_, done),) = motions.quickest([(state, done)], self.rng)
-                planned = motions.trajectories(state, done.motions)
-                self.record.doubts += _as_seen(mind, state, planned, self.settings.max_tilt_deg)
-            driven = self.carry_out(motions, state, planned, names)
+            driven = self.carry_out(motions, state, done.motions, names)
             if driven.why is not None and driven.released is None:
                 return _Tried(stopped=driven, hindered=hindered)
             self.on_step(f"moved {object_name} to region {region}")
@@ -282,6 +281,16 @@ class _Loop:
             self.failed.clear()
             return _Tried(moved=True, hindered=hindered)
         return _Tried(hindered=hindered)
+
+    def relocation(self, motions: Motions, state: State, name: str, region: int) -> Done | Blocked:
+        """The motions, timed, that move an object to a region and hold by what was seen."""
+        done = motions.relocate(state, name, region, self.rng)
+        if isinstance(done, Blocked):
+            return done
+        ((_, done),) = motions.quickest([(state, done)], self.rng)
+        planned = motions.trajectories(state, done.motions)
+        doubts = _as_seen(self.mind, state, planned, self.settings.max_tilt_deg)
+        return Blocked(doubts[0].stage, body=name, detail=doubts[0].detail) if doubts else replace(done, motions=planned)
 
     def look_closer(self, motions: Motions, state: State, hindered: Sequence[tuple[str, Blocked]]) -> bool:
         """Aim the next look at what is in the way; False when the loop is to end instead."""
@@ -299,6 +308,14 @@ class _Loop:
         self.limits, self.patience = self.sensing.when_stuck, self.patience - 1  # look where it may help, and try once more
         self.failed.clear()
         return True
+
+    def look_after_doubt(self, doubt: Fault) -> _Ended | None:
+        """What was planned does not hold by what was seen, and is not carried out: look again, or end where that was done often enough."""
+        if self.patience == 0:
+            return _Ended(Blocked(doubt.stage, body=self.mind.empty_scene.target_name, detail=doubt.detail))
+        self.on_step(f"not carried out: {doubt}")
+        self.limits, self.focus, self.patience = self.sensing.when_stuck, None, self.patience - 1
+        return None
 
     def look_after_stop(self, q: Array) -> None:
         """The arm stopped at q (J,): look again, and plan on from there."""

@@ -92,6 +92,8 @@ def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:
         sensed(scenes, tmp_path / "c.jsonl", from_views=tmp_path / "nowhere")
     with pytest.raises(InputError, match="--noise is for --sense"):
         plan(Job("local", noise=True), scenes=scenes, out=None)
+    with pytest.raises(InputError, match="--smallest is for --sense"):
+        plan(Job("local", smallest_mm=20.0), scenes=scenes, out=None)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
 from perception.camera import pinhole
-from planning.plan import Motion, Plan
+from planning.plan import Fault, Motion, Plan
 from planning.policies import make_policy
 from planning.scene_generation import generate, load_spec
 from planning.sensing.retrieve import SENSING, retrieve_unseen
@@ -102,3 +102,17 @@ def test_a_frame_is_taken_where_the_camera_is(ur5e: Robot) -> None:
     frame = frame_from(ur5e, transform(p=[1, 2, 3]), joints, np.ones((4, 6)), pinhole(6, 4, 1.0))
     np.testing.assert_allclose(frame.T_world_camera, transform(p=[1, 2, 3]) @ ur5e.link_poses(ur5e.home)["camera"])
     assert (frame.instance, frame.depth.dtype) == (None, np.float32)
+
+
+def test_what_does_not_hold_by_what_was_seen_is_not_carried_out(ur5e: Robot, truth: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is planned is in doubt: the loop looks again and again, and ends where the arm has touched nothing."""
+    doubt = Fault("grasp", ("left_pad",), "as it was seen: left_pad is 3.0 mm inside it", 0.003)
+    monkeypatch.setattr("planning.sensing.retrieve._as_seen", lambda *_: [doubt])
+    world = SimulatedWorld(ur5e, truth, np.random.default_rng(0), by="geometry")
+    plan = planned(ur5e, truth, world)
+    assert (plan.success, plan.verified) == (False, True)
+    assert {motion.stage for motion in plan.motions} == {"look"}
+    assert not any(move.done for move in plan.moves)
+    assert doubt.detail in {move.reason.detail for move in plan.moves if move.reason} | {plan.reason and plan.reason.detail}
+    for name, T in truth.poses().items():
+        np.testing.assert_array_equal(world.poses[name], T)

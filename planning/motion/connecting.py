@@ -6,7 +6,7 @@ a motion that can't be had costs little more than one search, and one that can k
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -59,17 +59,18 @@ def connect(
 
 
 def connect_clear(
-    task: Task, clear: Task, starts: Array, goals: Array, iterations: int, seed: int, memory: Memory, settings: MotionSettings
-) -> Route | None:
+    task: Task, clear: Task, starts: Array, goals: Array, iterations: int, seed: int, memory: Memory, settings: MotionSettings,
+    known: Sequence[Array] = (),
+) -> Route | None:  # fmt: skip
     """A path by the clear task, found within a few iterations, or None. Where an end is nearer to something than that, the hand is pulled
-    straight out of there first, by edges of the other task."""
+    straight out of there first, by edges of the other task. known: see `rrt_connect.plan`."""
     begins = ways_out(task, clear, starts[:MOST_ENDS], memory)
     ends = ways_out(task, clear, goals[:MOST_ENDS], memory) if begins else []
     if not ends:
         return None
     edge_problem.enter(clear.exact, memory.exact)
     first, last = (np.array([way[-1] for _, way in ways]) for ways in (begins, ends))
-    found = plan(clear, first, last, max_iterations=iterations, seed=seed, memory=memory, settings=settings.rrt)
+    found = plan(clear, first, last, max_iterations=iterations, seed=seed, memory=memory, settings=settings.rrt, known=known)
     if found.path is None:
         return None
     short = shorten(clear, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path

@@ -11,7 +11,7 @@ the wanted clearance, or is not used; and the search ends when what it may still
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +31,8 @@ PUT_DOWN_S = 0.9
 """Lowering and retreating, until these are known."""
 WORTH = 1.2
 """A way that was planned anew is made quicker only if it takes no more than so many times what the quickest takes already."""
+HINTS = 3
+"""So many known ways at most are what a way that is planned may begin with."""
 UNKNOWN, BENT, KNOWN = 0, 1, 2
 
 
@@ -165,10 +167,12 @@ class _Graph:
         for k, before, n in todo:
             layer, p = self.layers[k], int(self.layers[k].pick_of[n])
             if layer.transit_known[before, p] == BENT:
-                self._know_transit(layer, (before, p), self._plan(self._moving(layer, p), self._leaves(k)[before], layer.enter[p]))
+                way = self._plan(self._moving(layer, p), self._leaves(k)[before], layer.enter[p], layer.transits.values())
+                self._know_transit(layer, (before, p), way)
                 return True
             if layer.known[n] == BENT:
-                self._know_across(layer, n, self._plan(layer.picks[p].carrying, layer.lifted[p], layer.ends[n]))
+                way = self._plan(layer.picks[p].carrying, layer.lifted[p], layer.ends[n], layer.across.values())
+                self._know_across(layer, n, way)
                 return True
         return False
 
@@ -280,11 +284,14 @@ class _Graph:
         state = replace(state, q=self.cell.robot.with_arm(path[0], gripper))
         return None if isinstance(setting_out(self.cell, state, layer.picks[p], path), Blocked) else path
 
-    def _plan(self, query: PlanningQuery, a: Array, b: Array) -> Array | None:
+    def _plan(self, query: PlanningQuery, a: Array, b: Array, known: Iterable[Array]) -> Array | None:
+        """Plan a way from a to b (A,); it may go where known ones go, those first whose ends are nearest."""
         if self.planned == 0:
             return None
         self.planned -= 1
-        return self.cell.connect_clear(query, a, b, self.rng, self.settings.iterations)
+        weight = query.task.exact.weight
+        near = sorted(known, key=lambda way: np.linalg.norm(weight * (way[0] - a)) + np.linalg.norm(weight * (way[-1] - b)))
+        return self.cell.connect_clear(query, a, b, self.rng, self.settings.iterations, near[:HINTS])
 
     def _know_transit(self, layer: _Layer, key: tuple[int, int], path: Array | None, more_s: float = 0.0) -> None:
         layer.transit_known[key] = KNOWN

@@ -7,6 +7,7 @@ trees.py. Several starts are the same thing held in several ways, such as an arm
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -17,7 +18,7 @@ from kinematics.collision.edge_check import first_contact
 from kinematics.doors import checked
 from kinematics.transforms import Array
 from planning.motion.edges import NOTHING, Memory, Task, lacks, make_memory
-from planning.motion.trees import FOUND, FULL, SPENT, GrowthSettings, climb, grow, plant, spread, widen
+from planning.motion.trees import FOUND, FULL, SPENT, GrowthSettings, climb, follow, grow, plant, spread, widen
 
 MAX_ITERATIONS = 5000
 _CHUNK = 16  # iterations between looks at the clock
@@ -85,10 +86,13 @@ def plan(
     seed: int = 0,
     memory: Memory | None = None,
     settings: RRTConnectSettings = DEFAULTS,
+    known: Sequence[Array] = (),
 ) -> Route:
     """Find a path from start (J,), or from one of several (S, J), to one of goals (G, J), each edge of which is certified free (see
     planning.motion.edges).
 
+    known: ways (K, J) that were free for similar tasks, maybe between other ends: what of them is free for this one is what the trees begin
+    with (Berenson, Abbeel and Goldberg 2012, A Robot Path Planning Framework that Learns from Experience).
     The same arguments give the same path, unless time_budget_s cuts the search off. memory: this thread's, for this task.
     Raises: ValueError when the shapes don't fit the task.
     """
@@ -118,8 +122,8 @@ def plan(
     if len(first) + len(last) > 2:
         apart = (problem.weight**2 * (goals[last] - starts[first][:, None]) ** 2).sum(2)
         first, last = ([side[i] for i in np.argsort(apart.min(axis), kind="stable")] for side, axis in ((first, 1), (last, 0)))
-    trees = plant(starts[first], goals[last], seed)
-    status = SPENT
+    trees = plant(starts[first], goals[last], seed, sum(map(len, known)))
+    status = FOUND if any(follow(task, trees, way, np.empty((2, len(way)), np.int64), memory) for way in known) else SPENT
     while trees.met[2] < max_iterations and status != FOUND:
         if time_budget_s is not None and time.perf_counter() - began > time_budget_s:
             break

@@ -67,10 +67,10 @@ class Trees(NamedTuple):
     T: Array
 
 
-def plant(starts: Array, goals: Array, seed: int) -> Trees:
-    """Trees of nothing but roots, starts (S, J) and goals (G, J)."""
+def plant(starts: Array, goals: Array, seed: int, room: int = 0) -> Trees:
+    """Trees of nothing but roots, starts (S, J) and goals (G, J). room: for so many nodes more than as a rule."""
     roots = np.array([len(starts), len(goals)], np.int64)
-    n, J = 256 + 2 * int(roots.max()), starts.shape[1]
+    n, J = 256 + 2 * int(roots.max()) + room, starts.shape[1]
     trees = Trees(
         np.zeros((2, n, J)),
         np.full((2, n), -1, np.int64),
@@ -160,6 +160,38 @@ def grow(task: Task, trees: Trees, s: GrowthSettings, iterations: int, memory: M
         if here >= 0 and _meet(task, trees, side, here, step, memory):
             return FOUND
     return SPENT
+
+
+@jit_entry
+def follow(task: Task, trees: Trees, way: Array, nodes: Int, memory: Memory) -> bool:
+    """Add to both trees what of a way (K, J) that was free for a similar task is free for this one, from where it comes nearest to each.
+    Whether they meet on it: trees.met says where. nodes (2, K): scratch."""
+    weight = task.exact.weight
+    for w in range(way.shape[0]):
+        nodes[0, w] = nodes[1, w] = -1
+    for side in range(2):
+        at, near, least = 0, 0, np.inf
+        for w in range(way.shape[0]):
+            n, d = _closest(trees.q, side, trees.size[side], weight, way[w])
+            if d < least:
+                at, near, least = w, n, d
+        if least > 0.0:
+            if trees.size[side] == trees.q.shape[1] or not connects(task, trees.q[side, near], way[at], memory):
+                continue
+            near = _add(trees, side, near, way[at])
+        nodes[side, at] = near
+        for by in (1, -1):
+            w, here = at, near
+            while 0 <= w + by < way.shape[0] and trees.size[side] < trees.q.shape[1] and nodes[1 - side, w] < 0:
+                if not connects(task, way[w], way[w + by], memory):
+                    break
+                w += by
+                here = nodes[side, w] = _add(trees, side, here, way[w])
+    for w in range(way.shape[0]):
+        if nodes[0, w] >= 0 and nodes[1, w] >= 0:
+            trees.met[0], trees.met[1] = nodes[0, w], nodes[1, w]
+            return True
+    return False
 
 
 @jit_inline

@@ -175,14 +175,22 @@ class Workcell(PackedCell):
         touch = self.edge(query, starts[0], goals[0]) or CollisionPair()
         return Blocked("transit", touch.link, touch.body, detail=f"no path in {found.iterations} iterations")
 
-    def connect_clear(self, query: PlanningQuery, start: Array, goal: Array, rng: np.random.Generator, iterations: int) -> Array | None:
+    def connect_clear(
+        self,
+        query: PlanningQuery,
+        start: Array,
+        goal: Array,
+        rng: np.random.Generator,
+        iterations: int,
+        known: Sequence[Array] = (),
+    ) -> Array | None:
         """A shortened, certified path (K, A) from start (A,) to goal (A,), both free, that keeps the wanted clearance but near its ends.
 
-        None when none is found in so many iterations.
+        None when none is found in so many iterations. known: see `rrt_connect.plan`.
         """
         seed = int(rng.integers(2**31))
         clear, memory = self.keeping(query, self.settings.clearance.wanted_m).task, self.enter(query)
-        found = connect_clear(query.task, clear, start[None], goal[None], iterations, seed, memory, self.settings)
+        found = connect_clear(query.task, clear, start[None], goal[None], iterations, seed, memory, self.settings, known)
         self.forget()
         return None if found is None else found.path
 

@@ -104,6 +104,28 @@ def test_repeatable() -> None:
     np.testing.assert_array_equal(a, b)
 
 
+def test_known_ways_are_begun_with() -> None:
+    """A way that was found between other ends leads through the slit at once, and only as far as it is free for this task."""
+    way = np.array([[-0.9, 0.2], [-0.3, 0.6], [0.0, 0.6], [0.3, 0.6], [0.9, 0.2]])
+    task = make_task(slit(0.21))
+    found = plan(task, LEFT, RIGHT[None], known=[way])
+    assert found.path is not None
+    assert found.iterations == 0
+    np.testing.assert_array_equal(found.path[[0, -1]], [LEFT, RIGHT])
+    backwards = plan(task, RIGHT, LEFT[None], known=[np.array([[0.0, -0.9], [-0.5, -0.9]]), way]).path
+    assert backwards is not None
+    for path in (found.path, backwards):
+        for a, b in pairwise(path):
+            assert edge_free(task.exact, a, b, make_scratch(task.exact))
+    shut = plan(make_task(slit(0.3, at_y=0.3)), LEFT, RIGHT[None], max_iterations=20000, seed=3, known=[way])
+    assert shut.path is not None
+    assert shut.iterations > 0
+    assert clearance(slit(0.3, at_y=0.3), np.array([0.0, 0.6])) <= 0.0 < min(clearance(slit(0.3, at_y=0.3), q) for q in shut.path)
+    assert plan(make_task(slit(0.0)), LEFT, RIGHT[None], max_iterations=200, known=[way]).path is None
+    long = np.repeat(way[:2], 400, 0)
+    assert plan(task, LEFT, RIGHT[None], max_iterations=20000, seed=3, known=[long, way]).path is not None
+
+
 def test_ends_in_contact_are_named() -> None:
     problem, inside = slit(0.3), np.array([0.0, -0.5])
     blocked = plan(make_task(problem), inside, RIGHT[None])

@@ -48,6 +48,7 @@ class Solid:
         self.name, self.geometry, self.centre, self.radius, self.vertices = name, geometry, centre, radius, vertices
         self.object = fcl.CollisionObject(geometry)
         self.T = np.eye(4)
+        self._at: Array | None = None
 
     def twin(self) -> Solid:
         """The same solid once more, to be moved on its own."""
@@ -63,13 +64,15 @@ class Solid:
         import fcl
 
         self.object.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
-        self.T = T
+        self.T, self._at = T, None
         return self
 
     @property
     def at(self) -> Array:
         """Where its centre (3,) is."""
-        return np.asarray(self.T[:3, :3] @ self.centre + self.T[:3, 3])
+        if self._at is None:
+            self._at = self.T[:3, :3] @ self.centre + self.T[:3, 3]
+        return self._at
 
     @cached_property
     def box(self) -> Array:

@@ -84,6 +84,7 @@ def closes_askew(robot: Robot) -> bool:
         return True
 
 
+@lru_cache(maxsize=8)
 def _askew(hand: Hand) -> bool:
     """Whether the pads' faces don't look along the way they close."""
     frames = in_hand(hand, float(hand.values[len(hand.values) // 2]))
@@ -105,10 +106,9 @@ def closing_value(hand: Hand, width_m: float) -> float:
 def _touching(robot: Robot, hand: Hand, frames: dict[int, Array], bodies: Sequence[Body]) -> Iterator[tuple[str, str, float]]:
     """Links of the hand and bodies that touch, and how deep; frames, bodies: in the hand's frame."""
     others: list[Solid] = [s.move(b.T_world_body) for b in bodies for s in shape_solids(b.name, b.shape)]
-    for solid in link_solids(robot):
-        if solid.name in hand.links:
-            carrier, T = hand.arm.links[solid.name]
-            solid.move(frames[carrier] @ T)
-            for other in others:
-                if (deep := depth(solid, other)) is not None:
-                    yield solid.name, other.name, deep
+    for solid in link_solids(robot, hand.links):
+        carrier, T = hand.arm.links[solid.name]
+        solid.move(frames[carrier] @ T)
+        for other in others:
+            if (deep := depth(solid, other)) is not None:
+                yield solid.name, other.name, deep

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -26,9 +26,9 @@ class Pairs:
     switched_off: Int
 
 
-def link_solids(robot: Robot) -> list[Solid]:
-    """The link hulls for FCL, in the robot's order, to be moved by whoever asked for them."""
-    return [mould.twin() for mould in _moulds(robot)]
+def link_solids(robot: Robot, links: Collection[str] | None = None) -> list[Solid]:
+    """The link hulls for FCL, in the robot's order, or those of some links, to be moved by whoever asked for them."""
+    return [mould.twin() for mould in _moulds(robot) if links is None or mould.name in links]
 
 
 @lru_cache(maxsize=8)

@@ -27,9 +27,11 @@ def find_mesh(name: str, urdf: Path) -> Path:
         return found
     plain = unquote(name.removeprefix("file://")) if name.startswith("file:") else name
     path = (urdf.parent / plain).resolve()
-    if not path.is_file():
+    above = (folder / plain for folder in _workspace(urdf))  # relative to a package's root, say
+    found = path if path.is_file() else None if Path(plain).is_absolute() else next((p for p in above if p.is_file()), None)
+    if found is None:
         raise FileNotFoundError(str(path))
-    return path
+    return found
 
 
 def find_package(package: str, near: Path) -> Path | None:

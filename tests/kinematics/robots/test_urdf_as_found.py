@@ -248,6 +248,18 @@ def test_file_uris_may_hold_escaped_spaces(tmp_path: Path) -> None:
     assert mesh_of(root) == mesh
 
 
+def test_mesh_names_may_be_relative_to_a_folder_above(tmp_path: Path) -> None:
+    """To the root of what was copied, say; what lies beside the URDF comes first."""
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "meshes").mkdir()
+    write_mesh(tmp_path / "meshes" / "tip.stl", trimesh.creation.box((0.2, 0.1, 0.1)))
+    text = arm('<mesh filename="meshes/tip.stl"/>')
+    np.testing.assert_allclose(np.ptp(extent(hulls(tmp_path / "urdf", text)), axis=0), [0.2, 0.1, 0.1])
+    (tmp_path / "urdf" / "meshes").mkdir()
+    write_mesh(tmp_path / "urdf" / "meshes" / "tip.stl", trimesh.creation.box((0.3, 0.1, 0.1)))
+    np.testing.assert_allclose(np.ptp(extent(hulls(tmp_path / "urdf", text)), axis=0), [0.3, 0.1, 0.1])
+
+
 def test_a_missing_visual_mesh_is_noted_and_a_missing_collision_mesh_an_error(tmp_path: Path) -> None:
     visual = '<link name="v"><visual><geometry><mesh filename="nice.stl"/></geometry></visual></link>'
     joint = '<joint name="j" type="fixed"><parent link="tip"/><child link="v"/></joint>'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +17,11 @@ if TYPE_CHECKING:
     from planning.scene_words import Words
 
 YAML_KEYS = (
-    "id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "robot", "hand_frame", "gripper_joint", "base", "approaches",
+    "id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "robot", "hand_frame", "gripper_joint", "base", "q_start",
+    "approaches",
 )  # fmt: skip
 LISTS = ("objects", "obstacles", "approaches")
+MOST_RAD = 1000.0  # no joint is further from 0
 
 
 def run(
@@ -85,6 +88,7 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
 
 def _words(said: dict[str, Any], where: str) -> Words:
     """The words with the robot that they name, standing at its usual place unless they say where. Raises InputError."""
+    from kinematics.robots.start import start_q
     from planning.scene_words import Words
     from retrieve_cli.gen import robot_ref
 
@@ -92,7 +96,26 @@ def _words(said: dict[str, Any], where: str) -> Words:
     plain = {
         key: said[key] for key in ("id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "base", "approaches") if key in said
     }
-    return Words(**plain, robot=robot_ref(robot, said.get("hand_frame")))
+    ref = robot_ref(robot, said.get("hand_frame"))
+    if "q_start" in said:
+        ref = replace(ref, q_start=_joint_values(said["q_start"], where))
+        with blame(where):
+            start_q(robot, ref)
+    return Words(**plain, robot=ref)
+
+
+def _joint_values(text: str, where: str) -> dict[str, float]:
+    """What JOINT=Q,JOINT=Q says. Raises InputError."""
+    values = dict[str, float]()
+    for word in text.split(","):
+        name, equals, number = word.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            equals = ""
+        if not equals or not abs(values[name.strip()]) < MOST_RAD:
+            raise InputError(f"{where}: --q-start: {word.strip()!r} is no joint's value; write JOINT=1.57,JOINT=0")
+    return values
 
 
 def _load(said: dict[str, Any], where: str) -> Robot:

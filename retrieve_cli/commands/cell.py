@@ -57,6 +57,9 @@ def scene(
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
     base: Annotated[str | None, typer.Option("--base", help="Where the robot's base stands.", metavar="X,Y,Z[,yaw=DEG]")] = None,
+    q_start: Annotated[
+        str | None, typer.Option("--q-start", help="Where the arm is now, in rad; other joints are at home.", metavar="JOINT=Q,…")
+    ] = None,
     name: Annotated[str | None, typer.Option("--id", help="The scene's id.", metavar="TEXT")] = None,
     n: Annotated[int, typer.Option("-n", help="From a folder: how many scenes.", min=1)] = 1,
     count: Annotated[int, typer.Option("--count", help="From a folder: how many objects a scene.", min=1)] = 6,
@@ -71,7 +74,7 @@ def scene(
 
     words = command.given(
         id=name, cabinet=cabinet, at=at, objects=objects, obstacles=obstacles, target=target, robot=robot, hand_frame=hand_frame,
-        gripper_joint=gripper_joint, base=base,
+        gripper_joint=gripper_joint, base=base, q_start=q_start,
     )  # fmt: skip
     return partial(command.run, source=source, words=words, n=n, count=count, scale=scale, seed=seed, grasp=grasp, png=png, out=out)
 

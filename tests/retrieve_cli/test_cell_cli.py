@@ -49,11 +49,24 @@ def test_from_words_to_a_plan(retrieve: Callable[..., Spoken], tmp_path: Path) -
     assert (code, plan["success"], plan["verified"]) == (0, True, True)
 
 
+def test_words_say_where_the_arm_is(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
+    start = "elbow_joint=1.5, wrist_1_joint=-0.4"
+    code, out, _ = retrieve("scene", "--object", CAN, "--no-grasp", "--q-start", start)
+    assert code == 0
+    assert lines(out)[0]["robot"]["q_start"] == {"elbow_joint": 1.5, "wrist_1_joint": -0.4}
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"objects": [CAN], "q_start": start}))
+    assert retrieve("scene", tmp_path / "cell.yaml", "--no-grasp")[1] == out
+    jsonschema.validate({"q_start": start}, json.loads((documents.SCHEMAS / "words.schema.json").read_text()))
+
+
 def test_wrong_words_are_one_line(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_text("objcts: []\n")
     for args, says in (
         (("scene",), "scene: name at least one object: --object can:0.03x0.12@0.6,0"),
         (("scene", "--object", "can:0.03x0.12@0.1,0"), "scene: 'can' stands outside: its middle is 200 mm in front of the cabinet"),
+        (("scene", "--object", CAN, "--q-start", "elbow=1"), "q_start: there is no joint 'elbow' (did you mean 'elbow_joint'?)"),
+        (("scene", "--object", CAN, "--q-start", "elbow_joint"), "scene: --q-start: 'elbow_joint' is no joint's value; write JOINT=1.57"),
+        (("scene", "--object", CAN, "--q-start", "elbow_joint=nan"), "'elbow_joint=nan' is no joint's value"),
         (("scene", tmp_path / "bad.yaml"), f"{tmp_path}/bad.yaml: unknown word 'objcts' (did you mean 'objects'?)"),
         (("grasp", tmp_path / "none.jsonl"), f"{tmp_path}/none.jsonl: no such file"),
         (("schema", "sene"), "unknown kind of file 'sene' (did you mean 'scene'?)"),

@@ -10,10 +10,11 @@ import pytest
 
 from kinematics.robots.opening import Opening
 from kinematics.robots.robot import Robot
-from kinematics.transforms import Array, rotation_about, transform
+from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.grasping.hand_poses import CLEAR_M, IN_CABINET_M, LOWEST_M, hand_looking, lowest_of
 
 T_BASE_HAND = transform(rotation_about((0.0, 1.0, 0.0), 0.3), [0.4, 0.1, 0.2])
+T_HAND_LINK = transform(rotation_about((1.0, 2.0, 3.0), 0.7), [0.01, -0.02, 0.03])
 PALM_X_M, TIP_Z_M, PADS_Z_M = 0.05, 0.03, 0.02
 
 
@@ -28,11 +29,11 @@ class Hand:
         arm = np.array([[x, 0.0, -IN_CABINET_M - 0.2] for x in (-0.5, 0.5)])
         self.hand_links = frozenset({"finger", "palm", "wrist"})
         links = {"finger": finger, "palm": palm, "wrist": arm, "forearm": palm - [1.0, 0.0, 0.0]}
-        self.hulls = [SimpleNamespace(link=name, vertices=vertices) for name, vertices in links.items()]
+        self.hulls = [SimpleNamespace(link=name, vertices=apply(inverse(T_HAND_LINK), vertices)) for name, vertices in links.items()]
 
     def link_poses(self, q: Array) -> dict[str, Array]:
         assert q == pytest.approx([0.4])  # half open
-        return {"hand": T_BASE_HAND, **{h.link: T_BASE_HAND for h in self.hulls}}
+        return {"hand": T_BASE_HAND, **{h.link: T_BASE_HAND @ T_HAND_LINK for h in self.hulls}}
 
 
 def test_the_named_robots_pads_are_as_high_as_the_table_says() -> None:

@@ -46,6 +46,8 @@ def test_a_mesh_is_held_lower_too_and_from_above_as_low_as_diagonally() -> None:
     level = candidates(BRICK, "horizontal")
     assert level._heights("horizontal", 0.0) == pytest.approx([0.02, 0.07, -0.01, -0.04])
     assert candidates(BRICK, "downward")._heights("downward", np.pi / 2) == pytest.approx([0.08, -0.01, -0.04])
+    high = replace(candidates(BRICK, "downward"), lowest=lambda kind, pitch: {"diagonal": 0.08, "downward": 0.0}[kind])
+    assert high._heights("downward", np.pi / 2) == pytest.approx([0.08, -0.01, -0.02])
     same = replace(USUAL, heights=(0.3, 0.6))
     assert candidates(BRICK, "horizontal", sampling=same)._heights("horizontal", 0.0) == pytest.approx([-0.04, 0.02, -0.01])
     assert candidates(BOX, "downward")._heights("downward", np.pi / 2) == pytest.approx([0.03])
@@ -96,6 +98,8 @@ def test_a_hand_of_few_joints_looks_away_from_the_base_though_it_looks_down() ->
         found = list(candidates(BRICK, "downward", toward=toward).headed(lambda T, width, turned=turned: [turned]))  # type: ignore[misc]
         assert found[0].rank == pytest.approx(0.5 * np.pi / 2)
         assert found[0].extent[0] == pytest.approx(0.02 * np.cos(toward) + 0.03 * np.sin(toward))
+    back = list(candidates(BRICK, "horizontal").headed(lambda T, width: [level_hand(-X, 0.0)]))
+    assert back[0].rank == pytest.approx(np.pi)
     level = list(candidates(BRICK, "horizontal").headed(lambda T, width: [level_hand(X, 0.0)]))
     assert level[0].rank == pytest.approx(0.0)
     assert level[0].extent[0] == pytest.approx(0.02)

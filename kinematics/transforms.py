@@ -23,8 +23,11 @@ def transform(R: Array | None = None, p: Array | tuple[float, float, float] | li
 
 def inverse(T: Array) -> Array:
     """The inverse of rigid transforms (..., 4, 4)."""
-    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
-    return transform(R_t, -np.einsum("...ij,...j->...i", R_t, T[..., :3, 3]))
+    R_t, out = np.swapaxes(T[..., :3, :3], -1, -2), np.zeros(np.shape(T))
+    out[..., :3, :3] = R_t
+    out[..., :3, 3] = -np.einsum("...ij,...j->...i", R_t, T[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out
 
 
 def apply(T: Array, points: Array) -> Array:

@@ -19,6 +19,7 @@ from perception.objects.clustering import cluster_instances
 from perception.objects.fit import standing_solids
 from perception.objects.prepared_frames import PreparedFrames, prepare
 from perception.objects.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
+from perception.objects.supports import base_heights
 from perception.objects.tops import seen_top
 from perception.observation import Observation
 
@@ -70,9 +71,10 @@ def believe(
     if by == "geometry":
         views = _named_as_before(views, empty_scene.cabinet, tracked, before)
     shown = object_pixels(views)
-    solids = standing_solids(views, shown, empty_scene.cabinet)
+    bases = base_heights({name: points for name, (points, _) in shown.items()})
+    solids = standing_solids(views, shown, bases, empty_scene.cabinet)
     tops = {b.name: seen_top(b, apply(empty_scene.cabinet.T_world_cabinet, shown[b.name][0])) for b in solids}
-    boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, empty_scene.cabinet).items()}
+    boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, bases, empty_scene.cabinet).items()}
     wanted = _wanted(empty_scene, by, target_box)
     if wanted is not None:
         chosen = match({b.name: object_box(b) for b in solids}, wanted)

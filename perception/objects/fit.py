@@ -18,7 +18,6 @@ from kinematics.transforms import Array, rotation_about, transform
 from perception.objects.footprint import DIRECTIONS, least_circle, least_rectangle, outline_of, upright_solid
 from perception.objects.prepared_frames import PreparedFrames
 from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
-from perception.objects.supports import base_heights
 
 ROUNDS, STEPS = 3, 3
 FEW = 3000
@@ -48,13 +47,14 @@ class Pixels:
     spread: Array
 
 
-def standing_solids(views: PreparedFrames, shown: Mapping[str, tuple[Array, NDArray[np.int64]]], cabinet: Cabinet) -> tuple[Body, ...]:
-    """An upright solid in the world for each object; shown: its points (N, 3) and pixels, see `perception.objects.segment.object_pixels`.
+def standing_solids(
+    views: PreparedFrames, shown: Mapping[str, tuple[Array, NDArray[np.int64]]], bases: Mapping[str, float], cabinet: Cabinet
+) -> tuple[Body, ...]:
+    """An upright solid in the world for each object; shown: its points (N, 3) and pixels, see `perception.objects.segment.object_pixels`;
+    bases: how high over the floor it ends below, see `perception.objects.supports`.
 
     Clean points are all contained. Of noisy ones the fit leaves out less than a millimetre of a box or a cylinder that is well seen.
-    It stands on the floor, or on another object, see `perception.objects.supports`.
     """
-    bases = base_heights({name: points for name, (points, _) in shown.items()})
     out = []
     for name, (points, source) in shown.items():
         up = np.array([0.0, 0.0, bases[name]])

@@ -91,16 +91,12 @@ def least_rectangle(outline: Array) -> tuple[Array, Array, float]:
     """Centre (2,), size (2,) and yaw of the rectangle of least area around a convex polygon; one side runs along an edge."""
     edges = np.diff(np.concatenate([outline, outline[:1]]), axis=0)
     yaws = np.unique(np.round(np.arctan2(edges[:, 1], edges[:, 0]) % (np.pi / 2), 6))
-    best: tuple[float, Array, Array, float] | None = None
-    for yaw in yaws:
-        R = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-        local = outline @ R.T
-        low, high = local.min(0), local.max(0)
-        area = float(np.prod(high - low + 1e-9))
-        if best is None or area < best[0]:
-            best = (area, R.T @ ((low + high) / 2), high - low, float(yaw))
-    assert best is not None
-    return best[1:]
+    c, s, (x, y) = np.cos(yaws)[:, None], np.sin(yaws)[:, None], outline.T
+    yaw = float(yaws[((np.ptp(c * x + s * y, axis=1) + 1e-9) * (np.ptp(c * y - s * x, axis=1) + 1e-9)).argmin()])
+    R = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    local = outline @ R.T
+    low, high = local.min(0), local.max(0)
+    return R.T @ ((low + high) / 2), high - low, yaw
 
 
 def least_circle(outline: Array) -> tuple[Array, float]:

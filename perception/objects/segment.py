@@ -46,7 +46,8 @@ def segment(
     views = prepare(frames if by == "mask" else [replace(f, instance=None, names=()) for f in frames], cabinet)
     views = views if by == "mask" else cluster_instances(views)
     shown = object_pixels(views)
-    boxes = standing_boxes(views, shown, standing_solids(views, shown, cabinet) if views.axial > 0 else (), cabinet)
+    bases = base_heights({name: points for name, (points, _) in shown.items()})
+    boxes = standing_boxes(views, shown, standing_solids(views, shown, bases, cabinet) if views.axial > 0 else (), bases, cabinet)
     return boxes if voxels is None else {name: grown(box, voxels) for name, box in boxes.items()}
 
 
@@ -97,12 +98,11 @@ def lie_densely(points: Array, share: float = 0.03) -> NDArray[np.bool_]:
 
 
 def standing_boxes(
-    views: PreparedFrames, shown: Mapping[str, tuple[Array, Int]], solids: Sequence[Body], cabinet: Cabinet
+    views: PreparedFrames, shown: Mapping[str, tuple[Array, Int]], solids: Sequence[Body], bases: Mapping[str, float], cabinet: Cabinet
 ) -> dict[str, Array]:
-    """The box (6,) in the world of each object; of noisy pixels that of its solid."""
+    """The box (6,) in the world of each object; of noisy pixels that of its solid. bases: see `standing_solids`."""
     if views.axial > 0:
         return {body.name: object_box(body) for body in solids}
-    bases = base_heights({name: points for name, (points, _) in shown.items()})
     return {name: standing_box(points, cabinet, bases[name]) for name, (points, _) in shown.items()}
 
 

@@ -139,25 +139,31 @@ class _Candidates:
                 through = line_contacts(body.shape, body.T_world_body, T[:3, 3], T[:3, 1])
                 for R in [] if through is None else headings(T, through.leave - through.enter):
                     level = np.array([-R[1, 1], R[0, 1], 0.0])
-                    yield from self._hand(R, level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)), R[:, 1], pitch, order, z)
+                    ahead = level * np.sign(level @ (R[:, 2] if pitch < STEEP else there))
+                    yield from self._hand(R, self._turned(ahead), R[:, 1], pitch, order, z)
 
     def all_round(self) -> Iterator[_Candidate]:
         """Hands from both sides of every closing direction."""
         for yaw in closing_directions(self.body.shape, self.body.T_world_body, self.sampling):
             u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+            sides = [(ahead, self._turned(ahead)) for ahead in (side * np.array([-u[1], u[0], 0.0]) for side in (1.0, -1.0))]
             for kind, pitch in self.kinds:
-                for side in (1.0, -1.0):
-                    ahead = side * np.array([-u[1], u[0], 0.0])
+                for ahead, turned in sides:
                     R = level_hand(ahead, pitch)
                     for order, z in enumerate(self._heights(kind, pitch)):
-                        yield from self._hand(R, ahead, u, pitch, order, z)
+                        yield from self._hand(R, turned, u, pitch, order, z)
 
-    def _hand(self, R: Array, ahead: Array, u: Array, pitch: float, order: int, z: float) -> Iterator[_Candidate]:
-        """A hand R (3, 3) that looks along `ahead` (3,), level but for its pitch, and closes along u (3,), as deep as is asked for."""
-        low, high = self.bounds
-        middle = (low + high) / 2
+    def _turned(self, ahead: Array) -> tuple[float, float]:
+        """Of a hand that looks along `ahead` (3,), level but for its pitch: how far it is turned from the bearing, rad, and how far the
+        body reaches that way."""
         turn = abs((np.arctan2(ahead[1], ahead[0]) - self.toward + np.pi) % (2 * np.pi) - np.pi)
-        point, extent = np.array([middle[0], middle[1], z]), (half_along(self.body, ahead), float(high[2] - z), pitch)
+        return float(turn), half_along(self.body, ahead)
+
+    def _hand(self, R: Array, turned: tuple[float, float], u: Array, pitch: float, order: int, z: float) -> Iterator[_Candidate]:
+        """A hand R (3, 3), turned as `_turned` says, that closes along u (3,), as deep as is asked for."""
+        (low, high), (turn, reach) = self.bounds, turned
+        middle = (low + high) / 2
+        point, extent = np.array([middle[0], middle[1], z]), (reach, float(high[2] - z), pitch)
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
             yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back, self.room_m)
 

@@ -12,6 +12,7 @@ from kinematics.transforms import Array, inverse
 
 PARALLEL = 1e-12
 """A direction with no more of a normal in it does not meet the plane."""
+AXES = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class Contact:
 
 def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Contact | None:
     """Cross a shape at pose T (4, 4) with the line origin + s · direction (world, unit direction); None when it misses."""
-    T_object = inverse(T)
+    T_object = _inverse(T.tobytes())
     o, d = T_object[:3, :3] @ origin + T_object[:3, 3], T_object[:3, :3] @ direction
     match shape:
         case Box():
@@ -38,8 +39,16 @@ def line_contacts(shape: Shape, T: Array, origin: Array, direction: Array) -> Co
     through = [h for h in hits if h is not None]
     if not through:
         return None
-    first, last = min(through, key=lambda h: h.enter), max(through, key=lambda h: h.leave)
+    first = last = through[0]
+    if len(through) > 1:
+        first, last = min(through, key=lambda h: h.enter), max(through, key=lambda h: h.leave)
     return Contact(first.enter, last.leave, T[:3, :3] @ first.enter_normal, T[:3, :3] @ last.leave_normal)
+
+
+@lru_cache(maxsize=64)
+def _inverse(T: bytes) -> Array:
+    """Of a pose, for the many lines that cross a shape there."""
+    return inverse(np.frombuffer(T).reshape(4, 4))
 
 
 @lru_cache(maxsize=64)
@@ -64,7 +73,7 @@ def _through_box(half: Array, o: Array, d: Array) -> Contact | None:
             enter, first = s_in, (axis, -sign)
         if s_out < leave:
             leave, last = s_out, (axis, sign)
-    return Contact(enter, leave, first[1] * np.eye(3)[first[0]], last[1] * np.eye(3)[last[0]]) if enter < leave else None
+    return Contact(enter, leave, first[1] * AXES[first[0]], last[1] * AXES[last[0]]) if enter < leave else None
 
 
 def _through_planes(normals: Array, offsets: Array, o: Array, d: Array) -> Contact | None:

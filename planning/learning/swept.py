@@ -17,18 +17,22 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Chain, Int, forward
 from kinematics.collision.robot_model import link_covers
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry, jit_inline, njit
+from kinematics.jit.record import record
 from kinematics.robots.robot import Robot
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, inverse
 
 CELL_M = 0.01
 SAMPLE_M = 0.015
-_STEP_M = 0.01  # between looks at the arm; a link is drawn when it has moved by SAMPLE_M since it was drawn last
+_STEP_M = 0.01  # between places where a link may be drawn: when it has moved by SAMPLE_M since it was drawn last
+_SURELY = 1.05  # how much faster a link may be than its joints' weights say
+_SLOWEST_M = 1e-6  # what a link that stands still is taken to move in a step
 
 F32 = NDArray[np.float32]
 
 
+@record
 class Balls(NamedTuple):
     """Balls that cover the moving links with the fingers at one opening: link p's are start[p]:start[p + 1].
 
@@ -41,6 +45,7 @@ class Balls(NamedTuple):
     ball: Array
 
 
+@record
 class Floor(NamedTuple):
     """The cells: T_cabinet_world (4, 4), size (3,) of the inner space up to where it matters, number of cells (2,) along x and y and their
     edges (2,)."""
@@ -49,6 +54,20 @@ class Floor(NamedTuple):
     size: Array
     n: Int
     cell: Array
+
+
+@record
+class _Scratch(NamedTuple):
+    """Memory of a sweep. frames (K + 1, 4, 4); drawn (P, 3, 4): where each link was drawn last; spare, rate, due (P,): how far it may move
+    before it need be looked at, how far it moves in a step, and after how many steps it may be due; q (J,); M (3, 4)."""
+
+    frames: Array
+    drawn: Array
+    spare: Array
+    rate: Array
+    due: Int
+    q: Array
+    M: Array
 
 
 class Footprint(NamedTuple):
@@ -108,8 +127,12 @@ def lowest(chain: Chain, weight: Array, balls: Balls, floor: Floor, paths: Seque
     weight (J,): metres that the arm moves at most per unit of each joint (exact.Problem.weight).
     """
     out = np.full((len(paths), int(floor.n[0]), int(floor.n[1])), np.inf, np.float32)
+    K, P, J = len(chain.q_index), len(balls.frame), len(weight)
+    scratch = _Scratch(
+        np.empty((K + 1, 4, 4)), np.empty((P, 3, 4)), np.empty(P), np.empty(P), np.empty(P, np.int64), np.empty(J), np.empty((3, 4))
+    )
     for low, path in zip(out, paths):
-        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), low)
+        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), scratch, low)
     return np.ascontiguousarray(out.transpose(1, 2, 0))
 
 
@@ -120,54 +143,84 @@ def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[n
     return out
 
 
-@njit(cache=True, nogil=True)
-def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array, out: F32) -> None:
-    n_parts = balls.frame.shape[0]
-    frames = np.empty((chain.q_index.shape[0] + 1, 4, 4))
-    drawn = np.full((n_parts, 3, 4), np.inf)
-    M = np.empty((3, 4))
-    q = np.empty(path.shape[1])
-    T = floor.T
+@jit_entry
+def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array, scratch: _Scratch, out: F32) -> None:
+    """Lower the heights under one path. The arm is looked at where a link may be due: none is before it can have moved by SAMPLE_M since it
+    was drawn, nor before it can have come into the cabinet."""
+    n_parts, frames, drawn, q = balls.frame.shape[0], scratch.frames, scratch.drawn, scratch.q
+    spare, rate, due = scratch.spare, scratch.rate, scratch.due
+    for p in range(n_parts):
+        spare[p] = 0.0
+        for r in range(3):
+            for c in range(4):
+                drawn[p, r, c] = np.inf
     for edge in range(path.shape[0] - 1):
         length = 0.0
         for j in range(q.shape[0]):
             length += abs(path[edge + 1, j] - path[edge, j]) * weight[j]
         steps = max(1, int(np.ceil(length / _STEP_M)))
+        for p in range(n_parts):
+            rate[p] = _SLOWEST_M
+            for k in range(balls.frame[p]):
+                j = chain.q_index[k]
+                rate[p] += _SURELY * abs(path[edge + 1, j] - path[edge, j]) / steps * (weight[j] + abs(chain.scale[k]) * balls.bound[p, 3])
+            due[p] = max(0, int(np.ceil(spare[p] / rate[p])))
         last = edge == path.shape[0] - 2
-        for s in range(steps + (1 if last else 0)):
+        s = steps
+        for p in range(n_parts):
+            s = min(s, due[p])
+        while s < steps or last:
             for j in range(q.shape[0]):
                 q[j] = path[edge, j] + s / steps * (path[edge + 1, j] - path[edge, j])
             forward(chain, q, frames)
+            following = steps
             for p in range(n_parts):
-                F = frames[balls.frame[p]]
-                bx, by, bz, br = balls.bound[p, 0], balls.bound[p, 1], balls.bound[p, 2], balls.bound[p, 3]
-                wx = F[0, 0] * bx + F[0, 1] * by + F[0, 2] * bz + F[0, 3]
-                wy = F[1, 0] * bx + F[1, 1] * by + F[1, 2] * bz + F[1, 3]
-                wz = F[2, 0] * bx + F[2, 1] * by + F[2, 2] * bz + F[2, 3]
-                x = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
-                y = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
-                z = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
-                if x + br < 0 or x - br > floor.size[0] or abs(y) - br > floor.size[1] / 2 or z - br > floor.size[2]:
-                    continue
-                moved, turned = 0.0, 0.0
-                for r in range(3):
-                    for c in range(3):
-                        turned += (F[r, c] - drawn[p, r, c]) ** 2
-                moved = (x - drawn[p, 0, 3]) ** 2 + (y - drawn[p, 1, 3]) ** 2 + (z - drawn[p, 2, 3]) ** 2
-                at_end = last and s == steps
-                if not at_end and np.sqrt(moved) + br * np.sqrt(turned / 2) < SAMPLE_M:
-                    continue
-                for r in range(3):
-                    for c in range(3):
-                        drawn[p, r, c] = F[r, c]
-                drawn[p, 0, 3], drawn[p, 1, 3], drawn[p, 2, 3] = x, y, z
-                for r in range(3):
-                    for c in range(4):
-                        M[r, c] = T[r, 0] * F[0, c] + T[r, 1] * F[1, c] + T[r, 2] * F[2, c] + (T[r, 3] if c == 3 else 0.0)
-                _draw(M, balls.ball, balls.start[p], balls.start[p + 1], floor, out)
+                if due[p] <= s or s == steps:
+                    spare[p] = _draw_part(frames[balls.frame[p]], balls, p, floor, s == steps, drawn[p], scratch.M, out)
+                    due[p] = s + max(1, int(np.ceil(spare[p] / rate[p])))
+                    spare[p] += s * rate[p]  # at the beginning of the edge it would have been so much
+                following = min(following, due[p])
+            if s == steps:
+                break
+            s = following
+        for p in range(n_parts):
+            spare[p] -= steps * rate[p]
 
 
-@njit(cache=True, nogil=True)
+@jit_inline
+def _draw_part(F: Array, balls: Balls, p: int, floor: Floor, at_end: bool, drawn: Array, M: Array, out: F32) -> float:
+    """Lower the heights under link p, whose frame is at F (4, 4), if it is in the cabinet and is at the end or has moved enough since it
+    was drawn, with its frame at drawn (3, 4), which is brought up to date. How far it may move, m, before it need be looked at again.
+    M (3, 4): scratch."""
+    T = floor.T
+    bx, by, bz, br = balls.bound[p, 0], balls.bound[p, 1], balls.bound[p, 2], balls.bound[p, 3]
+    wx = F[0, 0] * bx + F[0, 1] * by + F[0, 2] * bz + F[0, 3]
+    wy = F[1, 0] * bx + F[1, 1] * by + F[1, 2] * bz + F[1, 3]
+    wz = F[2, 0] * bx + F[2, 1] * by + F[2, 2] * bz + F[2, 3]
+    x = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
+    y = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
+    z = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
+    turned = 0.0
+    for r in range(3):
+        for c in range(3):
+            turned += (F[r, c] - drawn[r, c]) ** 2
+    moved = (x - drawn[0, 3]) ** 2 + (y - drawn[1, 3]) ** 2 + (z - drawn[2, 3]) ** 2
+    moved = np.sqrt(moved) + br * np.sqrt(turned / 2)
+    outside = max(max(-x, x - floor.size[0]), max(abs(y) - floor.size[1] / 2, z - floor.size[2])) - br
+    if outside > 0.0 or (moved < SAMPLE_M and not at_end):
+        return float(max(outside, SAMPLE_M - moved))
+    for r in range(3):
+        for c in range(3):
+            drawn[r, c] = F[r, c]
+    drawn[0, 3], drawn[1, 3], drawn[2, 3] = x, y, z
+    for r in range(3):
+        for c in range(4):
+            M[r, c] = T[r, 0] * F[0, c] + T[r, 1] * F[1, c] + T[r, 2] * F[2, c] + (T[r, 3] if c == 3 else 0.0)
+    _draw(M, balls.ball, balls.start[p], balls.start[p + 1], floor, out)
+    return float(SAMPLE_M)
+
+
+@jit_inline
 def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, out: F32) -> None:
     """Lower the heights under some balls, whose frame stands at M (3, 4) in the cabinet."""
     cx, cy = floor.cell[0], floor.cell[1]

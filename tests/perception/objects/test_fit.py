@@ -50,7 +50,7 @@ def test_a_noisy_solid_is_the_object(seed: int, cabinet: Cabinet) -> None:
     bodies = placed(random_shelf(np.random.default_rng(seed)), cabinet)
     views = prepare(photograph(bodies, cabinet, DepthNoise(), camera=CAMERA), cabinet)
     shown = object_pixels(views)
-    found = {b.name: b for b in standing_solids(views, shown, cabinet)}
+    found = {b.name: b for b in standing_solids(views, shown, dict.fromkeys(shown, 0.0), cabinet)}
     assert found.keys() == {b.name for b in bodies}
     for body in bodies:
         assert type(found[body.name].shape) is type(body.shape)
@@ -65,7 +65,7 @@ def test_clean_points_are_all_contained() -> None:
     bodies = placed(random_shelf(np.random.default_rng(9)), CABINET)
     views = prepare(photograph(bodies, camera=CAMERA), CABINET)
     shown = object_pixels(views)
-    for solid in standing_solids(views, shown, CABINET):
+    for solid in standing_solids(views, shown, dict.fromkeys(shown, 0.0), CABINET):
         points = apply(inverse(solid.T_world_body) @ CABINET.T_world_cabinet, shown[solid.name][0])
         if isinstance(solid.shape, Cylinder):
             assert np.hypot(points[:, 0], points[:, 1]).max() < solid.shape.radius_m + 1e-4
@@ -80,7 +80,8 @@ def test_what_is_no_prism_is_held_by_its_solid() -> None:
     pyramid = Body("pyramid", ConvexMesh((corners,)), transform(p=[0.2, 0.0, 0.0]))
     (body,) = placed([pyramid], CABINET)
     views = prepare(photograph([body], noise=DepthNoise(), camera=CAMERA), CABINET)
-    (solid,) = standing_solids(views, object_pixels(views), CABINET)
+    shown = object_pixels(views)
+    (solid,) = standing_solids(views, shown, dict.fromkeys(shown, 0.0), CABINET)
     off = reach(solid) - reach(body)
     assert off.min() > -0.004
     assert np.median(off) < 0.02

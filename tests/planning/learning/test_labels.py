@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from label_rows import read_rows
 
+from kinematics.chain import forward
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box
@@ -23,7 +24,7 @@ from planning.learning.brief_look import BriefLook
 from planning.learning.label_file import UNKNOWN, Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target
 from planning.learning.states import MOVES, Variety, next_state, rows, varied_scene
-from planning.learning.swept import footprint, meets
+from planning.learning.swept import CELL_M, SAMPLE_M, arm_balls, footprint, meets
 from planning.motion import waiting
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
@@ -216,6 +217,29 @@ def test_hits_agree_with_the_exact_test_up_to_a_cell(ur5e: Robot, scene: Scene, 
         assert (~met | exact[0.03]).all(), "met, and not touched although three centimetres larger"
         verdicts += list(met)
     assert 0.1 < np.mean(verdicts) < 0.9
+
+
+def test_no_ball_of_the_arm_comes_lower_than_a_sweep_says(scene: Scene, motions: Motions) -> None:
+    """Anywhere on a path, up to how far a link may move between two places where it is drawn."""
+    ways = paths_to_target(motions, motions.start(), np.random.default_rng(5), 6)
+    balls, chain = arm_balls(motions.robot, scene.robot.T_world_base, ways.gripper), motions.cell.arm.chain
+    size, frames, rng = ways.floor.size, np.empty((len(chain.q_index) + 1, 4, 4)), np.random.default_rng(3)
+    part = np.repeat(np.arange(len(balls.frame)), np.diff(balls.start))
+    near, seen = int(np.ceil((SAMPLE_M + CELL_M) / CELL_M)), 0
+    for k, path in enumerate(ways.paths):
+        for _ in range(60):
+            edge = int(rng.integers(len(path) - 1))
+            forward(chain, path[edge] + rng.random() * (path[edge + 1] - path[edge]), frames)
+            T = ways.floor.T @ frames[balls.frame[part]]
+            x, y, z = np.einsum("nij,nj->ni", T[:, :3, :3], balls.ball[:, :3]).T + T[:, :3, 3].T
+            low = z - np.sqrt(np.maximum(balls.ball[:, 3] ** 2 - CELL_M**2 / 2, 0.0))
+            inside = (x > near * CELL_M) & (x < size[0]) & (np.abs(y) < size[1] / 2) & (low + SAMPLE_M < size[2])
+            for i in np.flatnonzero(inside):
+                a, b = int(x[i] / ways.floor.cell[0]), int((y[i] + size[1] / 2) / ways.floor.cell[1])
+                around = ways.lows[max(a - near, 0) : a + near + 1, max(b - near, 0) : b + near + 1, k]
+                assert around.min() <= low[i] + SAMPLE_M + 1e-6
+                seen += 1
+    assert seen > 1000
 
 
 def test_ways_are_all_there_and_end_at_the_grasp(ur5e: Robot, scene: Scene, motions: Motions) -> None:

@@ -66,8 +66,10 @@ def cylinder_cover(radius_m: float, height_m: float, excess_m: float) -> Cover:
         flat = np.maximum(flat[:, :-1], flat[:, 1:])
         tall = (cells[1][None] - z[:, None]) ** 2
         tall = np.maximum(tall[:, :-1], tall[:, 1:])
-        holds = (flat[:, :, None] + tall[:, None, :] <= ((radii - SLACK * excess_m) ** 2)[:, None, None]).reshape(len(rho), -1)
-        chosen, left = weighted_set_cover(_packed(holds), holds.shape[1], n * (1.0 + (z > 0)), np.zeros(0, np.int64))
+        count = flat.shape[1] * tall.shape[1]
+        holds = np.zeros((len(rho), count // 64 + 1), np.uint64)
+        _rings_hold(flat, tall, (radii - SLACK * excess_m) ** 2, holds)
+        chosen, left = weighted_set_cover(holds, count, n * (1.0 + (z > 0)), np.zeros(0, np.int64))
         if left == 0:
             rows = []
             for i in chosen:
@@ -128,12 +130,16 @@ def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array, holds: Bits) -> N
                             holds[ball, cell >> 6] |= one << np.uint64(cell & 63)
 
 
-def _packed(holds: NDArray[np.bool_]) -> Bits:
-    """Rows of flags as rows of words, at least one, of 64 flags each."""
-    room = np.zeros((len(holds), 8 * (holds.shape[1] // 64 + 1)), np.uint8)
-    packed = np.packbits(holds, axis=1, bitorder="little")
-    room[:, : packed.shape[1]] = packed
-    return room.view(np.uint64)
+@jit_entry
+def _rings_hold(flat: Array, tall: Array, most: Array, holds: Bits) -> None:
+    """Set in holds (balls, words of 64 cells) whether a ring holds cell (u, v): flat (balls, u) + tall (balls, v) <= most (balls,)."""
+    one = np.uint64(1)
+    for i in range(flat.shape[0]):
+        for u in range(flat.shape[1]):
+            for v in range(tall.shape[1]):
+                if flat[i, u] + tall[i, v] <= most[i]:
+                    cell = u * tall.shape[1] + v
+                    holds[i, cell >> 6] |= one << np.uint64(cell & 63)
 
 
 def _mirrored(centres: Array, radii: Array) -> tuple[Array, Array]:

@@ -28,7 +28,7 @@ from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import Obstruction, View
 from planning.motion.patience import Patience
-from planning.motion.picking import EXHAUSTIVE, THOROUGH, Pick, Picking, PickSettings
+from planning.motion.picking import EXHAUSTIVE, THOROUGH, Pick, Picking, PickSettings, can_be_exhaustive
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.quickest import Choices, quickest
 from planning.motion.reaching import place_on_floor
@@ -299,8 +299,9 @@ class Motions:
 
     @cached_property
     def exhaustive(self) -> Motions:
-        """The same with as many grasps as can be looked at: for what is to be proved, which nothing is while space is unseen."""
-        return self.thorough if self.partly_unseen else self._with(EXHAUSTIVE)
+        """The same with as many grasps as can be looked at, for what is to be proved. Nothing is while space is unseen; where grasps are
+        costly to sample, the thorough look is all."""
+        return self.thorough if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene) else self._with(EXHAUSTIVE)
 
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)

@@ -29,6 +29,8 @@ from planning.verdict import closes_askew, judge_grasp
 HEADING_TRIES, SAME_HEADING = 8, 1e-4
 MOST_PER_YAW = 10
 """So many grasps on a mesh are enough, for each closing direction that is sampled: the most natural ones."""
+MOST_JUDGED = 400
+"""So many grasps at most, the most natural ones, are judged for a thorough look where each has to be: a few seconds an object."""
 STAGES = {
     reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
     reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
@@ -245,11 +247,24 @@ def sampled_grasps(
     body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
     found = grasps_on(body, robot, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, headings)
     mesh = isinstance(body.shape, ConvexMesh)
-    if not mesh and (robot.grip is None or not closes_askew(robot)):
+    if not mesh and not _is_askew(robot):
         return found
+    if sampling is not USUAL:
+        found = islice(found, MOST_JUDGED)
     alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())
     good = (grasp for grasp in found if judge_grasp(robot, alone, grasp) is None)
     return islice(good, sampling.yaws * MOST_PER_YAW) if mesh else good
+
+
+def can_be_exhaustive(robot: Robot, scene: Scene) -> bool:
+    """Whether grasps cost little to sample: none is judged by itself, and none is sought with the arm's joints."""
+    meshes = any(isinstance(body.shape, ConvexMesh) for body in scene.objects)
+    return not meshes and not _is_askew(robot) and not arm_at(robot, scene.robot.T_world_base).few_joints
+
+
+def _is_askew(robot: Robot) -> bool:
+    """Whether the hand is one of one's own whose pads are askew."""
+    return robot.grip is not None and closes_askew(robot)
 
 
 def headings_of(arm: Arm) -> Headings | None:

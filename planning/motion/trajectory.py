@@ -96,10 +96,11 @@ class _Drive:
         if len(q) == 1:  # nothing moves
             still = np.zeros((2, q.shape[1]))
             return replace(motion, q=np.repeat(q, 2, 0), t_s=np.array([0.0, LEAST_S]), qd=still, qdd=still)
-        if (np.ptp(q[:, arm], axis=0) == 0).all():
+        way = _without_repeats(np.ascontiguousarray(q[:, arm]))  # rows may differ in the gripper's value alone
+        if len(way) == 1:
             t, rows = _from_stop_to_stop(q, robot.velocity, robot.acceleration, robot.jerk)
         else:
-            count = self._drive(poses, motion, np.ascontiguousarray(q[:, arm]))
+            count = self._drive(poses, motion, way)
             t, rows = self.t[:count].copy(), np.zeros((count, 3, q.shape[1]))
             rows[:, 0] = q[0]
             rows[:, :, arm] = self.rows[:count]

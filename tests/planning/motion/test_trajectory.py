@@ -226,6 +226,19 @@ def test_a_motion_that_goes_nowhere_takes_a_moment(ur5e: Robot) -> None:
     assert np.allclose(smooth.at(np.array([0.0005]))[0], ur5e.home, atol=1e-12)
 
 
+def test_fingers_may_move_while_the_arm_stands_still_for_a_part_of_a_way(found: tuple[Motions, Done], ur5e: Robot) -> None:
+    """Ways that begin with what is known of another repeat its first waypoint, rounded otherwise."""
+    motions, done = found
+    transit = next(m for m in done.motions if m.stage == "transit")
+    twice = np.concatenate([transit.q[:1], transit.q])
+    twice[1, list(ur5e.arm_joints)] += 5e-17
+    twice[:, ur5e.gripper_joint] = np.linspace(0.1, 0.4, len(twice))
+    motion = replace(transit, q=twice, t_s=np.arange(len(twice), dtype=float))
+    (driven,) = timed(motions.cell, motions.start().poses, [motion], FULL)
+    assert (np.diff(driven.t_s) > 0).all()
+    np.testing.assert_array_equal(driven.q[[0, -1]], twice[[0, -1]])
+
+
 def test_a_target_is_pulled_straight_out_wholly_and_no_further_than_needed(found: tuple[Motions, Done], ur5e: Robot) -> None:
     motions, done = found
     scene, out = motions.scene, done.motions[-1]

@@ -101,8 +101,9 @@ class Picking:
         key = (name, b"".join(grasp.T_world_hand.tobytes() + np.float64(grasp.width_m).tobytes() for grasp in grasps))
         if key not in self._known:
             self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
-        picks, why = self._picks(self._known[key], poses, rest, name, q)
-        ranks = {id(grasp): i for i, grasp in enumerate(grasps)}
+        known = self._known[key]  # which may have been asked for before, as other objects that say the same
+        picks, why = self._picks(known, poses, rest, name, q)
+        ranks = {id(grasp): i for i, grasp in enumerate(known)}
         return sorted(picks, key=lambda pick: ranks[id(pick.grasp)]), why
 
     def picks_among(

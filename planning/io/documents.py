@@ -8,6 +8,7 @@ Numbers keep every digit.
 from __future__ import annotations
 
 import re
+from math import isfinite
 from pathlib import Path
 from typing import Any, cast
 
@@ -54,14 +55,27 @@ def pose_to_json(T_a_b: Array) -> dict[str, list[float]]:
     return {"p": numbers(T_a_b[:3, 3]), "q_wxyz": numbers(wxyz_from_rotation(T_a_b[:3, :3]))}
 
 
+def number(value: float) -> float:
+    """A plain number. Raises: ValueError when it is none that JSON can say (infinity, NaN)."""
+    if not isfinite(value):
+        raise ValueError(f"{value} can't be written to a file")
+    return float(value)
+
+
 def numbers(values: Array) -> list[float]:
-    """An array (N,) as plain numbers with every digit."""
-    return cast("list[float]", np.asarray(values, float).tolist())
+    """An array (N,) as plain numbers with every digit. Raises: ValueError like `number`."""
+    return cast("list[float]", _finite(values).tolist())
 
 
 def rows_of_numbers(values: Array) -> list[list[float]]:
     """The same of a table (N, M), row by row."""
-    return cast("list[list[float]]", np.asarray(values, float).tolist())
+    return cast("list[list[float]]", _finite(values).tolist())
+
+
+def _finite(values: Array) -> Array:
+    if not np.isfinite(out := np.asarray(values, float)).all():
+        number(out[~np.isfinite(out)][0])
+    return out
 
 
 def without_none(fields: dict[str, Any]) -> dict[str, Any]:

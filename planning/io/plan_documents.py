@@ -10,7 +10,7 @@ import numpy as np
 
 from kinematics.scene import Grasp, Held, Settlement
 from planning.io.checked import Node
-from planning.io.documents import expect, numbers, pose_to_json, rows_of_numbers, without_none
+from planning.io.documents import expect, number, numbers, pose_to_json, rows_of_numbers, without_none
 from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
 
 PLAN = "retrieve/plan@2"
@@ -43,18 +43,18 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
             for m in plan.moves
         ],
         "motions": [_motion_to_json(m) for m in plan.motions],
-        "planning_time_s": float(plan.planning_time_s),
-        "motion_time_s": float(plan.motion_time_s),
-        **({"duration_s": plan.duration_s} if timed else {}),
-        "hand_travel_m": float(plan.hand_travel_m),
-        "return": float(plan.value),
+        "planning_time_s": number(plan.planning_time_s),
+        "motion_time_s": number(plan.motion_time_s),
+        **({"duration_s": number(plan.duration_s)} if timed else {}),
+        "hand_travel_m": number(plan.hand_travel_m),
+        "return": number(plan.value),
         "verified": None if plan.verified is None else bool(plan.verified),
         **_foresight_to_json(plan),
     }
     if plan.relocation_travel_m is not None:
-        document["relocation_travel_m"] = float(plan.relocation_travel_m)
+        document["relocation_travel_m"] = number(plan.relocation_travel_m)
     if plan.clearance_m is not None:
-        document["clearance_m"] = float(plan.clearance_m)
+        document["clearance_m"] = number(plan.clearance_m)
     if plan.faults:
         document["faults"] = [fault_to_json(fault) for fault in plan.faults]
     if plan.notes:
@@ -68,7 +68,7 @@ def _foresight_to_json(plan: Plan) -> dict[str, Any]:
     """The grasp that was taken and what was known ahead, where there is something to say."""
     grasp, proof = plan.grasp, plan.unsolvable
     known = {
-        "grasp": None if grasp is None else {"T_world_hand": pose_to_json(grasp.T_world_hand), "width_m": float(grasp.width_m)},
+        "grasp": None if grasp is None else {"T_world_hand": pose_to_json(grasp.T_world_hand), "width_m": number(grasp.width_m)},
         "least_moves": None if plan.least_moves is None else int(plan.least_moves),
         "unsolvable": None if proof is None else {"stuck": list(proof.stuck), "would_help": list(proof.would_help)},
     }
@@ -87,12 +87,16 @@ def _motion_to_json(m: Motion) -> dict[str, Any]:
     if m.qd is not None and m.qdd is not None:
         document["qd"], document["qdd"] = rows_of_numbers(m.qd), rows_of_numbers(m.qdd)
     if m.gripper is not None:
-        states = {"before": m.gripper.before, "after": m.gripper.after}
-        told = {when: {"value": g.value, "command_m": g.width_m, "force_N": g.force_N} for when, g in states.items()}
-        document["gripper"] = {"joint": m.gripper.joint, **told}
+        before, after = _state_to_json(m.gripper.before), _state_to_json(m.gripper.after)
+        document["gripper"] = {"joint": m.gripper.joint, "before": before, "after": after}
     if m.clearance_m is not None and m.clearance_between is not None:
-        document["clearance_m"], document["clearance_between"] = float(m.clearance_m), list(m.clearance_between)
+        document["clearance_m"], document["clearance_between"] = number(m.clearance_m), list(m.clearance_between)
     return document
+
+
+def _state_to_json(state: GripperState) -> dict[str, float | None]:
+    force = None if state.force_N is None else number(state.force_N)
+    return {"value": number(state.value), "command_m": number(state.width_m), "force_N": force}
 
 
 def plan_from_json(document: Any, where: str = "plan") -> Plan:
@@ -159,7 +163,7 @@ def _settlement(node: Node) -> Settlement:
 
 def fault_to_json(fault: Fault) -> dict[str, Any]:
     """A fault as a plan's field `faults` has it."""
-    amount = None if fault.amount is None or not isfinite(fault.amount) else float(fault.amount)
+    amount = None if fault.amount is None or not isfinite(fault.amount) else number(fault.amount)
     return {"stage": fault.stage, "bodies": list(fault.bodies), "detail": fault.detail, "amount": amount}
 
 
@@ -229,5 +233,5 @@ def _blocked(node: Node) -> Blocked | None:
 def _blocked_to_json(why: Blocked | None) -> dict[str, Any] | None:
     if why is None:
         return None
-    depth = None if why.depth_m is None else float(why.depth_m)
+    depth = None if why.depth_m is None else number(why.depth_m)
     return without_none({"stage": why.stage, "link": why.link, "body": why.body, "depth_m": depth, "detail": why.detail})

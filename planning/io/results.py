@@ -17,6 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Any, Generic, TypeVar
 
+import orjson
+
 from kinematics.errors import InputError
 from kinematics.scene import Scene
 from planning.io.files import folder_of
@@ -40,20 +42,29 @@ def scene_writer(
     told what became of an earlier run's part, and of this one's when it is broken off.
     Raises: InputError when nothing can be written there, and with resume when the part is another run's, or there is no file.
     """
-    return _results(out, partial(scene_to_json, folder=folder_of(out)), asked or {}, resume, tell)
+    return _results(out, partial(_scene_line, folder=folder_of(out)), asked or {}, resume, tell)
 
 
 def plan_writer(
     out: Path | None, *, asked: Asked | None = None, resume: bool = False, tell: Tell = lambda _: None
 ) -> AbstractContextManager[Results[Plan]]:
     """`with plan_writer(out) as write: write(plan)`, like `scene_writer`."""
-    return _results(out, plan_to_json, asked or {}, resume, tell)
+    return _results(out, plan_line, asked or {}, resume, tell)
+
+
+def _scene_line(scene: Scene, folder: Path) -> str:
+    return json.dumps(scene_to_json(scene, folder), ensure_ascii=False, allow_nan=False)
+
+
+def plan_line(plan: Plan) -> str:
+    """A plan as a line of a file: by orjson, for it has thousands of numbers. Raises: ValueError, see `documents.number`."""
+    return orjson.dumps(plan_to_json(plan)).decode()
 
 
 class Results(Generic[T]):
     """Where results go, one line each. kept: how many an earlier run has left."""
 
-    def __init__(self, encode: Callable[[T], Mapping[str, Any]], stream: IO[str] | None, name: str) -> None:
+    def __init__(self, encode: Callable[[T], str], stream: IO[str] | None, name: str) -> None:
         self.kept = 0
         self._encode, self._stream, self._name = encode, stream, name
 
@@ -66,7 +77,7 @@ class Results(Generic[T]):
 
     def __call__(self, value: T) -> None:
         """Write one result."""
-        self._put(json.dumps(self._encode(value), ensure_ascii=False, allow_nan=False) + "\n")
+        self._put(self._encode(value) + "\n")
 
     def _put(self, line: str) -> None:
         assert self._stream is not None
@@ -78,7 +89,7 @@ class Results(Generic[T]):
 class _File(Results[T]):
     """Results in a file that may be gone on with."""
 
-    def __init__(self, encode: Callable[[T], Mapping[str, Any]], out: Path, asked: Asked, tell: Tell) -> None:
+    def __init__(self, encode: Callable[[T], str], out: Path, asked: Asked, tell: Tell) -> None:
         super().__init__(encode, None, str(out))
         self.target = place_for(out)
         self.part, self.log = part_of(self.target), part_of(self.target, ".log")
@@ -205,7 +216,7 @@ class _File(Results[T]):
 
 
 @contextmanager
-def _results(out: Path | None, encode: Callable[[T], Mapping[str, Any]], asked: Asked, resume: bool, tell: Tell) -> Iterator[Results[T]]:
+def _results(out: Path | None, encode: Callable[[T], str], asked: Asked, resume: bool, tell: Tell) -> Iterator[Results[T]]:
     stdout = out is None or str(out) == "-"
     if resume and (stdout or is_special(out)):  # type: ignore[arg-type]  # a path, if it is not stdout
         raise InputError("--resume goes on with a file: name it with -o")

@@ -6,6 +6,7 @@ import copy
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,9 @@ from kinematics.transforms import rotation_from_wxyz, transform, wxyz_from_rotat
 from planning.io.files import read_either, read_plans, read_scenes
 from planning.io.outputs import replacing
 from planning.io.plan_documents import plan_from_json, plan_to_json
-from planning.io.results import plan_writer, scene_writer
+from planning.io.results import plan_line, plan_writer, scene_writer
 from planning.io.scene_documents import scene_from_json, scene_to_json
-from planning.plan import Blocked
+from planning.plan import Blocked, Gripper, GripperState
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -435,9 +436,34 @@ def test_places_that_can_not_be_written_to(tmp_path: Path) -> None:
 def test_nan_is_never_written(tmp_path: Path) -> None:
     scene = scene_from_json(documents.scene())
     scene.grasp.T_world_hand[0, 3] = np.nan
-    with pytest.raises(ValueError, match="Out of range float"), scene_writer(tmp_path / "s.jsonl") as write:
+    with pytest.raises(ValueError, match=r"can't be written"), scene_writer(tmp_path / "s.jsonl") as write:
         write(scene)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("path", ["motions.0.q", "motions.0.t_s", "planning_time_s", "motions.0.gripper.before.value"])
+def test_nan_is_never_written_in_a_plan(tmp_path: Path, path: str) -> None:
+    plan = plan_from_json(documents.plan())
+    motion = plan.motions[0]
+    bad = {
+        "motions.0.q": replace(plan, motions=(replace(motion, q=motion.q * np.nan),)),
+        "motions.0.t_s": replace(plan, motions=(replace(motion, t_s=motion.t_s * np.nan),)),
+        "planning_time_s": replace(plan, planning_time_s=np.inf),
+        "motions.0.gripper.before.value": replace(
+            plan, motions=(replace(motion, gripper=Gripper("finger", GripperState(np.nan, 0.0), GripperState(0.0, 0.0))),)
+        ),
+    }
+    with pytest.raises(ValueError, match=r"can't be written"), plan_writer(tmp_path / "p.jsonl") as write:
+        write(bad[path])
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2))
+def test_numbers_of_a_plan_are_read_as_they_were_to_the_last_digit(figures: list[float]) -> None:
+    plan = replace(plan_from_json(documents.plan()), hand_travel_m=figures[0], value=figures[1])
+    document = json.loads(plan_line(plan))
+    assert [document["hand_travel_m"], document["return"]] == figures
+    assert document == plan_to_json(plan)
+
 
 
 def test_poses_follow_the_contract() -> None:

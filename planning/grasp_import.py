@@ -10,7 +10,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.transforms import Array, apply, inverse
 from planning.grasp_proposals import Proposals, rank
-from planning.grasping.line_contacts import line_contacts
+from planning.grasping.line_contacts import stretch_at
 from planning.io.grasp_files import ReadGrasps
 
 
@@ -28,7 +28,7 @@ def onto_target(robot: Robot, scene: Scene, read: ReadGrasps, T_world_file: Arra
             T[:3, :2] *= -1
         if read.at_tips:
             T[:3, 3] -= pad_to_tip(robot) * T[:3, 2]
-        hit = line_contacts(target.shape, target.T_world_body, T[:3, 3], T[:3, 1])
+        hit = stretch_at(target.shape, target.T_world_body, T[:3, 3], T[:3, 1])
         if hit is None:
             missed += 1
             continue

@@ -20,7 +20,7 @@ from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array
 from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.finger_grasps import FRICTION_ANGLE
-from planning.grasping.line_contacts import line_contacts
+from planning.grasping.line_contacts import stretch_at
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp
 
@@ -28,6 +28,8 @@ MOST_SAMPLED = 60
 """So many of the sampled grasps are looked at, the most natural first; on a mesh, where many may not hold, so many of those that do."""
 SQUARE, REACH, FREE = 0.4, 0.3, 0.3
 """What the parts of a score weigh."""
+AHEAD_M = (0.0, 0.01, 0.02)
+"""How far before the hand frame the pads' closing is looked at: they hold what is low by their ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,8 @@ def squareness(target: Body, grasp: Grasp, *, cup: bool = False) -> float:
     """How well the pads close on a shape, or a cup lies on it, from 0 to 1: how square its surface is to them, and how near its middle they
     are."""
     T, closing = grasp.T_world_hand, grasp.T_world_hand[:3, 2 if cup else 1]
-    hit = line_contacts(target.shape, target.T_world_body, T[:3, 3], closing)
+    lines = (T[:3, 3] + ahead * T[:3, 2] for ahead in AHEAD_M)
+    hit = next((h for p in lines if (h := stretch_at(target.shape, target.T_world_body, p, closing)) is not None), None)
     if hit is None:
         return 0.0
     off = np.arccos(np.clip(-hit.enter_normal @ closing if cup else min(-hit.enter_normal @ closing, hit.leave_normal @ closing), -1, 1))

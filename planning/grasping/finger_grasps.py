@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -18,8 +18,21 @@ from kinematics.robots.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform
-from planning.grasping.hand_poses import STAY, STEEP, Lowest, Move, fit_box, fit_round, height_of, level_hand, most_above, usual_lowest
-from planning.grasping.line_contacts import Contact, line_contacts
+from planning.grasping.hand_poses import (
+    CLEAR_M,
+    STAY,
+    STEEP,
+    UP,
+    Lowest,
+    Move,
+    fit_box,
+    fit_round,
+    height_of,
+    level_hand,
+    most_above,
+    usual_lowest,
+)
+from planning.grasping.line_contacts import Contact, line_contacts, line_stretches, stretch_at
 from planning.grasping.pads import Pad, under_pads
 from planning.grasping.sampling import USUAL, Headings, Sampling
 
@@ -61,14 +74,15 @@ def sample_grasps(
     pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines. headings: how an arm of
     few joints looks at what has no faces, besides the yaws that are sampled. lowest: how low the pads may be.
     On a mesh those follow that meet it less squarely, or beside its middle, or that are set back less than its box would be: the pads may
-    meet an edge there, or the palm the mesh.
+    meet an edge there, or the palm the mesh. At last come those that hold it by a wall, one finger in a hole of it.
     The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
     if opening.round_only and not isinstance(body.shape, Cylinder):
         return
     ranked = []
+    tips = floor_z + pad.tip_z_m + CLEAR_M if pad is not None and isinstance(body.shape, ConvexMesh) else -np.inf
     for room_m in sampling.rooms_m:
-        candidates = _Candidates(body, opening, tuple(approaches), floor_z, toward, sampling, lowest, room_m)
+        candidates = _Candidates(body, opening, tuple(approaches), floor_z, toward, sampling, lowest, room_m, tips)
         headed = [] if headings is None or isinstance(body.shape, Box) else candidates.headed(headings)
         ranked += sorted([*headed, *candidates.all_round()], key=lambda c: c.rank)
     hits: dict[tuple[float, float, float], Contact | None] = {}
@@ -83,12 +97,17 @@ def sample_grasps(
         grasp = _less_squarely(body, opening, c, pad, hits)
         if grasp is not None:
             yield grasp
+    if isinstance(body.shape, ConvexMesh) and len(body.shape.parts) > 1:
+        walls = dict[tuple[float, float, float], list[Contact]]()
+        for c in ranked:
+            yield from _by_walls(body, opening, c, pad, walls)
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
     """A hand that may close. rank: the smaller the more natural; point (3,): between the pads; u (3,): along which; R (3, 3): the
-    hand's; extent: the body's, see `hand_poses.fit_box`; back_m: how much nearer to the hand than it must be; room_m: see `Sampling`."""
+    hand's; extent: the body's, see `hand_poses.fit_box`; back_m: how much nearer to the hand than it must be; room_m: see `Sampling`;
+    least_z: the pads' middle is no lower, though what they close on is."""
 
     rank: float
     point: Array
@@ -97,6 +116,7 @@ class _Candidate:
     extent: tuple[float, float, float]
     back_m: float
     room_m: float
+    least_z: float = -np.inf
 
     def fit(self, body: Body, width_m: float, opening: Opening) -> Move:
         """How the hand moves for what lies behind its pads."""
@@ -107,7 +127,8 @@ class _Candidate:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """All hands that are asked about; see `sample_grasps`."""
+    """All hands that are asked about; see `sample_grasps`. tips_z: how high the pads' middle is where a hand's tips that look down are as
+    low as they may be, world; -inf where the pads close on what their middle is at."""
 
     body: Body
     opening: Opening
@@ -117,6 +138,7 @@ class _Candidates:
     sampling: Sampling
     lowest: Lowest
     room_m: float
+    tips_z: float = -np.inf
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -165,7 +187,8 @@ class _Candidates:
         middle = (low + high) / 2
         point, extent = np.array([middle[0], middle[1], z]), (reach, float(high[2] - z), pitch)
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
-            yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back, self.room_m)
+            least_z = self.tips_z if pitch > STEEP else -np.inf
+            yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back, self.room_m, least_z)
 
     def _heights(self, kind: str, pitch: float) -> list[float]:
         """Heights of the pads, world."""
@@ -186,6 +209,8 @@ class _Candidates:
             kind, floor = ("diagonal", self.floor_z + self.lowest("diagonal", pitch)) if kind == "downward" else (kind, floor)
             more = (height_of(kind, low[2], high[2], floor, share) for share in MESH_HEIGHTS)
             heights += [z for z in dict.fromkeys(more) if z is not None and z not in heights]
+            if pitch > STEEP and (middle := float(low[2] + high[2]) / 2) < self.tips_z:
+                heights.append(middle)  # what is low is held by the pads' ends
         return heights
 
 
@@ -216,6 +241,19 @@ def _less_squarely(
     return None
 
 
+def _by_walls(
+    body: Body, opening: Opening, c: _Candidate, pad: Pad | None, walls: dict[tuple[float, float, float], list[Contact]]
+) -> Iterator[Grasp]:
+    """A mesh's grasps by the stretches of a candidate's line that holes part. walls: what was found of each line, remembered."""
+    line = (float(c.u[0]), float(c.point[2]), 0.0)
+    if line not in walls:
+        walls[line] = line_stretches(body.shape, body.T_world_body, c.point, c.u)
+    for hit in walls[line] if len(walls[line]) > 1 else []:
+        shares = SET_BACKS if c.fit(body, hit.leave - hit.enter, opening) != STAY else SET_BACKS[:1]
+        found = (_antipodal(body, opening, hit, c, pad, MESH_FRICTION_ANGLE, share, wall=True) for share in shares)
+        yield from islice((grasp for grasp in found if grasp is not None), 1)
+
+
 def _crossed(body: Body, point: Array, u: Array, beside: float, hits: dict[tuple[float, float, float], Contact | None]) -> Contact | None:
     """Where the line along u that passes so far beside a point meets the body, remembered: hands from both sides, and of all pitches, close
     along it."""
@@ -231,11 +269,19 @@ def _skew(hit: Contact | None, u: Array) -> float:
 
 
 def _antipodal(
-    body: Body, opening: Opening, hit: Contact | None, c: _Candidate, pad: Pad | None, friction_angle: float, share: float = 1.0
+    body: Body,
+    opening: Opening,
+    hit: Contact | None,
+    c: _Candidate,
+    pad: Pad | None,
+    friction_angle: float,
+    share: float = 1.0,
+    *,
+    wall: bool = False,
 ) -> Grasp | None:
     """The grasp with the pads' centre on the line through a candidate's point along u, which meets the body so, or where that is too deep,
     nearer to the hand; or None. pad: see `sample_grasps`. friction_angle: between the line and the surface's normals at most. share: of how
-    far the pads are set back."""
+    far the pads are set back. wall: the line meets more of the body, apart from there."""
     if hit is None:
         return None
     point, u = c.point, c.u
@@ -243,13 +289,24 @@ def _antipodal(
     if move != STAY:
         point = point + share * move.by(c.R)
         if not isinstance(body.shape, Cylinder):  # which flat pads meet where it is widest
-            hit = line_contacts(body.shape, body.T_world_body, point, u)
+            middle = (hit.enter + hit.leave) / 2
+            hit = (
+                stretch_at(body.shape, body.T_world_body, point, u, middle)
+                if wall
+                else line_contacts(body.shape, body.T_world_body, point, u)
+            )
+    raised = max(0.0, c.least_z - float(point[2]))
+    if pad is not None and raised > pad.high_z_m:
+        return None
+    point = point + raised * UP if raised else point
     cone = np.cos(friction_angle)
     if hit is None or -hit.enter_normal @ u < cone or hit.leave_normal @ u < cone:
         return None
     enter, leave = hit.enter, hit.leave
+    if leave - enter + SPARE_M > opening.max_m:
+        return None
     if pad is not None and isinstance(body.shape, ConvexMesh):
-        enter, leave = under_pads(body.shape, body.T_world_body, hit, point, u, c.R, pad)
+        enter, leave = under_pads(body.shape, body.T_world_body, hit, point, u, c.R, pad, wall)
     width = leave - enter
     if width + SPARE_M > opening.max_m:
         return None

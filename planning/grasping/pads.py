@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -11,19 +12,22 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, apply, inverse
-from planning.grasping.line_contacts import Contact, line_contacts
+from planning.grasping.line_contacts import GAP_M, Contact, line_stretches
 
 PAD_FACE_M = 0.001  # corners of a finger this near to its innermost one belong to the pad
 PAD_REACH_M = 0.025  # and no further than this from the pads' middle, along the approach
+OPENINGS = 9  # at which the hand is measured
 
 
 @dataclass(frozen=True)
 class Pad:
-    """How large a flat pad is: half its width along the hand's x, and from where to where along z, from the pads' middle; metres."""
+    """How large a flat pad is: half its width along the hand's x, and from where to where along z, from the pads' middle; tip_z_m: how far
+    any of the hand reaches beyond that, however wide it is open; metres."""
 
     half_x_m: float
     low_z_m: float
     high_z_m: float
+    tip_z_m: float = 0.0
 
 
 @lru_cache(maxsize=16)
@@ -42,20 +46,33 @@ def pad_of(robot: Robot) -> Pad:
         if inner > 0 and face[:, 2].min() < PAD_REACH_M and face[:, 2].max() > -PAD_REACH_M:
             faces.append((inner, face))
     if not faces:
-        return Pad(0.0, 0.0, 0.0)
+        return Pad(0.0, 0.0, 0.0, _tip_z(robot))
     _, face = min(faces, key=lambda f: f[0])
     x, z = np.abs(face[:, 0]).max(), np.clip(face[:, 2], -PAD_REACH_M, PAD_REACH_M)
-    return Pad(float(x), float(min(z.min(), 0.0)), float(max(z.max(), 0.0)))
+    return Pad(float(x), float(min(z.min(), 0.0)), float(max(z.max(), 0.0)), _tip_z(robot))
 
 
-def under_pads(shape: ConvexMesh, T: Array, hit: Contact, point: Array, u: Array, R: Array, pad: Pad) -> tuple[float, float]:
+def _tip_z(robot: Robot) -> float:
+    """How far the hand reaches beyond the pads' middle along the approach, at most."""
+    reaches, q = [], robot.home.copy()
+    for width in np.linspace(float(robot.opening.width_m[0]), robot.opening.max_m, OPENINGS).tolist():
+        q[robot.gripper_joint] = robot.opening.value_at(width)
+        poses = robot.link_poses(q)
+        T_hand = inverse(poses["hand"])
+        end = max(float(apply(T_hand @ poses[h.link], h.vertices)[:, 2].max()) for h in robot.hulls if h.link in robot.hand_links)
+        reaches.append(end - robot.opening.pad_z_at(width))
+    return max(reaches)
+
+
+def under_pads(
+    shape: ConvexMesh, T: Array, hit: Contact, point: Array, u: Array, R: Array, pad: Pad, wall: bool = False
+) -> tuple[float, float]:
     """Where flat pads first meet a mesh (enter, leave) along the line through `point` along u: before the line itself where facets or bumps
-    beside it reach further. What of a part lies between the pads ends where its edges do, or enter, or where the pads' corners meet it."""
-    reached = [hit.enter, hit.leave]
+    beside it reach further. What of a part lies between the pads ends where its edges do, or enter, or where the pads' corners meet it.
+    wall: `hit` is one stretch of several, and what a hole parts from it is not between the pads."""
+    spans = [(hit.enter, hit.leave)]
     for x, z in product((-pad.half_x_m, pad.half_x_m), (pad.low_z_m, pad.high_z_m)):
-        corner = line_contacts(shape, T, point + x * R[:, 0] + z * R[:, 2], u)
-        if corner is not None:
-            reached += [corner.enter, corner.leave]
+        spans += [(c.enter, c.leave) for c in line_stretches(shape, T, point + x * R[:, 0] + z * R[:, 2], u)]
     axes = np.stack([R[:, 0], R[:, 2], u], -1)
     low, high = np.array([-pad.half_x_m, pad.low_z_m]), np.array([pad.half_x_m, pad.high_z_m])
     for a, b in _edges(shape):
@@ -67,8 +84,21 @@ def under_pads(shape: ConvexMesh, T: Array, hit: Contact, point: Array, u: Array
         ends = np.fmin(np.fmax.reduce(sides).min(1), 1.0)
         beside = ((along[:, :2] == 0) & ((p[:, :2] < low) | (p[:, :2] > high))).any(1)
         some = (begins <= ends) & ~beside
-        reached += [*(p[some, 2] + begins[some] * along[some, 2]), *(p[some, 2] + ends[some] * along[some, 2])]
-    return float(min(reached)), float(max(reached))
+        between = np.sort(p[some, 2:] + np.stack([begins[some], ends[some]], -1) * along[some, 2:], axis=1)
+        spans += [(float(first), float(last)) for first, last in between]
+    return _joined(spans) if wall else (min(first for first, _ in spans), max(last for _, last in spans))
+
+
+def _joined(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """The first of some spans of a line, with all others that are less than GAP_M from it, or from such ones."""
+    low, high = spans[0]
+    for first, last in sorted(spans):
+        if first <= high + GAP_M:
+            high = max(high, last)
+    for first, last in sorted(spans, key=lambda span: -span[1]):
+        if last >= low - GAP_M:
+            low = min(low, first)
+    return low, high
 
 
 @lru_cache(maxsize=64)

@@ -17,15 +17,18 @@ T_BASE_HAND = transform(rotation_about((0.0, 1.0, 0.0), 0.3), [0.4, 0.1, 0.2])
 
 
 class Hand:
-    """Stands for a robot: links in the hand's frame, half open by 5 cm, the pads' middle 2 cm along the approach."""
+    """Stands for a robot: links in the hand's frame, half open by 5 cm, the pads' middle 2 cm along the approach; its links stay
+    where they are, however far it is open."""
 
     def __init__(self, **links: Array) -> None:
         self.opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array([0.03, 0.01]), np.full(2, 0.5), np.zeros(2))
         self.home, self.gripper_joint, self.fingers = np.zeros(1), 0, frozenset(links) - {"palm"}
+        self.hand_links = frozenset(links)
+        self.asked: list[float] = []
         self.hulls = [SimpleNamespace(link=name, vertices=vertices) for name, vertices in links.items()]
 
     def link_poses(self, q: Array) -> dict[str, Array]:
-        assert q == pytest.approx([0.4])  # half open
+        self.asked = [*self.asked, float(q[0])]
         return {"hand": T_BASE_HAND, **{h.link: T_BASE_HAND for h in self.hulls}}
 
 
@@ -37,7 +40,10 @@ def finger(y: float, x: tuple[float, float], z: tuple[float, float], *, wider: f
 
 
 def pad(**links: Array) -> Pad:
-    return pad_of(cast("Robot", Hand(**links)))
+    hand = Hand(**links)
+    found = pad_of(cast("Robot", hand))
+    assert hand.asked == pytest.approx([0.4, *np.linspace(0.8, 0.0, 9)])  # the face half open, the tips at all openings
+    return found
 
 
 def approximately(half_x_m: float, low_z_m: float, high_z_m: float) -> object:
@@ -73,3 +79,10 @@ def test_a_pad_holds_the_pads_middle() -> None:
 def test_without_a_finger_on_the_left_the_pads_are_lines() -> None:
     assert numbers(pad(right=finger(-0.025, (-0.01, 0.01), (0.01, 0.03)))) == (0.0, 0.0, 0.0)
     assert numbers(pad(left=finger(0.025, (-0.01, 0.01), (0.1, 0.2)))) == (0.0, 0.0, 0.0)
+
+
+def test_the_tips_reach_furthest_beyond_the_pads_middle_where_that_is_least_far() -> None:
+    """The middle is 1 to 3 cm along the approach, the tip of a finger that holds nothing at 6 cm."""
+    left, right = finger(0.025, (-0.01, 0.01), (0.01, 0.04)), finger(-0.025, (-0.01, 0.01), (0.01, 0.06))
+    assert pad(left=left, right=right).tip_z_m == pytest.approx(0.05)
+    assert pad(palm=finger(0.025, (-0.01, 0.01), (0.01, 0.02))).tip_z_m == pytest.approx(0.01)

@@ -72,13 +72,13 @@ def poses(arm: Arm, q: Array, T_world_base: Array, wanted: frozenset[int] | None
 def read(urdf: str) -> Arm:
     """The arm of a cleaned URDF text, as `kinematics.robots` keeps it. Raises: ValueError for joints that it can't follow."""
     root = ElementTree.fromstring(urdf)
-    by_child = {_name(j, "child"): j for j in root.iter("joint") if j.find("child") is not None}
-    names = [e.get("name", "") for e in root.findall("link")]
-    parents = {child: _name(j, "parent") for child, j in by_child.items()}
-    by_name = {j.get("name", ""): j for j in by_child.values()}
-    order = _from_the_root(names, parents)
-    actuated = [by_child[n].get("name", "") for n in order[1:] if by_child[n].get("type") != "fixed" and by_child[n].find("mimic") is None]
-    limits = np.array([_limits(by_name[n]) for n in actuated]).reshape(-1, 3)
+    by_name = {j.attrib["name"]: j for j in root.findall("joint")}
+    by_child = {_link(j, "child"): j for j in by_name.values()}
+    parents = {child: _link(j, "parent") for child, j in by_child.items()}
+    order = _from_the_root([e.attrib["name"] for e in root.findall("link")], parents)
+    joints = [by_child[link] for link in order[1:]]
+    actuated = [j.attrib["name"] for j in joints if j.get("type") != "fixed" and j.find("mimic") is None]
+    limits = np.array([_limits(by_name[n]) for n in actuated])
     moving: list[Joint] = []
     links, above = {order[0]: (0, np.eye(4))}, [frozenset({0})]
     for link in order[1:]:
@@ -114,7 +114,7 @@ def _from_the_root(names: list[str], parents: dict[str, str]) -> list[str]:
 
 def _joint(element: ElementTree.Element, parent: int, T: Array, source: int, scale: float, offset: float) -> Joint:
     """A moving joint. Raises: ValueError for one that neither turns nor slides."""
-    kind = element.get("type", "")
+    kind = element.attrib["type"]
     if kind not in ("revolute", "continuous", "prismatic"):
         raise ValueError(f"joint {element.get('name')!r} is of type {kind!r}; revolute, continuous, prismatic and fixed can be followed")
     at = element.find("axis")
@@ -131,14 +131,14 @@ def _source(by_name: dict[str, ElementTree.Element], joint: ElementTree.Element)
     """The actuated joint behind one, and how it follows. Raises: ValueError for one that follows itself, or nothing."""
     scale, offset, seen = 1.0, 0.0, set[str]()
     while (mimic := joint.find("mimic")) is not None:
-        name = mimic.get("joint", "")
+        name = mimic.attrib["joint"]
         if name in seen or name not in by_name:
             raise ValueError(f"joint {joint.get('name')!r} mimics {name!r}, which leads nowhere")
         seen.add(name)
         offset += scale * float(mimic.get("offset") or 0.0)
         scale *= float(mimic.get("multiplier") or 1.0)
         joint = by_name[name]
-    return joint.get("name", ""), scale, offset
+    return joint.attrib["name"], scale, offset
 
 
 def _limits(joint: ElementTree.Element) -> tuple[float, float, float]:
@@ -157,9 +157,9 @@ def _origin(joint: ElementTree.Element) -> Array:
     return transform(rotation_rpy(_numbers(at.get("rpy", "0 0 0"))), _numbers(at.get("xyz", "0 0 0")))
 
 
-def _name(joint: ElementTree.Element, which: str) -> str:
-    element = joint.find(which)
-    return "" if element is None else element.get("link", "")
+def _link(joint: ElementTree.Element, which: str) -> str:
+    """The name of a joint's parent or child."""
+    return next(joint.iter(which)).attrib["link"]
 
 
 def _numbers(text: str) -> Array:

@@ -109,7 +109,7 @@ def _above(arm: Arm, course: Course, reached: Array, limit: Array, what: str, un
     worst = int(np.argmax(over))
     if not over[worst] > 1 + RATE:
         return []
-    detail = f"{arm.joints[worst]} has a {what} of {reached[worst]:.3g}{unit}, and its limit is {limit[worst]:.3g}{unit}"
+    detail = f"{arm.joints[worst]} reaches {reached[worst]:.3g}{unit}, and the limit of its {what} is {limit[worst]:.3g}{unit}"
     return [_fault(course, detail, reached[worst])]
 
 

@@ -80,3 +80,86 @@ def test_the_least_width_is_that_of_all_directions(seed: int) -> None:
 def test_a_corner_is_no_polygon_to_be_near_to() -> None:
     with pytest.raises(ValueError, match="without corners"):
         nearest(np.zeros((0, 2)), np.zeros((1, 2)))
+
+
+# -------------------------------------------------------------------------------------------------------------------------------- by hand
+
+SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
+
+
+def corners(polygon: np.ndarray) -> set[tuple[float, ...]]:
+    return {tuple(float(x) for x in p) for p in polygon}
+
+
+def test_a_hull_runs_counter_clockwise_from_its_leftmost_corner() -> None:
+    """Points in its sides, in it, and twice are left out; two points stay as they are."""
+    points = np.array([[2, 2], [1, 0], [0, 2], [0, 0], [2, 0], [2, 2], [1, 1], [0, 1], [2, 1], [1, 2.0]])
+    assert hull(points).tolist() == SQUARE.tolist()
+    assert hull(points[:2]).tolist() == [[2, 2], [1, 0]]
+    assert hull(np.array([[1, 3], [1, 1], [1, 2.0]])).tolist() == [[1, 1], [1, 3]]
+    assert hull(np.array([[0, 0], [1, 2], [2, 0.0]])).tolist() == [[0, 0], [2, 0], [1, 2]]
+
+
+def test_what_lies_in_a_square() -> None:
+    assert corners(clip(SQUARE + 1.0, SQUARE)) == {(1, 1), (2, 1), (2, 2), (1, 2)}
+    assert corners(clip(SQUARE, SQUARE)) == corners(SQUARE)
+    assert len(clip(SQUARE + 3.0, SQUARE)) == 0
+    assert clip(SQUARE + 3.0, SQUARE).shape == (0, 2)
+    assert corners(clip(SQUARE + np.array([2.0, 0.0]), SQUARE)) == {(2, 0), (2, 2)}  # a side in common
+    assert corners(clip(SQUARE + 2.0, SQUARE)) == {(2, 2)}
+    assert corners(clip(np.array([[-1, 1], [3, 1.0]]), SQUARE)) == {(0, 1), (2, 1)}  # a line
+    assert corners(clip(np.array([[1.0, 1.0]]), SQUARE)) == {(1, 1)}
+    assert len(clip(np.array([[3.0, 1.0]]), SQUARE)) == 0
+    assert corners(clip(np.array([[1, -1], [3, 1], [1, 3], [-1, 1.0]]), SQUARE)) == {(0, 0), (2, 0), (2, 2), (0, 2)}
+    lozenge = np.round(clip(np.array([[1, -2], [2, 1], [1, 4], [0, 1.0]]), SQUARE), 6)  # it is 2 wide at y = 1, 4/3 at y = 0 and 2
+    assert corners(lozenge) == {(0.333333, 0), (1.666667, 0), (2, 1), (1.666667, 2), (0.333333, 2), (0, 1)}
+
+
+def test_what_a_polygon_contains() -> None:
+    """Edges and corners, too, to a millionth of a millionth; what has no area contains nothing."""
+    for point, inside in (
+        ((1, 1), True),
+        ((0, 1), True),
+        ((2, 2), True),
+        ((1, 0), True),
+        ((2.1, 1), False),
+        ((1, 2.1), False),
+        ((-1e-9, 1), False),
+    ):
+        assert contains(SQUARE, np.array(point, float)) is inside
+    assert contains(SQUARE, np.array([-0.4e-12, 1.0]))
+    assert not contains(SQUARE[:2], np.array([1.0, 0.0]))
+    assert not contains(SQUARE[:0], np.array([1.0, 0.0]))
+    assert contains(SQUARE[:3], np.array([1.5, 0.5]))
+    assert not contains(SQUARE[:3], np.array([0.5, 1.5]))
+
+
+def test_the_least_width_of_plain_figures() -> None:
+    assert least_width(SQUARE * [3.0, 1.0]) == 2.0
+    assert least_width(SQUARE * [0.5, 1.0]) == 1.0
+    assert least_width(np.array([[0, 0], [3, 0], [0, 4.0]])) == pytest.approx(2.4)  # over the hypotenuse
+    assert least_width(SQUARE[:2]) == 0.0
+    assert least_width(np.array([[0, 0], [0, 0], [2, 0], [2, 1], [0, 1.0]])) == 1.0
+    assert least_width(np.zeros((3, 2))) == 0.0
+    assert least_width(np.array([[0, 0], [1, 0], [0.5, 2.0]])) == pytest.approx(2 / np.hypot(0.5, 2))
+
+
+def nearest_of(a: object, b: object) -> list[list[float]]:
+    return [p.tolist() for p in nearest(np.array(a, float), np.array(b, float))]
+
+
+def test_the_nearest_points_of_plain_figures() -> None:
+    low = [[3, 1], [5, 0.5], [5, 1.5]]
+    assert nearest_of(SQUARE, low) == [[2, 1], [3, 1]]
+    assert nearest_of(low, SQUARE) == [[3, 1], [2, 1]]
+    assert nearest_of([[0, 0]], [[3, 4]]) == [[0, 0], [3, 4]]
+    assert nearest_of([[1, 5]], [[0, 0], [2, 0]]) == [[1, 5], [1, 0]]
+    assert nearest_of([[0, 0], [2, 0]], [[1, 5]]) == [[1, 0], [1, 5]]
+    assert nearest_of([[5, 5]], [[0, 0], [2, 0]]) == [[5, 5], [2, 0]]
+    assert nearest_of([[-4, 1]], [[0, 0], [2, 0]]) == [[-4, 1], [0, 0]]
+    assert nearest_of(SQUARE, SQUARE + 1.0) == [[1.5, 1.5], [1.5, 1.5]]  # the middle of what they share
+    assert nearest_of([[1, 1]], SQUARE) == nearest_of(SQUARE, [[1, 1]]) == [[1, 1], [1, 1]]
+    assert nearest_of([[1, 1], [1, 1.5]], SQUARE) == [[1, 1.25], [1, 1.25]]
+    for a, b in (([[0, 0]], np.zeros((0, 2))), (np.zeros((0, 2)), [[0, 0]])):
+        with pytest.raises(ValueError, match=r"^a polygon without corners is near to nothing$"):
+            nearest_of(a, b)

@@ -8,6 +8,7 @@ import pytest
 from kinematics.scene import Cabinet
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
+from planning.verdict import standing
 from planning.verdict.standing import Placed, Stand, placed, stand
 
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(rotation_about((0, 0, 1), 0.4), [0.30, 0.1, 0.10]), 0.03)
@@ -79,3 +80,151 @@ def test_a_mesh_stands_on_its_feet() -> None:
     top = box_corners(np.array([0.06, 0.02, 0.01])) + np.array([0.0, 0.0, 0.11])
     assert on(ConvexMesh((*legs, top)), transform(p=[0.3, 0.0, 0.0])).carried
     assert not on(ConvexMesh((legs[0], top)), transform(p=[0.3, 0.0, 0.0])).carried
+
+
+# -------------------------------------------------------------------------------------------------------------------------------- by hand
+
+ROOM = Cabinet(np.array([0.4, 0.6, 0.5]), np.eye(4), 0.03)
+"""Its floor goes from x = 0 to 0.43 and from y = -0.33 to 0.33, the walls' part included."""
+
+
+def block(x: float, y: float, z: float, *size: float, name: str = "it") -> Placed:
+    """A box with its middle at (x, y), its foot at z."""
+    return placed(name, Box(np.array(size)), transform(p=[x, y, z + size[2] / 2]), ROOM)
+
+
+def stands(body: Placed, *others: Placed, within_m: float = 0.001) -> tuple[tuple[str, ...], float, float]:
+    found = stand(body, others, ROOM, within_m)
+    return found.on, pytest.approx(found.gap_m), pytest.approx(found.off_m)
+
+
+def test_where_a_body_is_in_its_cabinet() -> None:
+    turned = Cabinet(np.ones(3), transform(rotation_about((0, 0, 1), np.pi / 2), [1.0, 2.0, 3.0]), 0.03)
+    found = placed("it", Box(np.array([0.2, 0.4, 0.6])), transform(p=[1.0, 2.5, 3.3]), turned)  # half a metre along the cabinet's x
+    assert found.name == "it"
+    assert found.low == pytest.approx([0.3, -0.1, 0.0])
+    assert found.high == pytest.approx([0.7, 0.1, 0.6])
+    assert len(found.parts) == 1
+    assert len(placed("can", CAN, np.eye(4), turned).parts[0].vertices) == 2 * 24
+
+
+def test_how_far_the_middle_is_beyond_the_floor() -> None:
+    for x, y, off in (
+        (0.2, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (-0.01, 0.0, 0.01),
+        (0.43, 0.0, 0.0),
+        (0.45, 0.1, 0.02),
+        (0.2, 0.33, 0.0),
+        (0.2, 0.34, 0.01),
+        (0.2, -0.335, 0.005),
+        (-0.03, 0.37, 0.05),
+    ):
+        assert stands(block(x, y, 0.0005, 0.2, 0.2, 0.1)) == (("floor",), 0.0005, off), (x, y)
+    assert stands(block(-0.2, 0, 0, 0.2, 0.2, 0.1)) == ((), 0.0, np.inf)  # wholly before it
+
+
+def test_what_is_too_high_or_too_low_stands_on_nothing() -> None:
+    for z, some in ((0.00099, True), (-0.00099, True), (0.00101, False), (-0.00101, False), (0.3, False)):
+        assert stands(block(0.2, 0, z, 0.1, 0.1, 0.1)) == ((("floor",), z, 0.0) if some else ((), z, np.inf))
+        below = block(0.2, 0, 0.0, 0.1, 0.1, 0.1, name="below")
+        if -0.001 < z < 0.3:
+            assert stands(block(0.2, 0, 0.1 + z, 0.1, 0.1, 0.1), below) == ((("below",), z, 0.0) if some else ((), 0.1 + z, np.inf))
+
+
+def test_the_middle_is_over_what_carries() -> None:
+    """A board 40 cm long on a block of 10: 5 mm too far, or on two blocks of different heights, the nearest of which is told."""
+    below = block(0.1, 0.0, 0.0, 0.1, 0.1, 0.2, name="below")
+    assert stands(block(0.155, 0.0, 0.2, 0.4, 0.05, 0.02), below) == (("below",), 0.0, 0.005)
+    assert stands(block(0.145, 0.0, 0.2, 0.4, 0.05, 0.02), below) == (("below",), 0.0, 0.0)
+    other = block(0.3, 0.0, 0.0, 0.1, 0.1, 0.2004, name="other")
+    board = block(0.2, 0.0, 0.2002, 0.4, 0.05, 0.02)
+    assert stands(board, below, other) == (("below", "other"), 0.0002, 0.0)
+    nearer = block(0.3, 0.0, 0.0, 0.1, 0.1, 0.2001, name="other")
+    assert stands(board, below, nearer) == (("below", "other"), 0.0001, 0.0)
+    far = block(0.3, 0.2, 0.0, 0.1, 0.1, 0.2, name="far")
+    assert stands(board, far, below) == (("below",), 0.0002, 0.05)
+    on_edge = block(0.2, 0.075, 0.2, 0.1, 0.1, 0.02)  # its side over the block's middle: they meet in a strip of 2.5 cm
+    assert stands(on_edge, block(0.2, 0.0, 0.0, 0.1, 0.1, 0.2, name="below")) == (("below",), 0.0, 0.025)
+
+
+def test_a_body_in_parts_carries_and_is_named_once() -> None:
+    legs = ConvexMesh(tuple(box_corners(np.array([0.02, 0.02, 0.1])) + np.array([x, 0.0, 0.1]) for x in (-0.1, 0.1)))
+    below = placed("legs", legs, transform(p=[0.2, 0.0, 0.0]), ROOM)
+    assert stands(block(0.2, 0.0, 0.2, 0.3, 0.05, 0.02), below) == (("legs",), 0.0, 0.0)
+    assert stands(block(0.335, 0.0, 0.2, 0.6, 0.05, 0.02), below) == (("legs",), 0.0, 0.015)
+    assert stands(placed("it", legs, transform(p=[-0.01, 0, 0]), ROOM)) == (("floor",), 0.0, 0.01)
+    assert stands(placed("it", legs, transform(p=[0.0, 0, 0]), ROOM)) == (("floor",), 0.0, 0.0)
+
+
+def test_what_has_room_for_rounding_and_no_more() -> None:
+    assert Stand(("floor",), 0.0, 0.99e-6).carried
+    assert not Stand(("floor",), 0.0, 1e-6).carried
+
+
+def test_a_point_is_off_a_line_though_it_lies_on_it() -> None:
+    """Nothing stands on a line, nor on a point, nor on nothing."""
+    line, here = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([0.5, 0.0])
+    assert standing._off([line], here) == standing.OVER_M == 1e-6
+    assert standing._off([line], np.array([0.5, 0.3])) == pytest.approx(0.3)
+    assert standing._off([line[:1]], np.zeros(2)) == standing.OVER_M
+    assert standing._off([], here) == standing._off([line[:0]], here) == np.inf
+    triangle = [line, np.array([[0.0, 1.0]])]
+    assert standing._off(triangle, np.array([0.2, 0.2])) == 0.0
+    assert standing._off(triangle, np.array([-0.2e-6, 0.2])) == pytest.approx(0.2e-6)
+
+
+def test_in_which_direction_another_is() -> None:
+    a = block(0.0, 0.0, 0.0, 0.1, 0.1, 0.1).parts[0]
+    for gap, some in ((0.0005, True), (-0.0005, True), (0.0011, False)):
+        for way in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            b = block(*(np.array(way) * (0.1 + gap)), 0.0, 0.1, 0.1, 0.1).parts[0]
+            u = standing._direction(a, b, 0.001)
+            assert (u is not None) == some
+            if u is not None:
+                assert u == pytest.approx([*way, 0], abs=1e-6)
+
+
+def test_the_patch_in_which_two_touch() -> None:
+    """Seen from above: of faces that are upright, where they overlap along y; of an edge on a face, the edge; of two edges, a point."""
+    a = block(0.0, 0.0, 0.0, 0.1, 0.2, 0.1).parts[0]
+    b = block(0.1, 0.05, 0.0, 0.1, 0.2, 0.3).parts[0]
+    patch = standing._common(a, b, np.array([1.0, 0.0, 0.0]), 0.001)
+    assert patch[:, 0] == pytest.approx(np.full(len(patch), 0.05))
+    assert (patch[:, 1].min(), patch[:, 1].max()) == pytest.approx((-0.05, 0.1))
+    across = block(0.0, 0.2, 0.0, 0.04, 0.2, 0.3).parts[0]
+    patch = standing._common(a, across, np.array([0.0, 1.0, 0.0]), 0.001)
+    assert patch[:, 1] == pytest.approx(np.full(len(patch), 0.1))
+    assert (patch[:, 0].min(), patch[:, 0].max()) == pytest.approx((-0.02, 0.02))
+    R = rotation_about((0, 1, 0), 0.5)
+    nearest = (box_corners(np.array([0.05, 0.03, 0.2])) @ R.T).min(0)[0]
+    tilted = placed("it", Box(np.array([0.1, 0.06, 0.4])), transform(R, [0.05 - nearest, 0.0, 0.2]), ROOM).parts[0]
+    patch = standing._common(a, tilted, np.array([1.0, 0.0, 0.0]), 1e-6)
+    assert patch[:, 0] == pytest.approx(np.full(len(patch), 0.05))
+    assert np.sort(patch[:, 1]) == pytest.approx([-0.03, 0.03])
+    crossed = standing._common(tilted, a, np.array([-1.0, 0.0, 0.0]), 1e-6)
+    assert np.sort(crossed[:, 1]) == pytest.approx([-0.03, 0.03])
+
+
+def test_what_leans_is_carried_at_both_ends() -> None:
+    """A board whose foot stands 10 cm before a block that it leans on with its back: the block's edge is under its upper end.
+
+    Of what is beside it and does not touch it nothing is told.
+    """
+    board, R = Box(np.array([0.01, 0.1, 0.3])), rotation_about((0, 1, 0), np.radians(30))
+    foot = box_corners(board.half) @ R.T
+    p = np.array([0.1, 0.0, 0.0]) - foot[np.argmin(foot[:, 2])] * [1, 0, 1]
+    leaner = placed("it", board, transform(R, p), ROOM)
+    # its underside rises by √3 along x from the foot's edge at x = 0.1; the block's upper edge is at x = 0.2, and 0.2 mm
+    post = block(0.2502, 0.0, 0.0, 0.1, 0.3, 0.1 * np.sqrt(3), name="post")
+    beside = block(0.2, 0.1, 0.0, 0.05, 0.09, 0.3, name="beside")
+    found = stand(leaner, [beside, post], ROOM, 0.001)
+    assert found.on == ("floor", "post")
+    assert found.carried
+    assert found.gap_m == pytest.approx(0.0, abs=1e-9)
+    low = block(0.25, 0.0, 0.0, 0.1, 0.3, 0.1 * np.sqrt(3) - 0.02, name="low")
+    alone = stand(leaner, [low], ROOM, 0.001)
+    assert alone.on == ("floor",)
+    assert not alone.carried
+    middle = p[0]
+    assert alone.off_m == pytest.approx(middle - 0.1, abs=0.002)

@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_arm import ARM, course, splined
 
 from kinematics.quintic_spline import hermite
 from kinematics.robots.robot import Robot
+from planning.plan import Fault
 from planning.verdict import limits
 from planning.verdict.arm import Arm, read
 from planning.verdict.course import Course
@@ -16,7 +18,7 @@ from planning.verdict.course import Course
 RNG = np.random.default_rng(5)
 
 
-def course(arm: Arm, number: int, start: np.ndarray, hurry: float, rests: bool = True, smooth: bool = True) -> Course:
+def random_course(arm: Arm, number: int, start: np.ndarray, hurry: float, rests: bool = True, smooth: bool = True) -> Course:
     """A motion from `start` (J,) through two rows more; the larger `hurry`, the faster."""
     J = len(arm.joints)
     q = start + np.cumsum(np.concatenate([np.zeros((1, J)), RNG.uniform(-0.4, 0.4, (2, J))]), axis=0)
@@ -35,7 +37,7 @@ def test_no_fault_is_overlooked(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) ->
         for number in range(4):
             gap = RNG.choice([0.0] * 9 + [2e-6]) if number else 0.0
             rests, smooth = RNG.random() < 0.97, RNG.random() < 0.9
-            courses.append(course(arm, number, at + gap, RNG.choice([0.3, 0.5, 0.5, 2.0], p=[0.4, 0.3, 0.25, 0.05]), rests, smooth))
+            courses.append(random_course(arm, number, at + gap, RNG.choice([0.3, 0.5, 0.5, 2.0], p=[0.4, 0.3, 0.25, 0.05]), rests, smooth))
             at = courses[-1].q[-1]
         arm = replace(arm, lower=np.where(RNG.random(7) < 0.01, 0.1, -9.0), upper=np.full(7, 9.0))
         said = limits.limit_faults(arm, courses, acceleration)
@@ -45,3 +47,123 @@ def test_no_fault_is_overlooked(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) ->
         assert said == closely
         seen[bool(closely)] += 1
     assert min(seen.values()) > 3
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- by hand
+
+ACCELERATION = np.array([2.0, 3.0, 8.0, 8.0, 1.0])
+
+
+def said(*run: Course, arm: Arm = ARM, acceleration: np.ndarray = ACCELERATION) -> list[Fault]:
+    return limits.limit_faults(arm, [replace(c, number=n) for n, c in enumerate(run)], acceleration)
+
+
+def test_positions_keep_their_limits() -> None:
+    """x from -2 to 2, y from -3 to 3; a millionth is rounding; the worst joint is named; turn has none."""
+    assert said(course((2, -3), (2, -3)), course((2 + 0.9e-6, -3 - 0.9e-6))) == []
+    for q, joint, beyond in (
+        ((2.25,), "x", 0.25),
+        ((-2.5,), "x", 0.5),
+        ((0, 3.75), "y", 0.75),
+        ((2.25, -4), "y", 1.0),
+        ((2 + 1.1e-6,), "x", 1.1e-6),
+    ):
+        run = [course((0,)), course(q, stage="lift")]
+        (fault,) = [f for f in said(*run) if "beyond" in f.detail]
+        assert fault == Fault("lift", (), f"motion 1: {joint} goes {beyond:.3g} beyond its limits", fault.amount)
+        assert fault.amount == pytest.approx(beyond)
+    assert said(course((0, 0, 99.0))) == []
+
+
+def test_a_spline_keeps_position_limits_between_its_rows() -> None:
+    """From 1.9 to 1.9 within a second, off at 1 m/s: its coefficients reach 2.3, it itself does not."""
+    qd = np.zeros((2, 5))
+    qd[0, 0] = 1.0
+    s = np.linspace(0, 1, 100001)
+    highest = 1.9 + (s * (1 - s) ** 4 + 4 * s**2 * (1 - s) ** 3).max()  # the coefficients are 1.9 + (0, 0.2, 0.4, 0, 0, 0)
+    assert 2.0 < highest < 2.3
+    faults = said(splined((1.9,), (1.9,), qd=qd))
+    (fault,) = [f for f in faults if "beyond" in f.detail]
+    assert fault.amount == pytest.approx(highest - 2.0, abs=1e-6)
+    assert fault.detail == f"motion 0: x goes {highest - 2:.3g} beyond its limits"
+    assert not [f for f in said(splined((1.7,), (1.7,), qd=qd)) if "beyond" in f.detail]  # 2.1 by the coefficients, 1.93 itself
+    (low,) = [f for f in said(splined((-1.9,), (-1.9,), qd=-qd)) if "beyond" in f.detail]
+    assert low.amount == pytest.approx(highest - 2.0, abs=1e-6)
+
+
+def test_a_motion_starts_where_the_one_before_ended() -> None:
+    for gap, well in ((0.0, True), (0.9e-6, True), (-0.9e-6, True), (1.1e-6, False), (-0.5, False)):
+        for end in (course, splined):
+            found = said(end((0,), (0, 1), t_s=(0, 9)), course((0, 1 + gap), stage="lift"))
+            assert found == (
+                [] if well else [Fault("lift", (), f"motion 1: starts {abs(gap):.3g} from where y ended before", pytest.approx(abs(gap)))]
+            )
+    two = said(course((0.1, 0.2)), course((0.2, 0.4)))
+    assert [f.detail for f in two] == ["motion 1: starts 0.2 from where y ended before"]
+
+
+def test_a_polyline_is_as_fast_as_its_way_by_its_time() -> None:
+    """x may go 1 m/s, y 2; the joint that is most over its limit is named; a ten-thousandth is rounding; who stays needs no time."""
+    for t, well in ((1.0, True), (0.99991, True), (0.9998, False), (0.5, False)):
+        found = said(course((0,), (1, 1), (1, 1), t_s=(0, t, t)))
+        wrong = Fault("transit", (), f"motion 0: x reaches {1 / t:.3g}/s, and the limit of its velocity is 1/s", 1 / t)
+        assert found == ([] if well else [wrong])
+    assert [f.detail for f in said(course((0,), (-1, 3)))] == ["motion 0: y reaches 3/s, and the limit of its velocity is 2/s"]
+    assert [f.detail for f in said(course((0,), (0.1,), (0.1, 0.1), t_s=(0, 1, 1)))] == [
+        "motion 0: y reaches inf/s, and the limit of its velocity is 2/s"
+    ]
+    assert said(course((0,), (0.9e-6,), t_s=(0, 0))) == []
+    assert said(course((0,))) == []
+
+
+def quintic(x: float, t: float, joint: int = 0) -> Course:
+    """One joint from rest to rest over x in time t: its greatest velocity is 15/8 x/t, its greatest acceleration 10/√3 x/t²."""
+    q = [0.0] * 5
+    q[joint] = x
+    return splined((0,), q, t_s=(0, t))
+
+
+def test_a_spline_is_as_fast_as_its_derivative_gets() -> None:
+    for x, t, well in ((1.0, 1.8752, True), (1.0, 1.8747, False), (-1.0, 1.8752, True), (-1.0, 1.8747, False), (-0.5, 0.5, False)):
+        found = said(quintic(x, t), acceleration=np.full(5, 1e9))
+        fast = 15 / 8 * abs(x) / t
+        assert [f.detail for f in found] == ([] if well else [f"motion 0: x reaches {fast:.3g}/s, and the limit of its velocity is 1/s"])
+        assert [f.amount for f in found] == ([] if well else [pytest.approx(fast, rel=1e-5)])
+
+
+def test_a_spline_accelerates_as_its_second_derivative_says() -> None:
+    limit = 10 / np.sqrt(3) * 0.1
+    for t, well in ((1.0001, True), (0.9999, False), (0.5, False)):
+        found = said(quintic(-0.1, t, 1), acceleration=np.full(5, limit))
+        most = limit / t**2
+        wrong = f"motion 0: y reaches {most:.3g}/s², and the limit of its acceleration is {limit:.3g}/s²"
+        assert [f.detail for f in found] == ([] if well else [wrong])
+        assert [f.amount for f in found] == ([] if well else [pytest.approx(most, rel=1e-5)])
+
+
+def test_the_worst_piece_of_a_spline_counts() -> None:
+    """The second of three is twice as fast as the first, the last is slow."""
+    way = splined((0,), (1,), (0,), (0.1,), t_s=(0, 2, 3, 9))
+    velocity, acceleration = said(way)
+    assert velocity.detail == "motion 0: x reaches 1.88/s, and the limit of its velocity is 1/s"
+    assert acceleration.detail == "motion 0: x reaches 5.77/s², and the limit of its acceleration is 2/s²"
+    assert said(splined((0,), (1,), (0.9,), t_s=(0, 4, 9)), acceleration=np.full(5, 0.4)) == []
+
+
+@pytest.mark.parametrize("row", [0, -1])
+def test_a_spline_rests_at_its_ends(row: int) -> None:
+    """A ten-thousandth of the largest limit is rest: the toy's are 4 in velocity, 8 in acceleration."""
+    for rate, order, what, most, unit in ((1, "qd", "velocity", 4e-4, "/s"), (2, "qdd", "acceleration", 8e-4, "/s²")):
+        for share, well in ((0.95, True), (-0.95, True), (1.05, False), (-1.05, False), (100.0, False)):
+            given = np.zeros((3, 5))
+            given[row, 1] = share * most
+            found = said(splined((0,), (0,), (0,), t_s=(0, 1.5, 4), **{order: given}))  # type: ignore[arg-type]
+            wrong = f"motion 0: y does not rest where it begins or ends: its {what} is {abs(share) * most:.3g}{unit} there"
+            assert [f.detail for f in found] == ([] if well else [wrong]), (rate, share)
+            assert [f.amount for f in found] == ([] if well else [pytest.approx(abs(share) * most, rel=1e-6)])
+
+
+def test_between_its_ends_a_spline_need_not_rest() -> None:
+    qd, qdd = np.zeros((3, 5)), np.zeros((3, 5))
+    qd[1, 0], qdd[1, 0] = 0.3, 0.2
+    assert said(splined((0,), (0.4,), (0.8,), t_s=(0, 2, 4), qd=qd, qdd=qdd)) == []

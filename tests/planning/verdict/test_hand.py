@@ -1,0 +1,216 @@
+"""The hand as it is read off a robot of boxes: links, faces of the pads, widths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from toy_arm import URDF
+from toy_robot import FINGERS, OPENING, PALM, solid, toy_robot
+
+from kinematics.transforms import Array, rotation_about, transform
+from planning.verdict.hand import Hand, Pad, hand_of, in_hand
+
+LEFT, RIGHT = FINGERS["left"], FINGERS["right"]
+
+
+def in_hand_frame(hand: Hand, pad: Pad, value: float = 0.025) -> Array:
+    return in_hand(hand, value)[pad.carrier] @ pad.T_carrier_face
+
+
+def face(hand: Hand, pad: Pad) -> tuple[list[float], list[float]]:
+    """Low and high corner of a pad's face in the hand's frame, half open."""
+    T = in_hand_frame(hand, pad)
+    points = pad.window.corners @ T[:3, :2].T + T[:3, 3]
+    return points.min(0).tolist(), points.max(0).tolist()
+
+
+def test_two_fingers_and_a_palm() -> None:
+    hand = hand_of(toy_robot())
+    assert hand.links == {"palm", "left", "right"}
+    assert hand.fingers == hand.holding == {"left", "right"}
+    assert (hand.carrier, hand.gripper) == (4, 4)
+    assert np.array_equal(hand.T_carrier_hand, np.eye(4))
+    assert hand.widths == pytest.approx(np.linspace(0, 0.1, 17))
+    assert hand.values == pytest.approx(np.linspace(0, 0.05, 17))
+    assert hand.max_width_m == pytest.approx(0.1)
+    assert hand.width(np.array([0.01, 0.03])) == pytest.approx([0.02, 0.06])
+    left, right = hand.pads
+    assert (left.link, left.side, right.link, right.side) == ("left", 1, "right", -1)
+    assert face(hand, left) == (pytest.approx([-0.011, 0.025, -0.01]), pytest.approx([0.011, 0.025, 0.04]))
+    assert face(hand, right) == (pytest.approx([-0.011, -0.025, -0.01]), pytest.approx([0.011, -0.025, 0.04]))
+    T = in_hand_frame(hand, left)
+    assert pytest.approx(np.array([[0, -1, 0, 0], [0, 0, -1, 0.025], [1, 0, 0, 0.015], [0, 0, 0, 1]])) == T
+    assert in_hand_frame(hand, right)[:3, :3] == pytest.approx(np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]))
+
+
+def test_what_goes_with_the_hand() -> None:
+    """What the arm moves as it moves the hand; not what comes before. Fingers need not be pads."""
+    more = {
+        "column": solid((-0.1, 0.1), (-0.1, 0.1), (0.1, 0.2)),
+        "base": solid((-0.1, 0.1), (-0.1, 0.1), (-1, -0.9)),
+        "hand": 2 * PALM["palm"],
+    }
+    hand = hand_of(toy_robot({**PALM, **FINGERS, **more}))
+    assert hand.links == {"palm", "left", "right", "hand"}
+    assert set(in_hand(hand, 0.01)) >= {4, 5, 6}
+    frames = in_hand(hand, 0.01)
+    assert frames[4] == pytest.approx(np.eye(4))
+    assert frames[5] == pytest.approx(transform(p=[0, 0.01, 0]))
+
+
+def test_the_hand_frame_need_not_be_the_palms() -> None:
+    """It is a centimetre along y here and looks along the palm's z turned by half a turn: the +y pad is the other finger."""
+    there = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0 0.01 0" rpy="0 0 3.141592653589793"/>')
+    hand = hand_of(toy_robot(urdf=there))
+    first, second = hand.pads
+    assert (first.link, second.link) == ("right", "left")
+    assert face(hand, first)[0][1] == pytest.approx(0.035)
+    assert face(hand, second)[0][1] == pytest.approx(-0.015)
+    assert hand.width(np.array([0.025])) == pytest.approx([0.05])
+
+
+def test_widths_rise_whichever_way_the_joint_opens() -> None:
+    other = URDF.replace('child link="left"/><axis xyz="0 1 0"', 'child link="left"/><axis xyz="0 -1 0"').replace(
+        'multiplier="-1"', 'multiplier="1"'
+    )
+    left, right = LEFT + np.array([0, 0.05, 0]), RIGHT - np.array([0, 0.05, 0])
+    hand = hand_of(toy_robot({"left": left, "right": right}, urdf=other))
+    assert hand.widths == pytest.approx(np.linspace(0, 0.1, 17))
+    assert hand.values == pytest.approx(np.linspace(0.05, 0, 17))
+
+
+def askew(corners: Array, degrees: float) -> Array:
+    """Turned about x through the middle of the inner face."""
+    middle = np.array([0, 0, 0.015])
+    return (corners - middle) @ rotation_about((1, 0, 0), np.radians(degrees)).T + middle
+
+
+NO_FACE = "robot toy: no face of its fingers closes along the hand frame's y, on the side of {}y"
+
+
+def test_a_pads_face_looks_roughly_the_way_it_closes() -> None:
+    for degrees, well in ((29.9, True), (-29.9, True), (30.1, False), (-30.1, False)):
+        for side, links in (("+", {"left": askew(LEFT, degrees), "right": RIGHT}), ("-", {"left": LEFT, "right": askew(RIGHT, degrees)})):
+            if well:
+                hand = hand_of(toy_robot(links))
+                pad = hand.pads[0 if side == "+" else 1]
+                assert abs(in_hand_frame(hand, pad)[1, 2]) == pytest.approx(np.cos(np.radians(29.9)))
+            else:
+                with pytest.raises(ValueError, match="^" + NO_FACE.format(side).replace("+", r"\+") + "$"):
+                    hand_of(toy_robot(links))
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "well"),
+    [
+        ((-0.002, 0.002), (0.0, 0.0051), True),  # 20.4 mm²
+        ((-0.002, 0.002), (0.0, 0.0049), False),
+        ((-0.01, 0.01), (0.0149, 0.05), True),
+        ((-0.01, 0.01), (0.0151, 0.05), False),
+        ((-0.01, 0.01), (-0.05, -0.0149), True),
+        ((-0.01, 0.01), (-0.05, -0.0151), False),
+    ],
+)
+def test_a_pads_face_is_large_enough_and_near_enough(x: tuple[float, float], z: tuple[float, float], well: bool) -> None:
+    links = {"left": solid(x, (0.0, 0.01), z), "right": RIGHT}
+    if well:
+        assert face(hand_of(toy_robot(links)), hand_of(toy_robot(links)).pads[0])[1] == pytest.approx([x[1], 0.025, z[1]])
+    else:
+        with pytest.raises(ValueError, match="closes along"):
+            hand_of(toy_robot(links))
+
+
+def test_a_face_of_the_other_side_is_none() -> None:
+    """The left finger's inner face is at y = -0.03 + 0.025 when the gripper is half open."""
+    for y, well in ((-0.024, True), (-0.026, False)):
+        links = {"left": LEFT + np.array([0, y, 0]), "right": RIGHT}
+        if well:
+            assert face(hand_of(toy_robot(links)), hand_of(toy_robot(links)).pads[0])[0][1] == pytest.approx(0.025 + y)
+        else:
+            with pytest.raises(ValueError, match=r"on the side of \+y$"):
+                hand_of(toy_robot(links))
+
+
+def test_the_innermost_face_is_the_pad() -> None:
+    outer = LEFT + np.array([0.05, 0.02, 0.0])
+    for parts in ([LEFT, outer], [outer, LEFT]):
+        hand = hand_of(toy_robot({"left": parts, "right": RIGHT}))
+        assert len(hand.pads) == 2
+        assert face(hand, hand.pads[0])[0] == pytest.approx([-0.011, 0.025, -0.01])
+
+
+def test_of_a_finger_in_parts_all_faces_count() -> None:
+    """Of a robot of one's own, where one side has several parts, or two fingers; the innermost stays the first."""
+    outer = LEFT + np.array([0.05, 0.002, 0.0])
+    links = {"left": [outer, LEFT], "right": RIGHT}
+    hand = hand_of(toy_robot(links, grip=SimpleNamespace(kind="two fingers")))
+    assert [(p.link, p.side) for p in hand.pads] == [("left", 1), ("right", -1), ("left", 1)]
+    assert face(hand, hand.pads[2])[0] == pytest.approx([0.039, 0.027, -0.01])
+    assert hand.widths == pytest.approx(np.linspace(0, 0.1, 17))
+    whole = hand_of(toy_robot(grip=SimpleNamespace(kind="two fingers")))
+    assert len(whole.pads) == 2
+    three = {"left": LEFT, "right": RIGHT, "palm": PALM["palm"]}
+    assert len(hand_of(toy_robot(three, grip=SimpleNamespace(kind="three fingers"))).pads) == 2
+
+
+def test_faces_of_a_round_finger_go_together_where_they_are_flat() -> None:
+    """Corners within 0.3 mm of a plane belong to it: a roof of 0.2 mm is one face, of 0.8 mm two, the larger of which is first."""
+    for height, width in ((0.0002, 0.022), (0.0008, np.hypot(0.015, 0.0008))):
+        ridge = np.array([[0.004, -height, z] for z in (-0.01, 0.04)])
+        hand = hand_of(toy_robot({"left": np.concatenate([LEFT, ridge]), "right": RIGHT}))
+        low, high = hand.pads[0].window.corners.min(0), hand.pads[0].window.corners.max(0)
+        assert high - low == pytest.approx([0.05, width], abs=1e-5)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------ jaws, cups
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_jaw_closes_on_what_stands_still(side: int) -> None:
+    """It may be up to 50° askew, and all such faces count; the first looks along the way it closes."""
+    jaw, still = ("left", LEFT) if side > 0 else ("right", RIGHT)
+    fixed = {"palm": [PALM["palm"], solid((-0.02, 0.02), (-side * 0.01 - 0.005, -side * 0.01 + 0.005), (0.0, 0.03))]}
+    near = -side * 0.005  # the inner face of what is fixed
+    tip = askew(still, side * 49.0) + np.array([0.1, 0.0, 0.0])
+    robot = toy_robot({jaw: [still, tip], **fixed}, opening=replace(OPENING, jaw=side), pads=frozenset({"palm", jaw}))
+    hand = hand_of(robot)
+    assert hand.fingers == {jaw}
+    assert hand.holding == {jaw, "palm"}
+    first, second = hand.pads[:2]
+    assert [p.side for p in (first, second)] == [1, -1]
+    moving, standing = (first, second) if side > 0 else (second, first)
+    assert (moving.link, standing.link) == (jaw, "palm")
+    assert face(hand, moving)[0][1] == pytest.approx(side * 0.025)
+    assert face(hand, standing)[0][1] == pytest.approx(near)
+    assert hand.widths == pytest.approx(np.linspace(0.005, 0.055, 17))
+    more = [p for p in hand.pads[2:] if p.link == jaw]
+    assert [round(float(np.degrees(np.arccos(abs(in_hand_frame(hand, p)[1, 2]))))) for p in more] == [49]
+
+
+def test_a_suction_cup_has_one_face() -> None:
+    """What of it is within a millimetre of its end; it looks along z, on side 0."""
+    cup = [
+        solid((-0.02, 0.02), (-0.03, 0.03), (0.0, 0.0189)),
+        solid((-0.01, 0.01), (-0.015, 0.015), (0.0, 0.0191)),
+        solid((-0.001, 0.001), (-0.001, 0.001), (0.0, 0.02)),
+    ]
+    opening = replace(OPENING, cup_m=0.02)
+    hand = hand_of(toy_robot({"hand": cup, **PALM}, opening=opening, pads=frozenset({"hand"})))
+    (pad,) = hand.pads
+    assert (pad.link, pad.side, pad.carrier) == ("hand", 0, 4)
+    assert pad.T_carrier_face == pytest.approx(transform(p=[0, 0, 0.02]))
+    assert (pad.window.corners.min(0).tolist(), pad.window.corners.max(0).tolist()) == (
+        pytest.approx([-0.01, -0.015]),
+        pytest.approx([0.01, 0.015]),
+    )
+    assert np.array_equal(hand.values, opening.value)
+    assert np.array_equal(hand.widths, opening.width_m)
+    assert hand.links == {"hand", "palm"}
+    raised = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.1 0 0.2" rpy="0 0 0.5"/>')
+    (pad,) = hand_of(toy_robot({"hand": cup}, urdf=raised, opening=opening, pads=frozenset({"hand"}))).pads
+    assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, 0.22]))
+    with pytest.raises(ValueError, match=r"^robot toy: the suction cup 'left' does not go with the hand frame$"):
+        hand_of(toy_robot({"left": cup}, opening=opening, pads=frozenset({"left"})))

@@ -74,7 +74,7 @@ def _huge(scene: Scene, plan: Plan) -> Fault | None:
     ]
     around = (("cabinet", scene.cabinet.size_m), ("robot", scene.robot.T_world_base[:3, 3]))
     lengths += [(SCENE, name, float(np.abs(x).max())) for name, x in around]
-    lengths += [(MOVES, m.object, float(max(np.abs(m.T_world_from).max(), np.abs(m.T_world_to).max()))) for m in plan.moves]
+    lengths += [(MOVES, m.object, float(np.abs([m.T_world_from, m.T_world_to]).max())) for m in plan.moves]
     lengths += [(m.stage, m.held.body, float(np.abs(m.held.T_hand_body).max())) for m in plan.motions if m.held is not None]
     for stage, name, most in lengths:
         if not most <= MOST_M:

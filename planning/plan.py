@@ -67,11 +67,16 @@ class Fault:
 
 @dataclass(frozen=True)
 class GripperState:
-    """What the gripper is told: its joint's value, in rad or m; the width between the pads that this is; how hard to close (None: not)."""
+    """What the gripper is told: how wide the pads are to be, how hard to close (None: not). value: where its joint is then, in rad or m.
+
+    command: the joint's value that it is told, where that is another: fingers that close on what was only seen are told to go on until they
+    meet it, and width_m is what they would come to if they did not.
+    """
 
     value: float
     width_m: float
     force_N: float | None = None
+    command: float | None = None
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def standing_solids(
             shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), points - up)
         else:
             shape, T = upright_solid(points - up)
-        out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T))
+        out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T, source="seen"))
     return tuple(out)
 
 
@@ -94,7 +94,7 @@ def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
         drawn = drawn_in(rough - middle, pixels)
         solid = _around(solid[KIND], outline_of(drawn[:, :2]), float(drawn[:, 2].max()))
     else:
-        solid = _reaching(solid, pixels)
+        solid = _reaching(_settled(solid, pixels), pixels)  # a face that is hardly seen is told by few of them
     shape, T = _shape(solid)
     return shape, transform(p=middle) @ T
 

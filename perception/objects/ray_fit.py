@@ -13,7 +13,7 @@ from kinematics.transforms import Array
 
 BOX, CYLINDER = 0.0, 1.0
 KIND, HEIGHT, YAW = 0, 5, 6
-STEEP = 0.15  # sine of the angle between a ray and a face under which the ray says too little about it
+STEEP = 0.03  # sine of the angle between a ray and a face under which the ray says too little about it
 MISS_M = 0.001
 ROUNDING_M = 0.001 / 12**0.5
 _BISECTIONS = 30
@@ -113,9 +113,10 @@ def normal_equations(solid: Array, eyes: Array, rays: Array, z: Array, axial: fl
             error = (z[i] - found) / sigma
             if abs(error) < gate:
                 for a in range(7):
-                    for b in range(7):
-                        A[a, b] += slope[a] * slope[b] / sigma**2
-                    g[a] += slope[a] * error / sigma
+                    if slope[a] != 0.0:
+                        for b in range(7):
+                            A[a, b] += slope[a] * slope[b] / sigma**2
+                        g[a] += slope[a] * error / sigma
         total += min(error * error, gate * gate)
     return float(total / max(len(z), 1))
 

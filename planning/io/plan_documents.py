@@ -96,7 +96,8 @@ def _motion_to_json(m: Motion) -> dict[str, Any]:
 
 def _state_to_json(state: GripperState) -> dict[str, float | None]:
     force = None if state.force_N is None else number(state.force_N)
-    return {"value": number(state.value), "command_m": number(state.width_m), "force_N": force}
+    further = {} if state.command is None else {"command": number(state.command)}
+    return {"value": number(state.value), "command_m": number(state.width_m), "force_N": force, **further}
 
 
 def plan_from_json(document: Any, where: str = "plan") -> Plan:
@@ -213,9 +214,10 @@ def _gripper(node: Node) -> Gripper:
     f = node.record(("joint", "before", "after"), extra=True)
     states = []
     for when in ("before", "after"):
-        g = f[when].record(("value", "command_m", "force_N"), extra=True)
+        g = f[when].record(("value", "command_m", "force_N"), ("command",), extra=True)
         force = None if g["force_N"].value is None else g["force_N"].number(least=0)
-        states.append(GripperState(g["value"].number(), g["command_m"].number(least=0), force))
+        command = g["command"].number() if _said(g, "command") else None
+        states.append(GripperState(g["value"].number(), g["command_m"].number(least=0), force, command))
     return Gripper(f["joint"].text(), *states)
 
 

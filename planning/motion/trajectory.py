@@ -50,6 +50,9 @@ SLOWEST = 10.0
 """So many times slower a motion is at most for what it comes near to."""
 LEAST_S = 0.001
 """A motion in which nothing moves takes so long: a controller wants times that rise."""
+FURTHER_M = 0.006
+"""So much nearer to each other than they are thought to meet it, fingers are told to close on what was only seen, 3 mm on each side: a face
+that no view shows well may be off by that. They stop where they meet it."""
 _ROWS = 1024
 
 
@@ -239,20 +242,31 @@ def timed(cell: Workcell, poses: Mapping[str, Array], motions: Sequence[Motion],
             poses = {**poses, before.held.body: at}
         if motion.held and motion.held.body in poses:
             poses = cell.without(poses, motion.held.body)
-        out.append(replace(drive.trajectory(poses, motion), gripper=_gripper(cell.robot, motion)))
+        out.append(replace(drive.trajectory(poses, motion), gripper=_gripper(cell, motion)))
         before = motion
     return tuple(out)
 
 
-def _gripper(robot: Robot, motion: Motion) -> Gripper:
+def _gripper(cell: Workcell, motion: Motion) -> Gripper:
     """What the gripper is told: with force while it holds something, when it begins to, and until it lets go."""
-    g, (first, last) = robot.gripper_joint, (motion.q[0], motion.q[-1])
+    robot, g = cell.robot, cell.robot.gripper_joint
     closed = (motion.held is not None or motion.stage == "release", motion.held is not None or motion.stage == "grasp")
+    taken = motion.held.body if motion.held is not None else next((b for _, b in motion.allowed_contacts), None)
+    further = FURTHER_M if any(b.name == taken and b.source == "seen" for b in cell.scene.objects) and not robot.opening.cup_m else 0.0
     before, after = (
-        GripperState(float(q[g]), robot.opening.width_at(float(q[g])), robot.grip_force_N if tight else None)
-        for q, tight in zip((first, last), closed)
+        _told(robot, float(q[g]), further) if tight else GripperState(float(q[g]), robot.opening.width_at(float(q[g])))
+        for q, tight in zip((motion.q[0], motion.q[-1]), closed)
     )
     return Gripper(robot.joint_names[g], before, after)
+
+
+def _told(robot: Robot, value: float, further_m: float) -> GripperState:
+    """What closed fingers are told: to come so much nearer to each other than they are thought to."""
+    width_m = robot.opening.width_at(value)
+    if further_m == 0.0:
+        return GripperState(value, width_m, robot.grip_force_N)
+    width_m = max(width_m - further_m, 0.0)
+    return GripperState(value, width_m, robot.grip_force_N, robot.opening.value_at(width_m))
 
 
 def _without_repeats(q: Array) -> Array:

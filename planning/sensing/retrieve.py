@@ -35,7 +35,7 @@ from planning.target_grasps import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
 
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
-
+SAID_M = 2e-4  # what is pushed by less is not worth a word
 
 _FIRST, _AFTER_MOVE = Limits(0.99, 0.001, 10), Limits(1.0, 0.0004, 5, 0.001)
 _WHEN_STUCK, _ONCE = Limits(1.0, 0.0004, 3, 0.0), Limits(1.0, 1.0, 1)
@@ -117,7 +117,7 @@ def retrieve_unseen(
         robot, scene, ended.why, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving,
         settings=settings, grasp=ended.grasp, is_truth=truth is not None,
     )  # fmt: skip
-    return replace(plan, target_blocked=tuple(record.kept_in), notes=(*plan.notes, *assumed(mind)))
+    return replace(plan, target_blocked=tuple(record.kept_in), notes=(*plan.notes, *assumed(mind), *pushed(known)))
 
 
 @dataclass(frozen=True)
@@ -336,6 +336,15 @@ def assumed(mind: BeliefState) -> tuple[Fault, ...]:
         return ()
     least = smallest(mind.belief.bodies, mind.smallest_m)
     return (Fault("look", (), "unseen space into which nothing of this size fits was taken for free", least),)
+
+
+def pushed(known: Truth) -> tuple[Fault, ...]:
+    """What the fingers pushed as they closed on it, as notes."""
+    return tuple(
+        Fault("grasp", (name,), f"the fingers push {name} by {1000 * way_m:.1f} mm as they close on it", way_m)
+        for name, way_m in known.pushed().items()
+        if way_m > SAID_M
+    )
 
 
 def _as_seen(mind: BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:

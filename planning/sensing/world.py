@@ -22,6 +22,9 @@ from perception.rendering.synthetic_camera import Camera, robot_pixels, syntheti
 from planning.motion.pick_place import Motions
 from planning.motion.replay import hand_poses
 from planning.plan import Motion
+from planning.sensing.closing import close_on, with_fingers
+from planning.verdict.hand import hand_of
+from planning.verdict.polyhedra import polyhedra
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,15 @@ class Stopped:
 
     motion: int
     why: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """An object in the hand, its pose there (4, 4), and the value of the gripper's joint."""
+
+    body: str
+    T_hand_body: Array
+    value: float
 
 
 class World(Protocol):
@@ -97,6 +109,9 @@ class Truth(Protocol):
     def recorded(self, motions: Sequence[Motion], names: Mapping[str, str], before: Mapping[str, Array]) -> tuple[Motion, ...]:
         """Motions as they truly were: under true names, the held object as it was in the hand. before: the true poses before them."""
 
+    def pushed(self) -> Mapping[str, float]:
+        """How far in metres the fingers have pushed objects, by their true names, as they closed on them."""
+
 
 class AsBelieved:
     """Nothing but what is believed: for a real world."""
@@ -109,6 +124,9 @@ class AsBelieved:
 
     def recorded(self, motions: Sequence[Motion], names: Mapping[str, str], before: Mapping[str, Array]) -> tuple[Motion, ...]:
         return tuple(motions)
+
+    def pushed(self) -> Mapping[str, float]:
+        return {}
 
 
 class SimulatedWorld:
@@ -130,6 +148,7 @@ class SimulatedWorld:
         self.poses: dict[str, Array] = dict(scene.poses())
         self.q = Motions(robot, replace(scene, objects=(), observation=None)).start().q
         self._camera: Camera | None = None
+        self._pushed: dict[str, float] = {}
 
     def take_frame(self) -> Frame:
         if self._camera is None:
@@ -160,18 +179,43 @@ class SimulatedWorld:
         return dict(self.poses)
 
     def recorded(self, motions: Sequence[Motion], names: Mapping[str, str], before: Mapping[str, Array]) -> tuple[Motion, ...]:
-        poses, out, held = dict(before), list[Motion](), None
-        for motion in (_under(motion, names) for motion in motions):
+        """See `Truth`. Fingers that are told to go on until they meet something stop at the true object, and push it where one of them
+        meets it first."""
+        poses, out, grip, g = dict(before), list[Motion](), None, self.robot.gripper_joint
+        renamed = [_under(motion, names) for motion in motions]
+        for motion, following in zip(renamed, [*(m.held for m in renamed[1:]), None]):
+            first, last = float(motion.q[0, g]), float(motion.q[-1, g])
             if motion.held is not None:
                 name = motion.held.body
-                if held is None or held.body != name:
-                    held = Held(name, inverse(hand_poses(self.robot, self.scene, motion.q[0])) @ poses[name])
-                poses[name] = hand_poses(self.robot, self.scene, motion.q[-1]) @ held.T_hand_body
-                out.append(replace(motion, held=held))
-            else:
-                held = None
-                out.append(motion)
+                if grip is None or grip.body != name:
+                    grip = _Grip(name, self._in_hand(motion.q[0], poses[name]), first)
+                poses[name] = hand_poses(self.robot, self.scene, motion.q[-1]) @ grip.T_hand_body
+                motion = replace(with_fingers(motion, g, grip.value, grip.value), held=Held(name, grip.T_hand_body))
+            elif following is not None:
+                grip = self._closing(motion, following.body, self._in_hand(motion.q[-1], poses[following.body]))
+                motion = with_fingers(motion, g, first, grip.value)
+            elif grip is not None:
+                motion, grip = with_fingers(motion, g, grip.value, last), None
+            out.append(replace(motion, clearance_m=None, clearance_between=None))  # what was said of them is of what was believed
         return tuple(out)
+
+    def _in_hand(self, q: Array, T_world_body: Array) -> Array:
+        return inverse(hand_poses(self.robot, self.scene, q)) @ T_world_body
+
+    def _closing(self, motion: Motion, name: str, T_hand_body: Array) -> _Grip:
+        """What comes of closing the fingers on an object, which stands at T_hand_body (4, 4) before."""
+        g, told = self.robot.gripper_joint, motion.gripper.after.command if motion.gripper is not None else None
+        as_planned = _Grip(name, T_hand_body, float(motion.q[-1, g]))
+        if told is None:
+            return as_planned
+        closed = close_on(hand_of(self.robot), polyhedra(self.scene.body(name).shape), T_hand_body, float(motion.q[0, g]), told)
+        if closed is None:
+            return as_planned
+        self._pushed[name] = max(self._pushed.get(name, 0.0), abs(closed.pushed_m))
+        return _Grip(name, closed.T_hand_body, closed.value)
+
+    def pushed(self) -> Mapping[str, float]:
+        return self._pushed
 
     def _name_at(self, name: str, T_world_body: Array) -> str:
         """What a body is truly called: without masks, after the object that stands nearest."""

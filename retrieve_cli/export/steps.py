@@ -92,7 +92,8 @@ def steps(plan: Plan, joints: Sequence[str] | None = None) -> list[Step]:
         if motion.gripper and motion.gripper.before.value != motion.gripper.after.value:
             after, held = motion.gripper.after, _holds(plan, motion)
             seconds = 0.0 if arm_moves else float(motion.t_s[-1])
-            out.append(GripperStep(motion.gripper.joint, after.value, after.width_m, after.force_N, held, seconds))
+            value = after.value if after.command is None else after.command
+            out.append(GripperStep(motion.gripper.joint, value, after.width_m, after.force_N, held, seconds))
         if arm_moves:
             _append_arm(out, motion, arm, columns)
     return out

@@ -10,7 +10,7 @@ from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, ConvexMesh, Cylinder, convex_parts
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from perception.camera import DepthNoise, look_at, ray_directions, realsense_d435i
-from perception.objects.fit import fitted_solid, pixels_of, standing_solids
+from perception.objects.fit import Pixels, fitted_solid, pixels_of, standing_solids
 from perception.objects.footprint import upright_solid
 from perception.objects.prepared_frames import prepare
 from perception.objects.ray_fit import BOX, CYLINDER, distance, hit, slid
@@ -142,3 +142,26 @@ def test_pixels_slide_along_their_rays_onto_the_solid() -> None:
         x, along = p - eyes[0], rays / np.linalg.norm(rays, axis=1, keepdims=True)
         assert np.linalg.norm(np.cross(along, x), axis=1).min() < 1e-9
     assert (np.hypot(out[:n, 0], out[:n, 1]) > 0.04 - 1e-6).all()
+
+
+@pytest.mark.parametrize("glance", [0.05, 0.1, 0.14], ids=str)
+def test_a_face_that_is_seen_at_a_glancing_angle_is_where_it_is(glance: float) -> None:
+    """Such a ray says where the face is better than any other; and few of so many pixels show it."""
+    rng, true = np.random.default_rng(3), np.array([BOX, -0.03, 0.04, -0.02, 0.05, 0.12, 0.0])
+    eyes, rays, z = [], [], []
+    for eye, at, n in (([-0.4, 0.015, 0.4], (-0.03, 0.015), 12000), ([-0.3, 0.05 + 0.3 * glance, 0.1], (0.0, 0.05), 60)):
+        points = np.column_stack([at[0] + rng.uniform(-0.04, 0.06, n), at[1] + rng.uniform(-0.04, 0.0, n), rng.uniform(0.0, 0.12, n)])
+        for p in points if n > 100 else points * [1, 0, 1] + [0, 0.05, 0]:
+            ray = (p - eye) / (p - eye)[0]
+            depth = hit(true, np.array(eye), ray, np.empty(7))
+            if depth < np.inf:
+                eyes.append(eye)
+                rays.append(ray)
+                z.append(depth)
+    axial = 0.004
+    noisy = np.array(z) + axial * np.square(z) * rng.standard_normal(len(z))
+    pixels = Pixels(np.array(eyes, float), np.array(rays), noisy, axial, axial * noisy**2)
+    shape, T = fitted_solid(pixels, pixels.eyes + noisy[:, None] * pixels.rays)
+    assert isinstance(shape, Box)
+    corners = apply(T, np.array([[x, y, 0.0] for x in (-1, 1) for y in (-1, 1)]) * shape.half)
+    assert corners[:, 1].max() == pytest.approx(0.05, abs=3e-4)

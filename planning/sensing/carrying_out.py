@@ -45,6 +45,8 @@ def carry_out(
         if stopped is None:
             return Driven(known.recorded([*done, *left], names, before), left[-1].q[-1], None, released_by([*done, *left]), False)
         q, at = configuration(motions.robot, world.where()), left[stopped.motion]
+        if at.held is not None:  # fingers that were told to go on until they meet it keep pressing: for the plan they are where it was seen
+            q[motions.robot.gripper_joint] = at.q[0, motions.robot.gripper_joint]
         on_step(f"{at.stage} stopped: {stopped.why}")
         done += [*left[: stopped.motion], part_done(at, q)]
         why = Blocked(at.stage, body=at.held.body if at.held else None, detail=f"the execution stopped: {stopped.why}")

@@ -465,7 +465,6 @@ def test_numbers_of_a_plan_are_read_as_they_were_to_the_last_digit(figures: list
     assert document == plan_to_json(plan)
 
 
-
 def test_poses_follow_the_contract() -> None:
     q = np.array([0.5, -0.5, 0.5, -0.5])
     T = transform(rotation_from_wxyz(q), [1.0, 2.0, 3.0])

@@ -60,7 +60,9 @@ def test_it_looks_again_and_plans_on_from_where_the_arm_is(ur5e: Robot, truth: S
     assert not truth.cabinet.contains(world.poses[truth.target_name][:3, 3])
     for a, b in zip(plan.motions, plan.motions[1:]):
         np.testing.assert_allclose(b.q[0], a.q[-1], atol=1e-9)
-    np.testing.assert_allclose(plan.motions[-1].q[-1], world.q, atol=1e-9)
+    arm = list(ur5e.arm_joints)
+    np.testing.assert_allclose(plan.motions[-1].q[-1, arm], world.q[arm], atol=1e-9)
+    np.testing.assert_allclose(plan.motions[-1].q[-1], world.q, atol=1e-3)  # the fingers went on until they met it
 
 
 def test_an_arm_that_always_stops_ends_the_loop_with_the_reason(ur5e: Robot, truth: Scene) -> None:

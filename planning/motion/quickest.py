@@ -168,7 +168,7 @@ class _Graph:
             layer, p = self.layers[k], int(self.layers[k].pick_of[n])
             if layer.transit_known[before, p] == BENT:
                 way = self._plan(self._moving(layer, p), self._leaves(k)[before], layer.enter[p], layer.transits.values())
-                self._know_transit(layer, (before, p), way)
+                self._know_transit(layer, (before, p), None if way is None else self._opens(k, before, p, way))
                 return True
             if layer.known[n] == BENT:
                 way = self._plan(layer.picks[p].carrying, layer.lifted[p], layer.ends[n], layer.across.values())

@@ -23,9 +23,9 @@ from kinematics.transforms import Array, inverse
 from planning.motion.edges import Memory, Task, connects
 
 LARGEST_TURN = 0.3  # rad by which a joint may turn between two such waypoints: beyond it the arm is passing a singularity
-APPROACH_M = 0.08
-LIFT_M = 0.03
-APPROACH_STEPS, LIFT_STEPS = 8, 3  # waypoints every centimetre: between two of them the hand strays from the line by less than 0.1 mm
+APPROACH_M = 0.06
+LIFT_M = 0.02
+APPROACH_STEPS, LIFT_STEPS = 6, 2  # waypoints every centimetre: between two of them the hand strays from the line by less than 0.1 mm
 PLACE_GAP_M = 2 * MARGIN_M  # what a placed object keeps from all others
 PLACE_TURNS = (0.0, 0.5, -0.5, 1.0, -1.0)  # how far from its natural bearing the hand may turn where it puts an object down, rad
 OK, REACH, REGION, AT_GRASP, BACKWARDS, FINGERS, LIFTED, UPWARDS = 0, 1, 2, 3, 4, 5, 6, 7

@@ -11,6 +11,7 @@ import pytest
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, State
 from kinematics.transforms import Array, transform
+from planning.motion import quickest
 from planning.motion.carry import Carry, Done
 from planning.motion.pick_place import Motions
 from planning.motion.quickest import _Graph
@@ -19,7 +20,7 @@ from planning.motion.smoothing.blending import choose_speeds, make_corners
 from planning.motion.smoothing.estimates import polyline_s, straight_s
 from planning.motion.verify import verify
 from planning.motion.way_cost import WayCost
-from planning.plan import Motion
+from planning.plan import Blocked, Motion
 from planning.retrieval import hand_travel
 from planning.scene_generation import generate, load_spec
 
@@ -82,6 +83,23 @@ def test_what_counts_is_the_way_to_other_objects_and_less_that_of_the_target(fou
     after = motions.quickest(before, np.random.default_rng(1))
     ways = [hand_travel(ur5e, motions.scene, [m for _, done in moves for m in done.motions]) for moves in (before, after)]
     assert ways[1] < ways[0]
+
+
+def test_transits_on_which_the_fingers_cannot_be_set_are_not_used(found: tuple[Motions, Found], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Straight ones as well as planned ones: those that were found are all that is left."""
+    motions, before = found
+    start = motions.robot.arm_q(before[0][0].q)
+    graph = _Graph(motions.cell, start, [motions._choices(*_with_carry(m)) for m in before], np.random.default_rng(0))
+    monkeypatch.setattr(quickest, "setting_out", lambda *_: Blocked("transit"))
+    left, found_ways = graph.planned, [layer.transit_s[0, 0] for layer in graph.layers]
+    for layer in graph.layers:
+        layer.transit_s[0, 0] = np.inf  # so others are looked at
+    for _ in range(motions.settings.quickest.looks):
+        if not graph.look(graph.shortest()[1]):
+            break
+    assert np.isfinite(found_ways).all()
+    assert graph.planned < left
+    assert [set(layer.transits) for layer in graph.layers] == [{(0, 0)}] * 2
 
 
 def test_a_quickened_path_is_free_and_never_slower(found: tuple[Motions, Found], ur5e: Robot) -> None:

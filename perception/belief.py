@@ -17,7 +17,7 @@ from perception.frames import Frame
 from perception.mapping.voxels import UNKNOWN, Voxels
 from perception.objects.clustering import cluster_instances
 from perception.objects.fit import standing_solids
-from perception.objects.prepared_frames import PreparedFrames, prepare
+from perception.objects.prepared_frames import PreparedFrames, ReadyFrame, prepare
 from perception.objects.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
 from perception.objects.supports import base_heights
 from perception.objects.tops import seen_top
@@ -57,16 +57,17 @@ def believe(
     target_box: Array | None = None,
     tracked: Mapping[str, Body] | None = None,
     before: Sequence[Body] = (),
+    kept: dict[Frame, ReadyFrame] | None = None,
 ) -> Belief:
     """Find the objects in the frames.
 
     by: see `perception.objects.segment`. target_box (6,): where the target is, centre and size in the world, by default the scene's; by
     geometry, without one, the target is what the scene's grasp reaches for. A target that has no name is called TARGET. tracked: objects
     that the arm has moved, where they stand now; the frames are not asked about them. before: what was believed last; by geometry, an
-    object found where one was keeps its name.
+    object found where one was keeps its name. kept: frames made ready, from one belief to the next, see `prepare`.
     """
     tracked = tracked or {}
-    views = prepare([without_objects(f, tracked) for f in frames] if by == "mask" else list(frames), empty_scene.cabinet)
+    views = prepare([without_objects(f, tracked) for f in frames] if by == "mask" else list(frames), empty_scene.cabinet, kept)
     views = views if by == "mask" else cluster_instances(views)
     if by == "geometry":
         views = _named_as_before(views, empty_scene.cabinet, tracked, before)
@@ -137,6 +138,8 @@ def without_objects(frame: Frame, names: Collection[str]) -> Frame:
     if frame.instance is None or not (gone := [i for i, n in enumerate(frame.names) if n in names]):
         return frame
     hit = np.isin(frame.instance, gone)
+    if not hit.any():
+        return frame
     return replace(frame, depth=np.where(hit, np.float32(0), frame.depth), instance=np.where(hit, np.int32(-1), frame.instance))
 
 

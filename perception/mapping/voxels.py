@@ -31,6 +31,58 @@ SMOOTH_PX, ENOUGH, FILL = 3, 9, 4
 MOST_BOXES = 20000
 
 
+def T_world_grid(cabinet: Cabinet) -> Array:
+    """The frame (4, 4) of a grid over a cabinet, whatever its voxels' size: moved to the lower corner at the right of the front."""
+    return np.asarray(cabinet.T_world_cabinet @ transform(p=[0.0, -cabinet.size_m[1] / 2, 0.0]))
+
+
+@dataclass(frozen=True, eq=False)
+class ClearRays:
+    """What one depth image says of a cabinet's space, for maps of any voxel size. clear (H, W): how far each ray is clear, along the
+    camera's z; ends (H, W): where it meets something inside, for certain; camera: fx, fy, cx, cy; T_grid_camera (4, 4)."""
+
+    clear: NDArray[np.float32]
+    ends: NDArray[np.float32]
+    camera: tuple[float, float, float, float]
+    T_grid_camera: Array
+
+
+def clear_rays(
+    cabinet: Cabinet,
+    depth: NDArray[np.float32],
+    intrinsics: Intrinsics,
+    T_world_camera: Array,
+    *,
+    own: NDArray[np.bool_] | None = None,
+    noise_1m_m: float = 0.0,
+) -> ClearRays:
+    """What a depth image (H, W) says, metres, 0 where nothing was measured. own (H, W): the robot's own pixels, if any.
+
+    noise_1m_m: standard deviation of a depth at 1 m, growing with z². Noise is averaged away where the pixels around allow it; a depth
+    that misses a wall by four of its standard deviations is still the wall's, and one with few like it around marks nothing occupied.
+    A pixel that was lost at an edge is taken for as near as those around it.
+    """
+    size = (intrinsics.height, intrinsics.width)
+    if depth.shape != size or (own is not None and own.shape != size):
+        raise ValueError(f"depth {depth.shape}, own {None if own is None else own.shape}: the camera's images are {size}")
+    T_grid_camera = inverse(T_world_grid(cabinet)) @ checked("T_world_camera", T_world_camera, 4, 4)
+    f = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
+    R, eye = np.ascontiguousarray(T_grid_camera[:3, :3]), T_grid_camera[:3, 3].copy()
+    own = np.zeros(depth.shape, bool) if own is None else np.ascontiguousarray(own, bool)
+    depth = np.where(own, np.float32(0), depth).astype(np.float32)
+    clear = np.empty(depth.shape, np.float32)
+    grid.clear_depth(depth, *f, R, eye, cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, clear)
+    ends = clear
+    if noise_1m_m > 0:
+        averaged, count = smooth(depth, np.zeros(depth.shape, np.int32), noise_1m_m, SMOOTH_PX)
+        surer = np.empty(depth.shape, np.float32)
+        grid.clear_depth(averaged, *f, R, eye, cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, surer)
+        clear = np.where(count >= ENOUGH, surer, clear)
+        ends = np.where(count >= ENOUGH, surer, np.float32(0))
+        clear = filled(clear, own, FILL)
+    return ClearRays(clear, ends, f, T_grid_camera)
+
+
 @dataclass(frozen=True, eq=False)
 class Voxels:
     """A grid over the cabinet's inner space. state (X, Y, Z): UNKNOWN, FREE or OCCUPIED, along the cabinet's x, y and z.
@@ -49,7 +101,7 @@ class Voxels:
     @cached_property
     def T_world_grid(self) -> Array:
         """The grid's frame (4, 4): the cabinet's, moved to the lower corner at the right of the front."""
-        return np.asarray(self.cabinet.T_world_cabinet @ transform(p=[0.0, -self.cabinet.size_m[1] / 2, 0.0]))
+        return T_world_grid(self.cabinet)
 
     @property
     def known(self) -> float:
@@ -70,37 +122,17 @@ class Voxels:
         own: NDArray[np.bool_] | None = None,
         noise_1m_m: float = 0.0,
     ) -> Voxels:
-        """The map after one depth image (H, W), metres, 0 where nothing was measured. own (H, W): the robot's own pixels, if any.
+        """The map after one depth image, see `clear_rays`."""
+        return self.after(clear_rays(self.cabinet, depth, intrinsics, T_world_camera, own=own, noise_1m_m=noise_1m_m))
 
-        noise_1m_m: standard deviation of a depth at 1 m, growing with z². Noise is averaged away where the pixels around allow it; a depth
-        that misses a wall by four of its standard deviations is still the wall's, and one with few like it around marks nothing occupied.
-        A pixel that was lost at an edge is taken for as near as those around it.
-        """
-        size = (intrinsics.height, intrinsics.width)
-        if depth.shape != size or (own is not None and own.shape != size):
-            raise ValueError(f"depth {depth.shape}, own {None if own is None else own.shape}: the camera's images are {size}")
-        T_world_camera = checked("T_world_camera", T_world_camera, 4, 4)
-        state = self.state.copy()
-        f = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
-        T_grid_camera = inverse(self.T_world_grid) @ T_world_camera
-        R, eye = np.ascontiguousarray(T_grid_camera[:3, :3]), T_grid_camera[:3, 3].copy()
-        own = np.zeros(depth.shape, bool) if own is None else np.ascontiguousarray(own, bool)
-        depth = np.where(own, np.float32(0), depth).astype(np.float32)
-        clear = np.empty(depth.shape, np.float32)
-        grid.clear_depth(depth, *f, R, eye, self.cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, clear)
-        ends = clear
-        if noise_1m_m > 0:
-            averaged, count = smooth(depth, np.zeros(depth.shape, np.int32), noise_1m_m, SMOOTH_PX)
-            surer = np.empty(depth.shape, np.float32)
-            grid.clear_depth(averaged, *f, R, eye, self.cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, surer)
-            clear = np.where(count >= ENOUGH, surer, clear)
-            ends = np.where(count >= ENOUGH, surer, np.float32(0))
-            clear = filled(clear, own, FILL)
-        levels = np.empty((grid.LEVELS, *depth.shape), np.float32)
-        levels[0] = clear
+    def after(self, rays: ClearRays) -> Voxels:
+        """The map after what one depth image says."""
+        state, (R, eye) = self.state.copy(), (np.ascontiguousarray(rays.T_grid_camera[:3, :3]), rays.T_grid_camera[:3, 3].copy())
+        levels = np.empty((grid.LEVELS, *rays.clear.shape), np.float32)
+        levels[0] = rays.clear
         grid.pyramid(levels)
-        grid.mark_free(state, self.step, np.ascontiguousarray(inverse(T_grid_camera)[:3]), levels, *f)
-        grid.mark_occupied(state, self.step, ends, *f, R, eye)
+        grid.mark_free(state, self.step, np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), levels, *rays.camera)
+        grid.mark_occupied(state, self.step, rays.ends, *rays.camera, R, eye)
         return replace(self, state=state)
 
     def index(self, points_world: Array) -> NDArray[np.int64]:

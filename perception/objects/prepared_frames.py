@@ -41,31 +41,49 @@ class PreparedFrames:
     counts: tuple[NDArray[np.uint8], ...]
 
 
-def prepare(frames: Sequence[Frame], cabinet: Cabinet) -> PreparedFrames:
-    """Find the noise, average it away within each instance, and drop the walls and the robot."""
-    size, T_cabinet_world = np.asarray(cabinet.size_m, float), inverse(cabinet.T_world_cabinet)
-    poses = tuple(T_cabinet_world @ f.T_world_camera for f in frames)
-    axial = axial_noise(frames, cabinet)
-    depths, inside, points, counts = [], [], [], []
-    for frame, T in zip(frames, poses):
-        depth, camera, arm = np.ascontiguousarray(frame.depth, np.float32), pinhole_of(frame), arm_of(frame)
-        label = np.zeros(depth.shape, np.int32) if frame.instance is None else np.ascontiguousarray(frame.instance, np.int32)
-        count = np.ones(depth.shape, np.uint8)
-        if axial > 0:
-            kept, _ = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
-            depth, count = smooth(depth, np.where(kept, label, -1).astype(np.int32), axial, SMOOTH_PX)
-        kept, xyz = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
-        depths.append(depth)
-        inside.append(kept)
-        points.append(xyz)
-        counts.append(count)
-    return PreparedFrames(tuple(frames), tuple(depths), tuple(inside), tuple(points), poses, axial, tuple(counts))
+@dataclass(frozen=True, eq=False)
+class ReadyFrame:
+    """One frame made ready, see `PreparedFrames`, for noise of `axial` at 1 m."""
+
+    axial: float
+    depth: Depth
+    inside: Bool
+    points: NDArray[np.float32]
+    count: NDArray[np.uint8]
+
+
+def prepare(frames: Sequence[Frame], cabinet: Cabinet, kept: dict[Frame, ReadyFrame] | None = None) -> PreparedFrames:
+    """Find the noise, average it away within each instance, and drop the walls and the robot.
+
+    kept: frames that were made ready before, for the same cabinet, and need not be again; afterwards these frames and no others.
+    """
+    axial, before = axial_noise(frames, cabinet), kept or {}
+    ready = [r if (r := before.get(f)) is not None and r.axial == axial else _ready(f, cabinet, axial) for f in frames]
+    if kept is not None:
+        kept.clear()
+        kept.update(zip(frames, ready))
+    poses = tuple(inverse(cabinet.T_world_cabinet) @ f.T_world_camera for f in frames)
+    depths, inside, points = tuple(r.depth for r in ready), tuple(r.inside for r in ready), tuple(r.points for r in ready)
+    return PreparedFrames(tuple(frames), depths, inside, points, poses, axial, tuple(r.count for r in ready))
+
+
+def _ready(frame: Frame, cabinet: Cabinet, axial: float) -> ReadyFrame:
+    size, T = np.asarray(cabinet.size_m, float), inverse(cabinet.T_world_cabinet) @ frame.T_world_camera
+    depth, camera, arm = np.ascontiguousarray(frame.depth, np.float32), pinhole_of(frame), arm_of(frame)
+    label = np.zeros(depth.shape, np.int32) if frame.instance is None else np.ascontiguousarray(frame.instance, np.int32)
+    count = np.ones(depth.shape, np.uint8)
+    if axial > 0:
+        kept, _ = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
+        depth, count = smooth(depth, np.where(kept, label, -1).astype(np.int32), axial, SMOOTH_PX)
+    inside, points = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
+    return ReadyFrame(axial, depth, inside, points, count)
 
 
 def axial_noise(frames: Sequence[Frame], cabinet: Cabinet) -> float:
     """The standard deviation of the depth at 1 m, in metres, from how far pixels that show a wall are from it; 0 for clean images.
 
-    It is robust: half of the pixels near a wall may show something else. Without a wall in sight it is the default camera's.
+    It is robust: half of the pixels near a wall may show something else. Without a wall in sight it is the default camera's. Two digits are
+    all that is meant, so that another frame rarely changes it.
     """
     size, T_cabinet_world = np.asarray(cabinet.size_m, float), inverse(cabinet.T_world_cabinet)
     errors = [
@@ -78,7 +96,7 @@ def axial_noise(frames: Sequence[Frame], cabinet: Cabinet) -> float:
     if len(found) < 500:
         return 0.004
     spread = 1.4826 * float(np.median(np.abs(found)))
-    return spread if spread > 1e-4 else 0.0  # below a tenth of a millimetre it is rounding
+    return float(f"{spread:.2g}") if spread > 1e-4 else 0.0  # below a tenth of a millimetre it is rounding
 
 
 def pinhole_of(frame: Frame) -> tuple[float, float, float, float]:

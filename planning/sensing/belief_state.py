@@ -15,6 +15,7 @@ from kinematics.transforms import Array
 from perception.belief import Belief, believe, without_bodies, without_objects
 from perception.frames import Frame
 from perception.mapping.voxels import unknown_voxels
+from perception.objects.prepared_frames import ReadyFrame
 from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.pick_place import Motions
 from planning.motion.trajectory import Pace
@@ -48,10 +49,11 @@ class BeliefState:
         self.empty_scene = replace(scene, objects=(), observation=None)
         self.robot, self.rng, self.noise = robot, rng, noise_1m_m
         self.voxels, self.frames = unknown_voxels(self.empty_scene.cabinet), list[Frame]()
+        self._ready = dict[Frame, ReadyFrame]()
         self.tracked: dict[str, Body] = {}
         self.smallest_m, self.by_size = smallest_m, False
         self._hiding: tuple[Belief, NDArray[np.bool_]] | None = None
-        self.fine, self.tops = FineMap(self.empty_scene.cabinet, noise_1m_m), dict[str, float]()
+        self.fine, self.tops = FineMap(self.empty_scene.cabinet), dict[str, float]()
         before_looking = Motions(self.robot, self.empty_scene)
         self.q, self.start_blocked = before_looking.start().q, before_looking.start_blocked()
         self.belief = Belief((), {}, self.voxels)
@@ -74,11 +76,13 @@ class BeliefState:
             hiding=self.unseen_boxes if self.by_size else None, on_step=on_step,
         )  # fmt: skip
         fresh = looked.frames
-        self.fine.add(*fresh)
+        self.fine.add(*looked.rays)
         if self.by is None:
             self.by = "geometry" if any(f.instance is None for f in fresh) else "mask"
         if self.by == "geometry":
             fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.noise) for f in fresh)
+        else:
+            fresh = tuple(without_objects(f, self.tracked) for f in fresh)
         self.frames += fresh
         self.voxels, self.q = looked.voxels, looked.q
         return looked
@@ -87,7 +91,7 @@ class BeliefState:
         """Believe what all pictures together show. Raises: NoSurfaces when they show nothing but noise."""
         self.belief = believe(
             self.empty_scene, self.frames, self.voxels,
-            by=self.by or "geometry", target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies,
+            by=self.by or "geometry", target_box=self.target_box, tracked=self.tracked, before=self.belief.bodies, kept=self._ready,
         )  # fmt: skip
         self.tops |= self.belief.seen_tops
 
@@ -115,7 +119,9 @@ class BeliefState:
         """An object has been put down: the room that it took is free now, and where it stands is its own."""
         body = self.belief.body(name)
         assert body is not None
-        if self.by == "geometry" and name not in self.tracked:  # what shows it there is past
+        if self.by == "mask":  # what shows it there is past
+            self.frames = [without_objects(f, (name,)) for f in self.frames]
+        elif name not in self.tracked:
             before = (without_objects(f, (name,)) for f in self.belief.frames)
             self.frames = [replace(f, instance=None, names=()) for f in before]
         self.tracked[name] = replace(body, T_world_body=T_world_body)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.scene import Body, Cabinet
-from perception.frames import Frame
-from perception.mapping.voxels import FREE, UNKNOWN, VOXEL_M, Voxels, unknown_voxels
+from perception.mapping.voxels import FREE, UNKNOWN, VOXEL_M, ClearRays, Voxels, unknown_voxels
 from planning.sensing import hiding_places
 from planning.sensing.look_around import BODY_MARGIN_M, coarser, skin
 
@@ -33,17 +32,13 @@ class Moved:
 
 
 class FineMap:
-    """What was seen and moved, in the order in which it happened; a map of it is made when it is asked for.
+    """What was seen and moved, in the order in which it happened; a map of it is made when it is asked for."""
 
-    noise_1m_m: standard deviation of a depth at one metre.
-    """
-
-    def __init__(self, cabinet: Cabinet, noise_1m_m: float) -> None:
-        self.noise_1m_m = noise_1m_m
+    def __init__(self, cabinet: Cabinet) -> None:
         self.voxels = unknown_voxels(cabinet, hiding_places.VOXEL_M)
-        self._new = list[Frame | Moved]()
+        self._new = list[ClearRays | Moved]()
 
-    def add(self, *news: Frame | Moved) -> None:
+    def add(self, *news: ClearRays | Moved) -> None:
         """Remember what happened."""
         self._new += news
 
@@ -62,10 +57,7 @@ class FineMap:
         """Put what is new into the map; what is known to be free need not be found out again."""
         voxels = self.voxels.marked(known_free, FREE)
         for it in self._new:
-            if isinstance(it, Moved):
-                voxels = it.marked_in(voxels)
-            else:
-                voxels = voxels.fuse(it.depth, it.intrinsics, it.T_world_camera, own=it.arm, noise_1m_m=self.noise_1m_m)
+            voxels = it.marked_in(voxels) if isinstance(it, Moved) else voxels.after(it)
         self.voxels = voxels.marked(known_free, FREE)
         self._new.clear()
 

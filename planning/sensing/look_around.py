@@ -20,7 +20,7 @@ from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics
 from perception.frames import Frame
 from perception.mapping.next_best_view import InformationGain, ViewCandidates, make_view_candidates, reduced, sample_poses, sweep_poses
-from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
+from perception.mapping.voxels import FREE, UNKNOWN, ClearRays, Voxels, clear_rays, unknown_voxels
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth
 from planning.motion.queries import PlanningQuery
 from planning.motion.trajectory import FULL, Pace, timed
@@ -61,7 +61,7 @@ class Limits:
 class Looked:
     """What a look around brought. views: T_world_camera (4, 4) of each frame, and the share known after it. q (J,): where the arm is now.
 
-    reason: why it ended there.
+    reason: why it ended there. rays: what each frame said of the space.
     """
 
     frames: tuple[Frame, ...]
@@ -70,6 +70,7 @@ class Looked:
     motions: tuple[Motion, ...]
     q: Array
     reason: str
+    rays: tuple[ClearRays, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +121,19 @@ def look_around(
     spots = reachable_views(robot, empty_scene, intrinsics)
     preview = InformationGain(voxels, spots.views, RANGE_M[0], focus)
     order = _order(choose, spots, empty_scene.cabinet, rng)
-    frames: list[Frame] = []
+    frames, seen = list[Frame](), list[ClearRays]()
     views: list[tuple[Array, float]] = []
     motions: list[Motion] = []
     blind, done, at = 0, np.zeros(len(spots.q), bool), -1
     while True:
         frame = camera(base @ robot.link_poses(q)["camera"], q)
         depth = frame.depth if frame.arm is None else np.where(frame.arm, np.float32(0), frame.depth)
-        voxels = voxels.fuse(frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm, noise_1m_m=noise_1m_m)
+        rays = clear_rays(
+            voxels.cabinet, frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm, noise_1m_m=noise_1m_m
+        )  # fmt: skip
+        voxels = voxels.after(rays)
         frames.append(frame)
+        seen.append(rays)
         views.append((frame.T_world_camera, voxels.known))
         on_step(f"view {len(frames)}: {100 * voxels.known:.1f} % known")
         blind = 0 if (depth > 0).any() else blind + 1
@@ -150,7 +155,7 @@ def look_around(
         to_view = timed(way.cell, way.poses, [Motion("look", robot.joint_names, rows, np.arange(len(rows), dtype=float))], pace)
         gone, q = (to_view, rows[-1]) if drive is None else drive(to_view)
         motions += gone
-    return Looked(tuple(frames), tuple(views), voxels, tuple(motions), q, reason)
+    return Looked(tuple(frames), tuple(views), voxels, tuple(motions), q, reason, tuple(seen))
 
 
 def _enough(limits: Limits, voxels: Voxels, views: int, blind: int) -> str:

@@ -108,7 +108,7 @@ def test_moves_are_in_it_in_their_order() -> None:
     before, after = (Body("box", shape, T) for T in spots)
     coarse = unknown_voxels(CABINET)
     coarse = Moved(before, after).marked_in(coarse.marked(~coarse.touched(before), FREE))
-    fine = FineMap(CABINET, 0.0)
+    fine = FineMap(CABINET)
     fine.add(Moved(before, after))
     nothing = np.zeros(coarse.state.shape, bool)
     fine.hiding_places(coarse, nothing, [after], {"box"}, SMALLEST_M)

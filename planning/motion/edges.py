@@ -21,6 +21,7 @@ from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sph
 from kinematics.jit.decorators import jit_entry
 from kinematics.jit.record import record
 from kinematics.transforms import Array
+from planning.motion.tree_memory import Trees, make_trees
 from planning.motion.upright import ANY_WAY_UP, Upright, edge_upright, is_upright
 
 LARGEST_CLEARANCE_M = 0.5
@@ -43,11 +44,12 @@ class Task(NamedTuple):
 
 @record
 class Memory(NamedTuple):
-    """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge."""
+    """One thread's memory for one task. pieces (N, 2): undecided pieces of an edge; trees: of a search."""
 
     exact: Scratch
     spheres: SphereScratch
     pieces: Array
+    trees: Trees
 
 
 def make_task(problem: Problem, model: SphereModel | None = None, world: SphereWorld | None = None) -> Task:
@@ -110,7 +112,9 @@ def make_memory(task: Task) -> Memory:
 def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
     """Memory for one thread, for all tasks with this chain that are no larger; `exact.enter` each of them first."""
     K, J = len(chain.q_index), len(chain.lower)
-    return Memory(edge_problem.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)))
+    return Memory(
+        edge_problem.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)), make_trees(J)
+    )
 
 
 @jit_entry
@@ -134,16 +138,20 @@ def lacks(task: Task, Q: Array, memory: Memory) -> Int:
     """What each of configurations Q (N, J) lacks to be an end of a way: NOTHING, TILT where what is carried would lean too far, else the
     pair of the exact problem that touches. The memory is ready for the task."""
     said = np.empty(len(Q), np.int64)
-    _lacks(task, np.ascontiguousarray(Q), memory, said)
+    judge_ends(task, np.ascontiguousarray(Q), memory, said)
     return said
 
 
 @jit_entry
-def _lacks(task: Task, Q: Array, memory: Memory, said: Int) -> None:
+def judge_ends(task: Task, Q: Array, memory: Memory, said: Int) -> bool:
+    """See `lacks`; said (N,). Whether any lacks nothing."""
+    any_will_do = False
     for i in range(Q.shape[0]):
         said[i] = edge_check.first_contact(task.exact, Q[i], memory.exact)
         if said[i] < 0:
             said[i] = NOTHING if is_upright(task.exact.chain, task.upright, Q[i], memory.exact) else TILT
+            any_will_do |= said[i] == NOTHING
+    return any_will_do
 
 
 @jit_entry

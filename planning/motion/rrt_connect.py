@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from kinematics.collision.edge_check import first_contact
 from kinematics.doors import checked
 from kinematics.transforms import Array
-from planning.motion.edges import NOTHING, Memory, Task, lacks, make_memory
-from planning.motion.trees import FOUND, FULL, SPENT, GrowthSettings, climb, follow, grow, plant, spread, widen
+from planning.motion.edges import Memory, Task, make_memory
+from planning.motion.tree_memory import widen
+from planning.motion.trees import FOUND, FULL, NO_GOAL, NO_START, SPENT, GrowthSettings, search, spread
 
 MAX_ITERATIONS = 5000
 _CHUNK = 16  # iterations between looks at the clock
+_ROOM = 64  # nodes that a search can add before it asks for more
 
 
 @dataclass(frozen=True)
@@ -99,44 +101,41 @@ def plan(
     began = time.perf_counter()
     problem, n_q = task.exact, len(task.exact.chain.lower)
     starts, goals = checked("start", np.atleast_2d(start), -1, n_q), checked("goals", goals, -1, n_q)
-    if len(starts) == 0 or len(goals) == 0:
+    S, G = len(starts), len(goals)
+    if S == 0 or G == 0:
         raise ValueError(f"starts {starts.shape} and goals {goals.shape} must be (S, {n_q}) and (G, {n_q}) with S, G > 0")
     memory = make_memory(task) if memory is None else memory
-    scratch = memory.exact
-    counts = scratch.counts.copy()
+    counts = memory.exact.counts.copy()
+    ways = np.concatenate(known) if known else np.empty((0, n_q))
+    first = np.cumsum([0, *map(len, known)])
+    if (least := max(S, G) + len(ways) + _ROOM) > memory.trees.q.shape[1]:
+        memory = memory._replace(trees=widen(memory.trees, 2 * least))
+    said, nodes = np.empty(S + G, np.int64), np.empty((2, len(ways)), np.int64)
+    status, n, iterations, left = FULL, 0, 0, max_iterations
+    while status == FULL or (status == SPENT and left > 0):
+        if iterations and time_budget_s is not None and time.perf_counter() - began > time_budget_s:
+            break
+        if status == FULL and iterations:
+            memory = memory._replace(trees=widen(memory.trees, 2 * memory.trees.q.shape[1]))
+        asked = left if time_budget_s is None else min(left, _CHUNK)
+        status, n = search(task, starts, goals, ways, first, settings.packed, seed % 2**63, asked, iterations == 0, memory, said, nodes)
+        iterations = int(memory.trees.met[2]) if status in (FOUND, SPENT, FULL) else 0
+        left = max_iterations - iterations
+    spent = memory.exact.counts - counts
 
-    def route(path: Array | None, why: str, ends: tuple[int, int] = (-1, -1), pair: int = -1, iterations: int = 0) -> Route:
-        spent = scratch.counts - counts
-        contact = None if pair < 0 else (int(problem.pairs[pair, 0]), int(problem.pairs[pair, 1]))
+    def route(path: Array | None, why: str, ends: tuple[int, int] = (-1, -1), contact: tuple[int, int] | None = None) -> Route:
         return Route(path, why, *ends, contact, iterations, int(spent[0]), int(spent[2]), time.perf_counter() - began)
 
-    roots = list[list[int]]()
-    for which, Q in (("start", starts), ("goals", goals)):
-        said = lacks(task, Q, memory).tolist()
-        if min(said) >= 0:
-            return route(None, which, pair=said[-1])
-        roots.append([i for i, what in enumerate(said) if what == NOTHING])
-        if not roots[-1]:
+    if status == FOUND:
+        start_at, goal_at = memory.trees.joined.tolist()
+        return route(memory.trees.path[:n].copy(), "", (start_at, goal_at))
+    if status in (NO_START, NO_GOAL):
+        which = said[:S] if status == NO_START else said[S:]
+        if which.min() < 0:
             return route(None, "tilt")
-    first, last = roots
-    if len(first) + len(last) > 2:
-        apart = (problem.weight**2 * (goals[last] - starts[first][:, None]) ** 2).sum(2)
-        first, last = ([side[i] for i in np.argsort(apart.min(axis), kind="stable")] for side, axis in ((first, 1), (last, 0)))
-    trees = plant(starts[first], goals[last], seed, sum(map(len, known)))
-    status = FOUND if any(follow(task, trees, way, np.empty((2, len(way)), np.int64), memory) for way in known) else SPENT
-    while trees.met[2] < max_iterations and status != FOUND:
-        if time_budget_s is not None and time.perf_counter() - began > time_budget_s:
-            break
-        left = max_iterations - int(trees.met[2])
-        status = grow(task, trees, settings.packed, left if time_budget_s is None else min(left, _CHUNK), memory)
-        if status == FULL:
-            trees = widen(trees)
-    iterations = int(trees.met[2])
-    if status != FOUND:
-        return route(None, "budget", iterations=iterations)
-    ahead, back = climb(trees, 0), climb(trees, 1)
-    path = np.concatenate([trees.q[0, ahead[::-1]], trees.q[1, back]])
-    return route(path, "", (first[ahead[-1]], last[back[-1]]), iterations=iterations)
+        a, b = problem.pairs[which[-1], :2].tolist()
+        return route(None, "start" if status == NO_START else "goals", contact=(a, b))
+    return route(None, "budget")
 
 
 def reach(

@@ -22,11 +22,13 @@ from kinematics.chain import Int
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.transforms import Array
-from planning.motion.edges import Memory, Task, connects
+from planning.motion.edges import NOTHING, Memory, Task, connects, judge_ends
 from planning.motion.pulling import PULL_M, WAYS, pulled
+from planning.motion.tree_memory import Trees
 from planning.motion.upright import bring_upright, is_upright
 
-FOUND, SPENT, FULL = 1, 0, 2
+FOUND, SPENT, FULL, NO_START, NO_GOAL = 1, 0, 2, 3, 4
+"""What became of a search: the trees met; the iterations are spent; a tree is full; no start, or no goal, can be an end of a way."""
 HEADROOM = 0.9
 """Share of the allowed tilt to which what a step tilts too far is brought back."""
 _EDGES = 4  # to a goal from others that were reached, before a search is begun
@@ -45,63 +47,6 @@ class GrowthSettings(NamedTuple):
     stuck: int
     pulled: int
     far_from: int
-
-
-@record
-class Trees(NamedTuple):
-    """Both trees, the starts' (0) and goals' (1), N nodes at most: q (2, N, J), parent (2, N), -1 for roots, radius (2, N) of the domain.
-
-    roots (2,): how many of each tree's first nodes are roots. size (2,); rng (1,): state of the random numbers; met (3,): the two nodes
-    that met, and iterations so far. Scratch: work (3, J); descent and T (2, 4, 4) for pulls.
-    """
-
-    q: Array
-    parent: Int
-    radius: Array
-    roots: Int
-    size: Int
-    rng: NDArray[np.uint64]
-    met: Int
-    work: Array
-    descent: Array
-    T: Array
-
-
-def plant(starts: Array, goals: Array, seed: int, room: int = 0) -> Trees:
-    """Trees of nothing but roots, starts (S, J) and goals (G, J). room: for so many nodes more than as a rule."""
-    roots = np.array([len(starts), len(goals)], np.int64)
-    n, J = 256 + 2 * int(roots.max()) + room, starts.shape[1]
-    trees = Trees(
-        np.zeros((2, n, J)),
-        np.full((2, n), -1, np.int64),
-        np.full((2, n), np.inf),
-        roots,
-        roots.copy(),
-        np.array([seed % 2**64], np.uint64),
-        np.zeros(3, np.int64),
-        np.empty((3, J)),
-        np.empty((12 + J, max(6, J))),
-        np.empty((2, 4, 4)),
-    )
-    trees.q[0, : len(starts)], trees.q[1, : len(goals)] = starts, goals
-    return trees
-
-
-def widen(trees: Trees) -> Trees:
-    """The same trees with room for twice as many nodes."""
-    return trees._replace(
-        q=np.concatenate([trees.q, np.zeros_like(trees.q)], 1),
-        parent=np.concatenate([trees.parent, trees.parent], 1),
-        radius=np.concatenate([trees.radius, trees.radius], 1),
-    )
-
-
-def climb(trees: Trees, side: int) -> list[int]:
-    """Node indices from where the trees met to the root."""
-    way = [int(trees.met[side])]
-    while trees.parent[side, way[-1]] >= 0:
-        way.append(int(trees.parent[side, way[-1]]))
-    return way
 
 
 @jit_inline
@@ -126,7 +71,85 @@ def weighted(weight: Array, a: Array, b: Array) -> float:
 
 
 @jit_entry
-def grow(task: Task, trees: Trees, s: GrowthSettings, iterations: int, memory: Memory) -> int:
+def search(
+    task: Task, starts: Array, goals: Array, known: Array, first: Int, s: GrowthSettings, seed: int, iterations: int, begins: bool,
+    memory: Memory, said: Int, nodes: Int,
+) -> tuple[int, int]:  # fmt: skip
+    """A path from one of starts (S, J) to one of goals (G, J): what became of the search, and if they were joined, how many waypoints the
+    path has in memory.trees.path.
+
+    begins: whether the trees are planted; else they grow on. The memory is ready for the task. known (K, J): the waypoints of ways that
+    were free for similar tasks, way w from row first[w] to first[w + 1]. said (S + G,): what each start and goal lacks, see `edges.lacks`.
+    nodes (2, K): scratch.
+    """
+    trees = memory.trees
+    if begins:
+        status = _plant(task, trees, starts, goals, seed, memory, said)
+        if status != FOUND:
+            return status, 0
+        for w in range(first.shape[0] - 1):
+            if _follow(task, trees, known[first[w] : first[w + 1]], nodes, memory):
+                return FOUND, _join(trees)
+    status = _grow(task, trees, s, iterations, memory)
+    return status, (_join(trees) if status == FOUND else 0)
+
+
+@jit_inline
+def _plant(task: Task, trees: Trees, starts: Array, goals: Array, seed: int, memory: Memory, said: Int) -> int:
+    """Trees of nothing but roots, on each side the nearest to those on the other in front: FOUND, or on which side there is none."""
+    S, weight = starts.shape[0], task.exact.weight
+    if not judge_ends(task, starts, memory, said[:S]):
+        return NO_START
+    if not judge_ends(task, goals, memory, said[S:]):
+        return NO_GOAL
+    for side in range(2):
+        mine, others = (starts, goals) if side == 0 else (goals, starts)
+        at, opposite, n = (0, S, 0) if side == 0 else (S, 0, 0)
+        for i in range(mine.shape[0]):
+            if said[at + i] != NOTHING:
+                continue
+            least = np.inf
+            for k in range(others.shape[0]):
+                if said[opposite + k] == NOTHING:
+                    least = min(least, weighted(weight, mine[i], others[k]))
+            k = n
+            while k > 0 and trees.radius[side, k - 1] > least:
+                trees.radius[side, k], trees.end[side, k] = trees.radius[side, k - 1], trees.end[side, k - 1]
+                k -= 1
+            trees.radius[side, k], trees.end[side, k] = least, i
+            n += 1
+        trees.size[side] = 0
+        for k in range(n):
+            _add(trees, side, -1, mine[trees.end[side, k]])
+        trees.roots[side] = n
+    trees.rng[0] = np.uint64(seed)
+    trees.met[2] = 0
+    return FOUND
+
+
+@jit_inline
+def _join(trees: Trees) -> int:
+    """Write down the path from root to root through the nodes that met, and which ends it joins; how many waypoints it has."""
+    n, node = 0, trees.met[0]
+    while trees.parent[0, node] >= 0:
+        n, node = n + 1, trees.parent[0, node]
+    trees.joined[0] = trees.end[0, node]
+    n, node = n + 1, trees.met[0]
+    for k in range(n):
+        copy_row(trees.q[0, node], trees.path[n - 1 - k])
+        node = trees.parent[0, node]
+    node = trees.met[1]
+    while True:
+        copy_row(trees.q[1, node], trees.path[n])
+        n += 1
+        if trees.parent[1, node] < 0:
+            trees.joined[1] = trees.end[1, node]
+            return n
+        node = trees.parent[1, node]
+
+
+@jit_inline
+def _grow(task: Task, trees: Trees, s: GrowthSettings, iterations: int, memory: Memory) -> int:
     """Grow both trees for some iterations: FOUND (trees.met says where), SPENT or FULL (of nodes: widen and go on)."""
     q, size, weight = trees.q, trees.size, task.exact.weight
     lower, upper = task.exact.chain.lower, task.exact.chain.upper
@@ -162,8 +185,8 @@ def grow(task: Task, trees: Trees, s: GrowthSettings, iterations: int, memory: M
     return SPENT
 
 
-@jit_entry
-def follow(task: Task, trees: Trees, way: Array, nodes: Int, memory: Memory) -> bool:
+@jit_inline
+def _follow(task: Task, trees: Trees, way: Array, nodes: Int, memory: Memory) -> bool:
     """Add to both trees what of a way (K, J) that was free for a similar task is free for this one, from where it comes nearest to each.
     Whether they meet on it: trees.met says where. nodes (2, K): scratch."""
     weight = task.exact.weight

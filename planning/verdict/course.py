@@ -28,7 +28,7 @@ LONGEST = 500.0
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline.
+    """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline, and one row.
     allowed: pairs that may touch, as the motion says; clearance_m: how far it says that it keeps from anything besides, if it does."""
 
     number: int
@@ -56,7 +56,7 @@ class Course:
     def ways(self) -> Array:
         """How far (K - 1,) the joint that goes furthest goes between any two rows, at most."""
         ahead = np.abs(np.diff(self.q, axis=0)).max(1, initial=0.0)
-        if self.spline is not None and len(self.q) > 1:
+        if self.spline is not None:
             # a joint's way is no longer than that along its Bernstein coefficients: it turns back less often than they do
             ahead = np.maximum(ahead, np.abs(np.diff(self.spline.control, axis=1)).sum(1).max(1))
         return np.asarray(ahead)
@@ -68,7 +68,7 @@ class Course:
 
     def _between(self, k: NDArray[np.int64], share: Array) -> Array:
         """Configurations (N, J) at shares (N,) of the way from rows k (N,) to the next ones."""
-        if self.spline is None or not len(k):
+        if self.spline is None:
             return np.asarray(self.q[k] + share[:, None] * np.diff(self.q, axis=0)[k])
         return evaluate(self.spline, self.t_s[k] + share * np.diff(self.t_s)[k])
 
@@ -86,10 +86,10 @@ def _cut(ways: Array, step: float) -> tuple[NDArray[np.int64], Array]:
 
 
 def dense_rows(courses: Sequence[Course], step: float) -> list[Array]:
-    """The configurations (N, J) of `Course.dense` for several courses."""
+    """The configurations (N, J) of `Course.dense` for several courses, at least one."""
     ways = [course.ways for course in courses]
     starts = np.cumsum([0, *(len(way) for way in ways)])
-    k, share = _cut(np.concatenate([*ways, np.zeros(0)]), step)
+    k, share = _cut(np.concatenate(ways), step)
     ends = np.searchsorted(k, starts)
     return [
         np.concatenate([course.q[:1], course._between(k[i:j] - start, share[i:j])])
@@ -142,7 +142,7 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
     largest = float(np.abs(np.concatenate([np.ravel(t) for t in (*tables, motion.t_s)])).max())
     if not largest <= MOST:
         return fault(f"has a number as large as {largest:.3g}", largest)
-    way = np.abs(np.diff(np.asarray(motion.q, float), axis=0)).sum(0).max(initial=0.0)
+    way = np.abs(np.diff(np.asarray(motion.q, float), axis=0)).sum(0).max()
     if not way <= LONGEST:
         return fault(f"turns a joint by {way:.3g} in all, and none goes that far", float(way))
     if motion.t_s[0] < 0 or (np.diff(motion.t_s) < 0).any() or (qd is not None and (np.diff(motion.t_s) <= 0).any()):

@@ -39,7 +39,7 @@ def cup_faults(
         return [Fault(stage, bodies, f"{cup.link} stops {1000 * far:.1f} mm before {name}", far)]
     if deep > settings.depth_m:
         return [Fault(stage, bodies, f"{cup.link} is {1000 * deep:.1f} mm inside {name}", deep)]
-    askew = float(np.arccos(np.clip(-normal[:, 2], -1.0, 1.0)).max())
+    askew = float(np.arccos(np.minimum(-normal[:, 2], 1.0)).max())
     if askew > settings.cup_rad:
         return [Fault(stage, bodies, f"{cup.link} is {np.degrees(askew):.0f}° askew on {name}", askew)]
     return []
@@ -67,6 +67,5 @@ def met(points: Array, parts: Sequence[Polyhedron]) -> tuple[Array, Array]:
         low = enters.max(1, initial=-np.inf)
         nearer = (room[:, ~(down | up)] >= 0).all(1) & (low <= leaves) & (leaves > 0) & (low < gap)
         gap[nearer] = low[nearer]
-        if nearer.any():
-            normal[nearer] = n[down][enters.argmax(1)][nearer]
+        normal[nearer] = n[down][enters.argmax(1)][nearer]
     return gap, normal

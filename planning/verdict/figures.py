@@ -19,6 +19,7 @@ from planning.verdict.polyhedra import polyhedra
 CHORD = 0.05  # rad or m, into which the hand's way is cut to measure it
 TRAVEL_SHARE, TRAVEL_M = 0.01, 0.002  # by which a measured way may differ
 VALUE = 1e-3  # by which a return may
+REGION_M = 1e-3  # by which the middle of what is put down may be beside its region
 TIME_S = 1e-3
 GRIPPER = 1e-4  # rad or m
 NOTHING = "nothing"
@@ -55,7 +56,7 @@ def _region(scene: Scene, move: Move) -> list[Fault]:
     row, column = divmod(move.region, n)
     centre = np.array([(row + 0.5) / n * depth, (column + 0.5) / n * width - width / 2])
     off = float(np.max(np.abs(middle - centre) - np.array([depth, width]) / (2 * n)))
-    if off <= 0.001:
+    if off <= REGION_M:
         return []
     return [Fault(MOVES, (move.object,), f"{move.object} stands {1000 * off:.0f} mm outside region {move.region}", off)]
 
@@ -85,7 +86,7 @@ def _span(shape: Shape, T: Array) -> Array:
 
 def grasp_faults(scene: Scene, ledger: Ledger, allowed: Sequence[Grasp], settings: Settings) -> list[Fault]:
     """The target is taken with one of the grasps that were asked for."""
-    taken = next((c for c in reversed(ledger.carries) if c.body == scene.target and not c.put), None)
+    taken = next((c for c in ledger.carries if c.body == scene.target and not c.put), None)
     if taken is None or not allowed:
         return []
     off = [difference(g.T_world_hand, taken.T_world_hand) for g in allowed]

@@ -147,6 +147,17 @@ def test_where_the_links_of_that_arm_are() -> None:
     assert np.allclose(some[tail][0], links["tail"][0])
 
 
+def test_what_a_urdf_may_leave_out() -> None:
+    """An axis is x, limits are 0, an origin is where the parent is, each unless it says otherwise."""
+    bare = BY_HAND.replace('<axis xyz="0 0 3"/>', "<axis/>").replace('<limit upper="0.5"/>', '<limit lower="-0.5" velocity="2"/>')
+    arm = read(bare.replace('<origin xyz="0 2 0"/>', '<origin rpy="0 0 0.5"/>'))
+    assert (arm.lower[1], arm.upper[1], arm.velocity[1]) == (-0.5, 0.0, 2.0)
+    at = poses(arm, np.array([[0.3, 0.0]]), np.eye(4))
+    links = {link: at[c] @ T for link, (c, T) in arm.links.items()}
+    assert np.allclose(links["drum"][0], transform(p=[1, 0, 0]) @ transform(rotation_about((1, 0, 0), 0.3)))
+    assert np.allclose(links["tool"][0], links["sled"][0] @ transform(rotation_about((0, 0, 1), 0.5)))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -35,7 +35,6 @@ def test_a_spline_reaches_as_far_as_its_coefficients() -> None:
 def test_the_way_between_rows_is_that_of_the_joint_that_goes_furthest() -> None:
     assert course((0, 0), (1, -3), (1.5, -3)).ways.tolist() == [3, 0.5]
     assert course((0, 0)).ways.tolist() == []
-    assert splined((0, 0)).ways.tolist() == []
     assert splined((0, 0), (1, -3)).ways.tolist() == [3]
     qd = np.zeros((2, 5))
     qd[0, 1] = 5.0  # there and back: 0, 1, 2, 0
@@ -68,7 +67,6 @@ def test_a_spline_is_asked_at_its_times() -> None:
     rows, q = way.dense(1.0)
     assert rows.tolist() == [0, 1, 1.5, 2]
     assert values(q) == pytest.approx([0, 1, 2, 3])
-    assert values(splined((2,)).at(np.array([0.0]))) == [2]
 
 
 def test_several_courses_are_cut_as_each_alone() -> None:
@@ -77,7 +75,6 @@ def test_several_courses_are_cut_as_each_alone() -> None:
     assert [len(rows) for rows in together] == [5, 1, 6, 4]
     for rows, alone in zip(together, some, strict=True):
         assert np.array_equal(rows, alone.dense(0.4)[1])
-    assert dense_rows([], 0.4) == []
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ form
@@ -164,6 +161,17 @@ def test_a_mimic_joint_goes_where_the_other_sends_it() -> None:
                     assert (said.stage, said.bodies) == ("lift", ())
                     assert said.detail == f"motion 0 moves 'mirror' {abs(away):.3g} from where it goes with 'grip'"
                     assert said.amount == pytest.approx(away, nan_ok=True)
+
+
+def test_a_mimic_joint_may_have_an_offset() -> None:
+    """And be off by a ten-thousandth itself."""
+    arm = replace(ARM, followers={"mirror": (4, -1.0, 0.3)})
+    for own, well in ((0.25, True), (0.35, False), (-0.25, False)):
+        q = np.array([[0, 0, 0, 0, 0.05, own]])
+        made = Motion("lift", (*JOINTS, "mirror"), q, np.zeros(1))
+        assert bool(courses(arm, [made])[1]) is not well
+    just = Motion("lift", (*JOINTS, "mirror"), np.array([[0, 0, 0, 0, 0, 1e-4]]), np.zeros(1))
+    assert courses(ARM, [just])[1] == []
 
 
 def test_numbers_that_nobody_meant() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,9 +66,43 @@ def test_where_lines_meet_several_parts() -> None:
 def test_the_normal_is_that_of_the_plane_that_is_entered() -> None:
     """A box that stands on its edge, 45° to either side."""
     T = transform(rotation_about((0, 1, 0), np.pi / 4), [0.0, 0.0, 0.2])
-    gap, normal = met(np.array([[0.02, 0.0], [-0.02, 0.01]]), [polyhedra(Box(np.full(3, 0.1)))[0].moved(T)])
-    assert gap == pytest.approx(2 * [0.2 - 0.05 * np.sqrt(2) + 0.02])
-    assert normal == pytest.approx(np.array([[1, 0, -1], [-1, 0, -1]]) / np.sqrt(2))
+    gap, normal = met(np.array([[0.02, 0.0], [0.5, 0.5], [-0.02, 0.01]]), [polyhedra(Box(np.full(3, 0.1)))[0].moved(T)])
+    assert gap[[0, 2]] == pytest.approx(2 * [0.2 - 0.05 * np.sqrt(2) + 0.02])
+    assert gap[1] == np.inf
+    assert normal[[0, 2]] == pytest.approx(np.array([[1, 0, -1], [-1, 0, -1]]) / np.sqrt(2))
+
+
+def test_a_line_through_a_tip_meets_it() -> None:
+    """Of an octahedron whose middle is at z = 1: at its side's corner it enters and leaves at once."""
+    planes = np.array([[x, y, z, 1 + z] for x in (-1.0, 1) for y in (-1.0, 1) for z in (-1.0, 1)])
+    octahedron = replace(BOX[0], planes=planes)
+    assert met(np.array([[1.0, 0.0], [0.5, 0.0], [1.5, 0.0]]), [octahedron])[0].tolist() == [1.0, 0.5, np.inf]
+
+
+def test_what_is_just_allowed_holds() -> None:
+    for T, setting in ((transform(p=[0, 0, 0.1006]), "gap_m"), (transform(p=[0, 0, 0.0988]), "depth_m")):
+        (fault,) = said(T)
+        assert fault.amount is not None
+        assert said(T, **{setting: fault.amount}) == []
+        assert len(said(T, **{setting: float(np.nextafter(fault.amount, 0))})) == 1
+    T = transform(rotation_about((0, 1, 0), 0.1)) @ transform(p=[0, 0, 0.1])
+    (fault,) = said(T, gap_m=0.01, depth_m=0.01)
+    assert fault.amount is not None
+    assert said(T, gap_m=0.01, depth_m=0.01, cup_rad=fault.amount) == []
+
+
+def test_the_furthest_and_the_deepest_of_a_lip_count() -> None:
+    """Tilted by 0.06 about its middle: 0.6 mm off on one side, as deep in on the other."""
+    tilted = transform(rotation_about((0, 1, 0), 0.06)) @ transform(p=[0, 0, 0.1])
+    assert said(tilted)[0].detail == "lip stops 0.6 mm before it"
+    assert said(transform(p=[0, 0, -0.0005]) @ tilted)[0].detail == "lip is 1.1 mm inside it"
+    assert said(transform(p=[0, 0, 0.2]))[0].detail == "lip stops 100.0 mm before it"
+    assert said(transform(p=[0, 0, 0.0]))[0].detail == "lip is 100.0 mm inside it"
+
+
+def test_a_normal_a_little_too_long_looks_straight() -> None:
+    long = replace(BOX[0], planes=BOX[0].planes * [1 + 1e-12, 1 + 1e-12, 1 + 1e-12, 1])
+    assert said(transform(p=[0, 0, 0.1]), (long,)) == []
 
 
 def test_what_a_cup_holds() -> None:

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toy_arm import HAND, course, motion
+from toy_arm import HAND, course, motion, splined
 
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.plan import Fault, Gripper, GripperState, Motion, Move, Plan
+from planning.verdict import figures as figures_module
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
 from planning.verdict.figures import (
@@ -26,7 +27,7 @@ from planning.verdict.figures import (
     stated_faults,
     tilt_faults,
 )
-from planning.verdict.ledger import Carry, Ledger
+from planning.verdict.ledger import Carry, Ledger, difference
 
 CABINET = Cabinet(np.array([0.4, 0.8, 0.5]), transform(p=[1.0, 0.0, 0.2]), 0.03)
 """Its front edge is at x = 1; with 2 × 2 regions, each is 0.2 m deep and 0.4 m wide; number 1 is the front left one."""
@@ -119,6 +120,19 @@ def test_a_move_says_from_where_and_to_where() -> None:
                     assert said[0].amount == pytest.approx(0.00101 if mm else 0.0, abs=1e-9)
 
 
+def test_a_pose_that_is_just_as_near_as_asked_is_the_same() -> None:
+    to = transform(p=[1.1, 0.2, 0.3])
+    there = to @ transform(rotation_about((0, 0, 1), 0.01), [0.3, 0.0, 0.0])
+    far, turned = difference(there, to)
+    for pose_m, pose_rad, well in ((far, turned, True), (np.nextafter(far, 0), turned, False), (far, np.nextafter(turned, 0), False)):
+        asked = Settings(pose_m=float(pose_m), pose_rad=float(pose_rad))
+        moved = move_faults(scene(), plan(move("a", there, 3)), ledger(carry("a", to)), asked)
+        assert [f.detail for f in moved if "T_world_to" in f.detail] == ([] if well else ["a is 300.0 mm and 0.6° from its T_world_to"])
+        taken = grasp_faults(scene(), ledger(carry("b", to, put=False, hand=to)), [Grasp(there, 0.06)], asked)
+        wrong = "b is taken 300.0 mm and 0.6° from the grasp that was asked for"
+        assert [f.detail for f in taken] == ([] if well else [wrong])
+
+
 def test_an_objects_middle_is_over_its_region() -> None:
     """A millimetre may be wrong. Region 1 goes from x = 1.0 to 1.2 and from y = 0 to 0.4, region 2 from 1.2 and from -0.4 to 0."""
     for to, region, off in (
@@ -127,7 +141,9 @@ def test_an_objects_middle_is_over_its_region() -> None:
         ((1.3, -0.2), 2, 0.0),
         ((1.3, -0.2), 3, 200.0),
         ((1.2009, 0.2), 1, 0.0),
+        ((1.2015, 0.2), 1, 2.0),
         ((1.2021, 0.2), 1, 2.0),
+        ((1.1, 1.4), 1, 1000.0),
         ((0.9991, 0.2), 1, 0.0),
         ((0.99, 0.2), 1, 10.0),
         ((1.1, -0.0009), 1, 0.0),
@@ -139,9 +155,17 @@ def test_an_objects_middle_is_over_its_region() -> None:
         said = said_of_moves([move("a", p, region)], [carry("a", p)])
         assert [f.detail for f in said] == ([] if not off else [f"a stands {off:.0f} mm outside region {region}"]), (to, region)
         if off:
-            assert (said[0].stage, said[0].bodies, said[0].amount) == ("moves", ("a",), pytest.approx(off / 1000, abs=2e-4))
+            assert (said[0].stage, said[0].bodies, said[0].amount) == ("moves", ("a",), pytest.approx(off / 1000, abs=6e-4))
     p = [1.1, 0.2, 0.3]
     assert said_of_moves([move("a", p, 4)], [carry("a", p)]) == [Fault("moves", ("a",), "a goes to region 4, and there are 4")]
+
+
+def test_a_middle_just_so_far_beside_its_region(monkeypatch: pytest.MonkeyPatch) -> None:
+    p = [1.25, 0.2, 0.3]
+    (fault,) = said_of_moves([move("a", p, 1)], [carry("a", p)])
+    assert fault.amount is not None
+    monkeypatch.setattr(figures_module, "REGION_M", fault.amount)
+    assert said_of_moves([move("a", p, 1)], [carry("a", p)]) == []
 
 
 def test_the_middle_is_that_of_all_parts_where_the_cabinet_stands() -> None:
@@ -177,6 +201,21 @@ def test_a_success_ends_with_the_target_in_the_hand() -> None:
         assert said == [Fault("plan", bodies, f"it is called a success, and the hand holds {holds} at its end, not b")]
 
 
+def test_a_scene_without_a_target_has_no_success() -> None:
+    none = replace(scene(), target=None)
+    said = goal_faults(none, plan(success=True), ledger())
+    assert said == [Fault("plan", (), "it is called a success, and the hand holds nothing at its end, not None")]
+
+
+def test_a_target_that_just_touches_the_cabinets_front_is_outside() -> None:
+    """In numbers that are exact in binary."""
+    cube = Body("b", Box(np.full(3, 0.125)), np.eye(4))
+    for x, well in ((0.9375, True), (0.9376, False)):
+        T = transform(p=[x, 0, 0.5])
+        there = replace(scene(), objects=(cube,))
+        assert (goal_faults(there, plan(success=True), ledger(carry("b", T, put=False, start=np.eye(4)), poses={"b": T})) == []) == well
+
+
 def test_the_whole_target_is_outside() -> None:
     """By any side: 10 × 6 × 20 cm, the cabinet from x 1.0 to 1.4, y ±0.4, z 0.2 to 0.7."""
     for p, mm in (
@@ -194,6 +233,7 @@ def test_the_whole_target_is_outside() -> None:
         ((1.0, 0.0, 0.099), 0.0),
         ((1.0, 0.0, 0.797), 3.0),
         ((1.0, 0.0, 0.801), 0.0),
+        ((1.175, 0.0, 0.4), 225.0),
     ):
         T = transform(p=p)
         said = goal_faults(scene(), plan(success=True), ledger(carry("b", T, put=False)))
@@ -262,6 +302,24 @@ def test_what_is_carried_leans_no_further_than_its_limit() -> None:
     assert tilted(None, upside_down) == tilted(180.0, upside_down) == tilted(200.0, upside_down) == []
     assert len(tilted(179.5, course((0, 0, 0, 3.14), (0, 0, 0, 3.14)))) == 1
     assert len(tilted(171.0, upside_down)) == 1
+
+
+def test_what_leans_just_as_far_as_it_may() -> None:
+    """A tenth of a degree more than its limit."""
+    run = course((0, 0, 0, 0), (0, 0, 0, 0.3))
+    (fault,) = tilted(5.0, run)
+    lean = float(np.degrees(fault.amount or 0.0))
+    limit = next(float(x) for x in lean - 0.1 + np.spacing(lean) * np.arange(-4, 5) if float(x) + 0.1 == lean)
+    assert tilted(limit, run) == []
+    assert len(tilted(float(np.nextafter(limit, 0)) - 1e-12, run)) == 1
+
+
+def test_a_swing_between_two_rows_is_found() -> None:
+    """Of a quarter of a degree, by a spline whose ends are upright."""
+    qd = np.zeros((2, 5))
+    qd[0, 3] = 5 * 0.0045  # the coefficients are 0, 4.5, 9, 0 mrad; half-way it is at 25/32 of 4.5 mrad
+    said = tilted(0.05, splined((0,), (0,), qd=qd))
+    assert [f.detail for f in said] == ["motion 0: a leans by 0.2°, and may by 0.05°"]
 
 
 def test_each_motion_of_a_carry_is_judged_and_no_other() -> None:

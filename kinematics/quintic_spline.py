@@ -72,11 +72,7 @@ def extremes(spline: QuinticSpline, order: int = 0, tolerance: float = 1e-9) -> 
 
     tolerance: the low ones are at most so much too low, the high ones so much too high, relative to the largest coefficient.
     """
-    return extremes_of(coefficients(spline, order), tolerance)
-
-
-def extremes_of(control: Array, tolerance: float = 1e-9) -> tuple[Array, Array]:
-    """The same of polynomials given by their Bernstein coefficients (K, n, J)."""
+    control = coefficients(spline, order)
     pieces, n, joints = control.shape
     rows = np.swapaxes(control, 1, 2).reshape(-1, n)
     slack = tolerance * max(1.0, float(np.abs(rows).max(initial=0.0)))

@@ -28,7 +28,7 @@ LONGEST = 500.0
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline, and one row.
+    """Motion number `number` of a plan. q (K, J): rows over `Arm.joints`, in their order; t_s (K,). spline: None for a polyline or one row.
     allowed: pairs that may touch, as the motion says; clearance_m: how far it says that it keeps from anything besides, if it does."""
 
     number: int

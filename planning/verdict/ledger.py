@@ -107,7 +107,7 @@ def _fingers(book: _Book, hand: Hand, course: Course, carry: Carry) -> None:
     """The fingers stay as they closed."""
     low, high = (float(x[hand.gripper]) for x in course.reach)
     closed, span = float(carry.q[hand.gripper]), float(np.ptp(hand.values))
-    metres = max(abs(low - closed), abs(high - closed)) / span * hand.max_width_m
+    metres = max(closed - low, high - closed) / span * hand.max_width_m
     if metres > FINGERS_M:
         detail = f"{course.where}: the fingers move by {1000 * metres:.1f} mm while they hold {carry.body}"
         book.faults.append(Fault(course.stage, (carry.body,), detail, metres))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.quintic_spline import DEGREE, coefficients, extremes, extremes_of
+from kinematics.quintic_spline import DEGREE, extremes
 from kinematics.transforms import Array
 from planning.verdict.arm import Arm
 from planning.verdict.course import Course
@@ -58,10 +58,10 @@ def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array) -> NDArr
 
 def _positions(arm: Arm, course: Course) -> list[Fault]:
     low, high = course.reach
-    beyond = np.maximum(high - arm.upper, arm.lower - low)
-    if beyond.max() > POSITION and course.spline is not None:  # the bounds may be too wide
+    if course.spline is not None:  # whose coefficients may lie beyond
         lows, highs = extremes(course.spline)
-        beyond = np.maximum(highs.max(0) - arm.upper, arm.lower - lows.min(0))
+        low, high = lows.min(0), highs.max(0)
+    beyond = np.maximum(high - arm.upper, arm.lower - low)
     worst = int(np.argmax(beyond))
     if not beyond[worst] > POSITION:
         return []
@@ -79,16 +79,10 @@ def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
         return _above(arm, course, speed, arm.velocity, "velocity", "/s")
     out = []
     for order, limit, what, unit in ((1, arm.velocity, "velocity", "/s"), (2, acceleration, "acceleration", "/s²")):
-        control = coefficients(course.spline, order)
-        bounds = np.abs(control).max(1)
-        beyond = (bounds > limit).any(1)
-        reached = bounds.max(0)
-        if beyond.any():  # the bounds may be too wide there
-            low, high = extremes_of(control[beyond], 1e-6)
-            reached = np.maximum(bounds[~beyond].max(0, initial=0.0), np.maximum(high, -low).max(0))
-        out += _above(arm, course, reached, limit, what, unit)
+        low, high = extremes(course.spline, order, 1e-6)
+        out += _above(arm, course, np.maximum(high, -low).max(0), limit, what, unit)
         ends = np.abs(_ends(course, order)).max(0)
-        if ends.max() > RATE * max(1.0, float(limit[np.isfinite(limit)].max(initial=1.0))):
+        if ends.max() > RATE * float(limit[np.isfinite(limit)].max(initial=1.0)):
             worst = int(np.argmax(ends))
             detail = f"{arm.joints[worst]} does not rest where it begins or ends: its {what} is {ends[worst]:.3g}{unit} there"
             out.append(_fault(course, detail, ends[worst]))

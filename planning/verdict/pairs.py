@@ -84,6 +84,6 @@ def _always_touching(robot: Robot, arm: Arm, pairs: Sequence[tuple[int, int]]) -
         hit = [(i, j) for i, j in left if fcl.collide(solids[i].object, solids[j].object, fcl.CollisionRequest(), fcl.CollisionResult())]
         for i, j in hit:
             often.setdefault(frozenset((names[i], names[j])), set()).add(n)
-        if n >= SAMPLES // 5:  # what was apart this often does not always touch
-            left = [(i, j) for i, j in left if n + 1 - len(often.get(frozenset((names[i], names[j])), ())) <= (1 - OFTEN) * SAMPLES]
+        # what was apart more often than it may does not always touch
+        left = [(i, j) for i, j in left if n + 1 - len(often.get(frozenset((names[i], names[j])), ())) <= (1 - OFTEN) * SAMPLES]
     return frozenset(pair for pair, where in often.items() if len(where) >= OFTEN * SAMPLES)

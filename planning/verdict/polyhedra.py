@@ -119,7 +119,7 @@ def from_points(points: Array) -> Polyhedron:
         raise ValueError("the points span no solid") from e
     corners = np.sort(found.vertices)
     faces = np.searchsorted(corners, found.simplices)
-    edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+    edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])), axis=0)
     planes = np.unique(np.round(np.c_[found.equations[:, :3], -found.equations[:, 3]], 12), axis=0).astype(float)
     vertices = np.asarray(points, float)[corners]
     inner = vertices.mean(0)

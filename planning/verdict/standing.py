@@ -93,11 +93,11 @@ _FLIP = np.diag([1.0, 1.0, -1.0, 1.0])  # upside down: a reflection, which does 
 
 def _off(patches: Sequence[Array], centre: Array) -> float:
     """How far a point (2,) is from the hull of patches, in m."""
-    outline = polygons.hull(np.concatenate(patches)) if patches else np.zeros((0, 2))
+    if not any(map(len, patches)):
+        return np.inf
+    outline = polygons.hull(np.concatenate(patches))
     if polygons.contains(outline, centre):
         return 0.0
-    if not len(outline):
-        return np.inf
     here, there = polygons.nearest(centre[None], outline)
     return max(float(np.linalg.norm(here - there)), OVER_M if len(outline) < 3 else 0.0)  # nothing stands on a line
 

@@ -65,11 +65,10 @@ class Sweep:
 def sweep(arm: Arm, T_world_base: Array, course: Course, boxes: Boxes, step_m: float) -> Sweep:
     """The samples of a motion, its rows among them, step_m apart."""
     rows, q = course.dense(COARSE)
-    movers, counts, pace = len(boxes.carrier), np.zeros(0, np.int64), np.zeros((0, len(boxes.carrier)))
-    if len(rows) > 1:
-        far = SLACK * _moved(_poses(arm, T_world_base, q, boxes), boxes.middle[:movers], boxes.half[:movers])
-        counts = np.maximum(1, np.ceil(far.max(1) / step_m)).astype(np.int64)
-        pace = far / counts[:, None]
+    movers = len(boxes.carrier)
+    far = SLACK * _moved(_poses(arm, T_world_base, q, boxes), boxes.middle[:movers], boxes.half[:movers])
+    counts = np.maximum(1, np.ceil(far.max(1) / step_m)).astype(np.int64)
+    pace = far / counts[:, None]
     piece = np.repeat(np.arange(len(counts)), counts)
     share = (np.arange(len(piece)) - (np.cumsum(counts) - counts)[piece] + 1) / counts[piece]
     fine = np.concatenate([rows[:1], rows[piece] + share * np.diff(rows)[piece]])
@@ -124,7 +123,7 @@ def open_intervals(s: Sweep, a: Int, b: Int, still: NDArray[np.bool_], apart_m: 
     while len(pair):
         one, two = a[pair], b[pair]
         may = s.gone[j, one] - s.gone[i, one] + s.gone[j, two] - s.gone[i, two]
-        unsure = ~((at_i + at_j > may) & (at_i + at_j > 0))
+        unsure = at_i + at_j <= may
         short = unsure & (j - i <= ENOUGH)
         out += zip(pair[short].tolist(), i[short].tolist(), j[short].tolist())
         left = unsure & ~short

@@ -65,7 +65,9 @@ def test_clean_points_are_all_contained() -> None:
     bodies = placed(random_shelf(np.random.default_rng(9)), CABINET)
     views = prepare(photograph(bodies, camera=CAMERA), CABINET)
     shown = object_pixels(views)
-    for solid in standing_solids(views, shown, dict.fromkeys(shown, 0.0), CABINET):
+    solids = standing_solids(views, shown, dict.fromkeys(shown, 0.0), CABINET)
+    assert {type(solid.shape) for solid in solids} == {Box, Cylinder}
+    for solid in solids:
         points = apply(inverse(solid.T_world_body) @ CABINET.T_world_cabinet, shown[solid.name][0])
         if isinstance(solid.shape, Cylinder):
             assert np.hypot(points[:, 0], points[:, 1]).max() < solid.shape.radius_m + 1e-4

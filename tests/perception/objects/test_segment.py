@@ -280,6 +280,7 @@ def test_a_map_of_the_same_frames_lets_grown_boxes_hold_the_objects() -> None:
     for f in frames:
         voxels = voxels.fuse(f.depth, f.intrinsics, f.T_world_camera)
     tight, wide = segment(frames, CABINET), segment(frames, CABINET, voxels)
+    assert len(tight) == len(SHELF)
     for name in tight:
         low, high = wide[name][:3] - wide[name][3:] / 2, wide[name][:3] + wide[name][3:] / 2
         assert (low <= tight[name][:3] - tight[name][3:] / 2 + 1e-9).all()

@@ -626,10 +626,11 @@ def test_a_grasp_that_would_close_beside_a_set_back_mesh_is_left_out() -> None:
 def test_a_pitched_hand_takes_a_can_near_its_top() -> None:
     """At 30° the can's top would reach 5 cm behind pads that close at 0.6 of its height; 2 cm less 5 mm of room are left there."""
     opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
-    for pitch, g in ((pitch, g) for g in found_on(Cylinder(0.03, 0.2), "diagonal", opening=opening) for pitch in PITCHES["diagonal"]):
-        if abs(looks(g)[1] - pitch) < 1e-6:
-            over = 0.1 - float((g.T_world_hand[:3, 3] + opening.pad_z_at(0.06) * g.T_world_hand[:3, 2])[2])
-            assert over * np.sin(pitch) <= 0.02 - BEHIND_M + 1e-6
+    found = [(looks(g)[1], g.T_world_hand) for g in found_on(Cylinder(0.03, 0.2), "diagonal", opening=opening)]
+    assert {pitch for pitch, _ in found} == {round(pitch, 6) for pitch in PITCHES["diagonal"]}
+    for pitch, T in found:
+        over = 0.1 - float((T[:3, 3] + opening.pad_z_at(0.06) * T[:3, 2])[2])
+        assert over * np.sin(pitch) <= 0.02 - BEHIND_M + 1e-6
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -210,7 +210,7 @@ def test_slips_are_not_hidden(ur5e: Robot) -> None:
     """Covers asked about another scene, or about a pair that FCL is not to test, are refused; a pair they forget is asked."""
     scene = scene_of(ur5e, *cluttered(np.random.default_rng(8))[5:])
     poses = scene.poses()
-    verdict = Verdict(ur5e, scene)
+    verdict, some = Verdict(ur5e, scene), 0
     for q, held, _ in walks(ur5e, 20, 5):
         if held is None and (plain := verdict.first_contacts(q, poses)) is not None:
             judged = judge(ur5e, scene, q, poses)
@@ -220,6 +220,8 @@ def test_slips_are_not_hidden(ur5e: Robot) -> None:
                 verdict.first_contacts(q, poses, None, [("floor", "forearm_link")], judged)
             nothing = replace(judged, judged=judged.judged & False, rows=judged.rows[:0], a=judged.a[:0], b=judged.b[:0])
             assert same(verdict.first_contacts(q, poses, None, (), nothing), plain)
+            some += 1
+    assert some
 
 
 # -------------------------------------------------------------------------------------------------------------------------- whole motions

@@ -365,7 +365,7 @@ def test_the_return_is_one_for_a_success_less_the_ways_of_the_moves() -> None:
                 now, right = value + success + off, value + success
                 assert said == [Fault("plan", (), f"its return is {now:.4f}, and the moves make it {right:.4f}", said[0].amount)]
                 assert said[0].amount == pytest.approx(1.1e-3)
-    assert figures(course((0,)), value=0.0) == []
+    assert figures(course((0,)), value=0.0) == figures(course((0,)), value=1e-3) == []
 
 
 def test_the_hands_way_is_what_the_motions_make_it() -> None:
@@ -377,6 +377,11 @@ def test_the_hands_way_is_what_the_motions_make_it() -> None:
         wrong = [Fault("plan", (), f"its hand_travel_m is {2 + off:.4f}, and the motions make it 2.0000", abs(off))]
         assert [(f.stage, f.bodies, f.detail) for f in said] == ([] if well else [(f.stage, f.bodies, f.detail) for f in wrong])
         assert [f.amount for f in said] == ([] if well else [pytest.approx(0.0221)])
+
+
+def test_a_way_just_so_far_off() -> None:
+    assert figures(course((0,)), hand_travel_m=0.002) == []
+    assert len(figures(course((0,)), hand_travel_m=0.0021)) == 1
 
 
 def test_the_way_is_measured_along_arcs() -> None:
@@ -402,7 +407,7 @@ def test_relocations_end_with_the_last_retreat() -> None:
 
 def test_times_count_from_a_motions_start() -> None:
     late = [course((0,), (0,), number=n, stage="lift", t_s=(t, 9.0)) for n, t in enumerate((0.0009, 0.0011, 1.0))]
-    assert figures(late[0]) == []
+    assert figures(late[0]) == figures(course((0,), (0,), t_s=(0.001, 1))) == []
     assert figures(*late) == [Fault("lift", (), "motion 1 begins at 0.001 s, and times count from its start", 0.0011)]
 
 
@@ -421,6 +426,7 @@ def test_what_a_file_states_is_what_its_motions_give() -> None:
         Fault("plan", (), "its clearance_m is 0.0030, and the motions make it 0.0030"),
     ]
     assert len(said(duration_s=np.nan)) == 1
+    assert stated_faults(plan(motions=[motion((0,))], stated={"duration_s": 0.001})) == []
     nothing = stated_faults(plan(motions=[motion((0,))], stated={"clearance_m": 0.5}))
     assert nothing == [Fault("plan", (), "its clearance_m is 0.5000, and the motions make it nothing")]
 
@@ -444,3 +450,7 @@ def test_the_gripper_is_told_where_its_joint_is() -> None:
     claw = Fault("grasp", (), "motion 0 tells a gripper's joint 'claw', which is none of its joints")
     assert told(0.01, 0.03, "claw", lone=True) == [claw]
     assert gripper_faults([replace(motion((0,)), held=Held("a", np.eye(4)))]) == []
+    zero, off = (replace(motion((0,)), gripper=Gripper("grip", GripperState(x, 0.0), GripperState(x, 0.0))) for x in (1e-4, 1.0))
+    assert gripper_faults([zero]) == []
+    claws = replace(zero, gripper=Gripper("claw", GripperState(0, 0), GripperState(0, 0)))
+    assert [f.detail.split(" tells")[0] for f in gripper_faults([claws, zero, off])] == ["motion 0", "motion 2", "motion 2"]

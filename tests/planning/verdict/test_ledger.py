@@ -12,6 +12,7 @@ from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from planning.plan import Fault
+from planning.verdict import ledger
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
 from planning.verdict.ledger import Ledger, difference, hand_poses, keep
@@ -120,6 +121,22 @@ def test_fingers_stay_as_they_closed() -> None:
     assert len(kept(replace(swings, held=held())).faults) == 1
 
 
+def test_what_is_just_allowed_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    by = transform(rotation_about((1, 0, 0), 0.2), [0.0, 0.3, 0.0])
+    run = course(FROM, AWAY, held=held(T=GRIP @ by))
+    T = hand_poses(HAND, run.q[[0, -1]], BASE)[0] @ (GRIP @ by)
+    far, turned = difference(scene().poses()["a"], T)
+    for pose_m, pose_rad, well in ((far, turned, True), (np.nextafter(far, 0), turned, False), (far, np.nextafter(turned, 0), False)):
+        found = keep(HAND, scene(), [run], Settings(pose_m=float(pose_m), pose_rad=float(pose_rad)))
+        wrong = "motion 0: a is not where the hand takes it: 300.0 mm and 11.5° off"
+        assert [f.detail for f in found.faults] == ([] if well else [wrong])
+    wide = course((*FROM, 0.0), (*FROM, 0.05), held=held())
+    (fault,) = kept(wide).faults
+    assert fault.detail == "motion 0: the fingers move by 100.0 mm while they hold a"
+    monkeypatch.setattr(ledger, "FINGERS_M", fault.amount)
+    assert kept(wide).faults == ()
+
+
 def test_where_the_hand_is() -> None:
     q = np.array([[*FROM, 0.01], [*TO, 0.03]])
     beyond = replace(HAND, T_carrier_hand=transform(p=[0.0, 0.1, 0.2]))
@@ -131,4 +148,7 @@ def test_how_far_two_poses_are_apart() -> None:
     assert difference(A, A) == (0.0, 0.0)
     far, turned = difference(A, A @ transform(rotation_about((0, 1, 0), 0.2), [0.3, 0, 0.4]))
     assert (far, turned) == pytest.approx((0.5, 0.2))
+    for way in np.eye(3):
+        for far in (1.0, -1.0, 1.5e-12, 1e-12):
+            assert difference(np.eye(4), transform(p=far * way)) == (abs(far), 0.0)
     assert difference(A, A @ transform(p=[1e-9, 0, 0])) == pytest.approx((1e-9, 0.0), abs=1e-10)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from toy_robot import FINGERS, PALM, solid, toy_robot
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_arm import ARM, URDF
+from toy_robot import FINGERS, OPENING, PALM, solid, toy_robot
 
 from kinematics.robots.robot import Robot
 from planning.verdict.pairs import link_solids, pairs_of
@@ -58,8 +63,33 @@ def test_what_touches_in_half_of_all_configurations_is_none() -> None:
     half = {"base": solid((0.2, 20), (-20, 20), (-20, 20))}
     robot = toy_robot({**half, **COLUMN, **PALM, **FINGERS})
     assert named(robot)[0] == of("palm-base", "left-base", "right-base", "left-column", "right-column")
-    most = {"base": solid((-1.7, 20), (-20, 20), (-20, 20))}  # in all but 7 %
-    assert named(toy_robot({**most, **COLUMN, **PALM, **FINGERS}))[0] >= of("left-column", "right-column")
+
+
+def test_a_jaw_and_what_it_closes_on_are_one_hand() -> None:
+    """Though no link with geometry joins them, and there are no others."""
+    still = solid((-0.011, 0.011), (-0.03, -0.02), (-0.01, 0.04))
+    jaw = toy_robot({**COLUMN, "hand": still, "left": FINGERS["left"]}, opening=replace(OPENING, jaw=1), pads=frozenset({"hand", "left"}))
+    assert named(jaw)[0] == set()  # both have the column above them
+
+
+def test_links_are_asked_about_where_their_joints_take_them() -> None:
+    """A block where the palm is when all joints are 0; and a tool 5 m from the palm, which turns: it is seldom beyond x = 2.9."""
+    block = {"base": solid(SMALL, SMALL, SMALL), **COLUMN, **PALM, **FINGERS}
+    assert "palm-base" in {"-".join(sorted(p, reverse=True)) for p in named(toy_robot(block))[0]}
+    far = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="5 0 0"/>')
+    fingers = {name: corners + np.array([5.0, 0, 0]) for name, corners in FINGERS.items()}
+    wall = {"base": solid((2.9, 20), (-20, 20), (-20, 20)), **COLUMN, "hand": PALM["palm"], **fingers}
+    assert frozenset(("hand", "base")) in named(toy_robot(wall, urdf=far))[0]
+
+
+@pytest.mark.parametrize(("apart", "neighbours"), [(0, True), (1, True), (2, True), (3, False), (5, False)])
+def test_in_38_of_40_configurations_is_nearly_always(apart: int, neighbours: bool) -> None:
+    """A wall that so many of the sampled positions along x do not reach."""
+    q = np.sort(np.random.default_rng(0).uniform(np.maximum(ARM.lower, -np.pi), np.minimum(ARM.upper, np.pi), (40, 5))[:, 0])
+    edge = q[apart] - 1e-3 if apart == 0 else (q[apart - 1] + q[apart]) / 2
+    tiny = {"palm": solid((-1e-6, 1e-6), (-1e-6, 1e-6), (-1e-6, 1e-6))}
+    robot = toy_robot({"base": solid((float(edge), 20), (-20, 20), (-20, 20)), **COLUMN, **tiny, **FINGERS})
+    assert (frozenset(("palm", "base")) not in named(robot)[0]) is neighbours
 
 
 def test_solids_of_some_links_are_the_askers_own() -> None:

@@ -127,8 +127,9 @@ def test_what_a_polygon_contains() -> None:
         ((-1e-9, 1), False),
     ):
         assert contains(SQUARE, np.array(point, float)) is inside
-    assert contains(SQUARE, np.array([-0.4e-12, 1.0]))
-    assert not contains(SQUARE[:2], np.array([1.0, 0.0]))
+    for y, inside in ((-0.5e-12, True), (-0.6e-12, False)):
+        assert contains(SQUARE, np.array([1.0, y])) is inside
+    assert contains(SQUARE[:2], np.array([1.0, 0.0])) is False
     assert not contains(SQUARE[:0], np.array([1.0, 0.0]))
     assert contains(SQUARE[:3], np.array([1.5, 0.5]))
     assert not contains(SQUARE[:3], np.array([0.5, 1.5]))
@@ -141,6 +142,7 @@ def test_the_least_width_of_plain_figures() -> None:
     assert least_width(SQUARE[:2]) == 0.0
     assert least_width(np.array([[0, 0], [0, 0], [2, 0], [2, 1], [0, 1.0]])) == 1.0
     assert least_width(np.zeros((3, 2))) == 0.0
+    assert least_width(np.array([[0, 0], [1e-12, 0], [2, 1], [0, 1.0]])) == pytest.approx(2 / np.sqrt(5))  # a triangle, nearly
     assert least_width(np.array([[0, 0], [1, 0], [0.5, 2.0]])) == pytest.approx(2 / np.hypot(0.5, 2))
 
 
@@ -157,6 +159,9 @@ def test_the_nearest_points_of_plain_figures() -> None:
     assert nearest_of([[0, 0], [2, 0]], [[1, 5]]) == [[1, 0], [1, 5]]
     assert nearest_of([[5, 5]], [[0, 0], [2, 0]]) == [[5, 5], [2, 0]]
     assert nearest_of([[-4, 1]], [[0, 0], [2, 0]]) == [[-4, 1], [0, 0]]
+    assert nearest_of([[5, 0]], [[0, 0], [2, 0]]) == [[5, 0], [2, 0]]  # on the line, and beyond its end
+    assert nearest_of([[1.5, 0.5]], SQUARE[:3]) == [[1.5, 0.5], [1.5, 0.5]]  # in a triangle
+    assert nearest_of([[0.5e-6, 1]], [[0, 0], [1e-6, 0]])[1] == pytest.approx([0.5e-6, 0], abs=1e-9)
     assert nearest_of(SQUARE, SQUARE + 1.0) == [[1.5, 1.5], [1.5, 1.5]]  # the middle of what they share
     assert nearest_of([[1, 1]], SQUARE) == nearest_of(SQUARE, [[1, 1]]) == [[1, 1], [1, 1]]
     assert nearest_of([[1, 1], [1, 1.5]], SQUARE) == [[1, 1.25], [1, 1.25]]

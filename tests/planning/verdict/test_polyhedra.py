@@ -42,7 +42,7 @@ def least_z(solid: Polyhedron) -> float | None:
 @given(SEEDS)
 def test_the_nearest_point_is_that_of_a_linear_program(seed: int) -> None:
     solid = some_solid(seed)
-    found, expected = nearest_in_window(solid, WINDOW), least_z(solid)
+    found, expected = nearest_in_window(solid, Window(WINDOW.corners)), least_z(solid)
     assert (found is None) == (expected is None)
     if found is not None:
         assert found[0] == pytest.approx(expected, abs=1e-9)
@@ -52,7 +52,7 @@ def test_the_nearest_point_is_that_of_a_linear_program(seed: int) -> None:
 def test_the_normal_separates_solid_and_window(seed: int) -> None:
     """Moved together until they touch, the solid lies on one side of the contact's plane, the window's column on the other."""
     solid = some_solid(seed)
-    if (found := nearest_in_window(solid, WINDOW)) is None:
+    if (found := nearest_in_window(solid, Window(WINDOW.corners))) is None:
         return
     z, normal = found
     up = -normal
@@ -143,6 +143,8 @@ def test_a_solid_from_points() -> None:
     assert sorted(found.planes.tolist()) == [[-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 1, 2], [0, 1, 0, 2], [1, 0, 0, 2]]
     lengths = np.linalg.norm(found.vertices[found.edges[:, 0]] - found.vertices[found.edges[:, 1]], axis=1)
     assert np.sort(lengths) == pytest.approx([2.0] * 12 + [np.sqrt(8)] * 6)
+    turned = from_points(cube @ rotation_about((1, 2, 3), 0.7).T)
+    assert (len(turned.planes), len(turned.edges)) == (6, 18)
     pyramid = from_points(np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0], [0.4, 0, 3.0]]))
     assert pyramid.volume_m3 == pytest.approx(4)
     assert pyramid.centroid == pytest.approx([0.1, 0, 0.75])
@@ -179,13 +181,20 @@ def test_a_mesh_has_a_part_for_each_of_its() -> None:
     assert [p.centroid.tolist() for p in parts] == [pytest.approx([0, 0, 0]), pytest.approx([5, 5, 5])]
 
 
-WIDE = Window(np.array([[-1.0, -2.0], [1.0, -2.0], [1.0, 2.0], [-1.0, 2.0]]))
-"""2 by 4, to look at things that are as easily put into numbers."""
+WIDE = np.array([[-1.0, -2.0], [1.0, -2.0], [1.0, 2.0], [-1.0, 2.0]])
+"""A window of 2 by 4, to look at things that are as easily put into numbers."""
 
 
 def seen(points: object) -> tuple[float, list[float]] | None:
-    found = nearest_in_window(from_points(np.array(points, float)), WIDE)
-    return None if found is None else (found[0], found[1].tolist())
+    solid = np.array(points, float)
+    found = nearest_in_window(from_points(solid), Window(WIDE))
+    aside = nearest_in_window(from_points(solid + np.array([32.0, -64.0, 0.0])), Window(WIDE + np.array([32.0, -64.0])))
+    assert (found is None) == (aside is None)
+    if found is None or aside is None:
+        return None
+    assert aside[0] == pytest.approx(found[0])
+    assert aside[1] == pytest.approx(found[1])
+    return found[0], found[1].tolist()
 
 
 def test_a_corner_within_the_window_is_what_comes_nearest() -> None:
@@ -224,6 +233,11 @@ def test_a_face_over_a_corner_of_the_window() -> None:
         assert normal == pytest.approx(np.array([sx / 2, sy / 4, -1]) / np.sqrt(1.3125))
     flat = np.array([[x, y, 10.0 + up] for x in (-50, 50) for y in (-50, 50) for up in (0, 5)])
     assert seen(flat) == (10.0, [0, 0, -1])
+    assert seen(np.add(flat, [48.5, 0.0, 0.0])) == (10.0, pytest.approx([0, 0, -1]))
+    quarter = np.array([[x, y, 10 - x / 2 - y / 4 + up] for x in (0, 50) for y in (0, 50) for up in (0, 5)])
+    z, normal = seen(quarter) or (0.0, [])  # it is over one corner of the window, at (1, 2)
+    assert z == pytest.approx(9.0)
+    assert normal == pytest.approx(np.array([-1 / 2, -1 / 4, -1]) / np.sqrt(1.3125))
     assert seen(np.add(flat, [51.5, 0.0, 0.0])) is None
     assert seen(np.add(flat, [50.5, 0.0, 0.0])) == (10.0, pytest.approx([0, 0, -1]))
 

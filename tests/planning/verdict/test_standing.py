@@ -119,6 +119,8 @@ def test_how_far_the_middle_is_beyond_the_floor() -> None:
         (0.2, 0.34, 0.01),
         (0.2, -0.335, 0.005),
         (-0.03, 0.37, 0.05),
+        (-0.03, -0.37, 0.05),
+        (0.46, 0.37, 0.05),
     ):
         assert stands(block(x, y, 0.0005, 0.2, 0.2, 0.1)) == (("floor",), 0.0005, off), (x, y)
     assert stands(block(-0.2, 0, 0, 0.2, 0.2, 0.1)) == ((), 0.0, np.inf)  # wholly before it
@@ -130,6 +132,39 @@ def test_what_is_too_high_or_too_low_stands_on_nothing() -> None:
         below = block(0.2, 0, 0.0, 0.1, 0.1, 0.1, name="below")
         if -0.001 < z < 0.3:
             assert stands(block(0.2, 0, 0.1 + z, 0.1, 0.1, 0.1), below) == ((("below",), z, 0.0) if some else ((), 0.1 + z, np.inf))
+
+
+def test_what_is_just_near_enough_carries() -> None:
+    """A quarter of a metre, exact in binary: from the floor, wholly over it or not, and from another."""
+    for x in (0.25, 0.0):
+        assert stands(block(x, 0, 0.25, 0.125, 0.125, 0.125), within_m=0.25)[0] == ("floor",)
+        assert stands(block(x, 0, 0.25, 0.125, 0.125, 0.125), within_m=0.249)[0] == ()
+    below = block(0.25, 0, 0.0, 0.125, 0.125, 0.5, name="below")
+    assert stands(block(0.25, 0, 0.75, 0.125, 0.125, 0.125), below, within_m=0.25)[0] == ("below",)
+
+
+def test_only_the_upper_side_of_what_is_below_carries() -> None:
+    """Of a post that grows narrower; and of one in which a body is it is said how high it is over the floor."""
+    foot, top = ([[x * s, y * s, z] for x in (-1, 1) for y in (-1, 1)] for s, z in ((0.1, 0.0), (0.01, 0.2)))
+    narrow = placed("narrow", ConvexMesh((np.array(foot + top),)), transform(p=[0.2, 0.0, 0.0]), ROOM)
+    on, _, off = stands(block(0.23, 0.0, 0.2, 0.1, 0.1, 0.1), narrow)
+    assert (on, off) == (("narrow",), pytest.approx(0.02, abs=6e-4))  # the section is taken a millimetre down
+    tall = block(0.2, 0.0, 0.0, 0.1, 0.1, 0.2, name="tall")
+    assert stand(block(0.2, 0.0, 0.05, 0.02, 0.02, 0.1), [tall], ROOM, 0.001).gap_m == pytest.approx(0.05)
+
+
+def test_feet_that_are_not_under_the_middle_do_not_carry_on_others_either() -> None:
+    """One leg and a top: its middle is over the block, or over one with three sides, but not over its foot."""
+    leg = box_corners(np.array([0.01, 0.02, 0.05])) + np.array([-0.05, 0.0, 0.05])
+    lame = placed(
+        "it", ConvexMesh((leg, box_corners(np.array([0.06, 0.02, 0.01])) + np.array([0.0, 0.0, 0.11]))), transform(p=[0.2, 0, 0.2]), ROOM
+    )
+    triangle = np.array([[x, y, z] for x, y in ((-0.2, -0.3), (-0.2, 0.3), (0.3, 0.0)) for z in (0.0, 0.2)])
+    for below in (block(0.2, 0.0, 0.0, 0.4, 0.4, 0.2, name="low"), placed("low", ConvexMesh((triangle,)), transform(p=[0.2, 0, 0]), ROOM)):
+        found = stand(lame, [below], ROOM, 0.001)
+        assert found.on == ("low",)
+        assert found.off_m == pytest.approx(0.04 - 0.05 * 8 / 17.6)  # the leg's volume is 80 cm³, the top's 96
+        assert not found.carried
 
 
 def test_the_middle_is_over_what_carries() -> None:
@@ -206,6 +241,22 @@ def test_the_patch_in_which_two_touch() -> None:
     assert np.sort(crossed[:, 1]) == pytest.approx([-0.03, 0.03])
 
 
+def test_the_patch_of_faces_that_lean() -> None:
+    """Two boxes side by side, both turned by 30° about y: their common face is 20 cm along y and goes up by 10 cm along the turned z."""
+    T = transform(rotation_about((0, 1, 0), np.radians(30)), [0.1, 0.2, 0.5])
+    a, b = (placed("", Box(np.array([0.1, 0.2, 0.1])), T @ transform(p=[x, 0, 0]), ROOM).parts[0] for x in (0.0, 0.1))
+    patch = standing._common(a, b, T[:3, 0], 1e-6)
+    corners = [T @ [0.05, y, z, 1] for y in (-0.1, 0.1) for z in (-0.05, 0.05)]
+    assert sorted(map(tuple, np.round(patch, 6))) == sorted(tuple(np.round(c[:2], 6)) for c in corners)
+
+
+def test_the_patch_of_a_face_with_three_corners() -> None:
+    wedge = np.array([[x, y, z] for x in (0.05, 0.15) for y, z in ((-0.05, 0.02), (0.05, 0.02), (0.0, 0.08))])
+    a = block(0.0, 0.0, 0.0, 0.1, 0.2, 0.1).parts[0]
+    patch = standing._common(a, placed("", ConvexMesh((wedge,)), np.eye(4), ROOM).parts[0], np.array([1.0, 0, 0]), 1e-6)
+    assert np.sort(patch[:, 1]) == pytest.approx([-0.05, 0.0, 0.05])
+
+
 def test_what_leans_is_carried_at_both_ends() -> None:
     """A board whose foot stands 10 cm before a block that it leans on with its back: the block's edge is under its upper end.
 
@@ -222,6 +273,8 @@ def test_what_leans_is_carried_at_both_ends() -> None:
     assert found.on == ("floor", "post")
     assert found.carried
     assert found.gap_m == pytest.approx(0.0, abs=1e-9)
+    touching = block(0.25, 0.0, 0.0, 0.1, 0.3, 0.1 * np.sqrt(3)).parts[0]
+    assert standing._direction(leaner.parts[0], touching, 0.001) is None  # without a gap there is no telling
     low = block(0.25, 0.0, 0.0, 0.1, 0.3, 0.1 * np.sqrt(3) - 0.02, name="low")
     alone = stand(leaner, [low], ROOM, 0.001)
     assert alone.on == ("floor",)

@@ -74,6 +74,13 @@ def test_how_far_a_corner_moves() -> None:
     assert ways == pytest.approx(np.array([[5, 5], [2 * 5 * np.sin(0.1), 2 * 10 * np.sin(0.1)]]))
 
 
+def test_the_corner_that_moves_furthest_counts() -> None:
+    """A box from x = 1 to 3 turns by a quarter about z and goes 1 m along y: its corner at x = 3 goes from (3, 0) to (0, 4)."""
+    quarter = transform(rotation_about((0, 0, 1), np.pi / 2), [0, 1, 0])
+    ways = _moved(np.array([[np.eye(4)], [quarter]]), np.array([[2.0, 0, 0]]), np.array([[1.0, 0, 0]]))
+    assert ways == pytest.approx(np.array([[5.0]]))
+
+
 # --------------------------------------------------------------------------------------------------------------------------------- bounds
 
 
@@ -139,6 +146,7 @@ def test_where_bounds_do_not_tell() -> None:
     assert intervals(s, (0, 2), apart_m=0.3) == [(0, 2, 6)]
     assert intervals(s, (0, 3), (0, 1), (0, 2)) == [(1, 2, 6)]
     assert intervals(s, (0, 3), apart_m=96.5) == [(0, 2, 8)]
+    assert intervals(s, (0, 1), (0, 1)) == [(0, 2, 6), (1, 2, 6)]
     assert intervals(s, (0, 1), (0, 1), still=(True, False)) == [(1, 2, 6)]  # 4 m off at the first sample, the only one
 
 
@@ -170,5 +178,6 @@ def test_both_may_move() -> None:
 def test_poses_of_what_stands() -> None:
     s = points(np.arange(3.0), None, (4.0, 0.0), (5.0, 1.0))
     assert np.array_equal(s.pose(2, 0), transform(p=[2.0, 0, 0]))
+    assert np.array_equal(s.pose(2, 1), transform(p=[4.0, 0, 0]))
     assert np.array_equal(s.pose(2, 2), transform(p=[5.0, 1.0, 0]))
     assert np.array_equal(s.poses(np.array([2, 1, 0]), np.array([2, 0, 1])), [transform(p=p) for p in ([5, 1, 0], [1, 0, 0], [4, 0, 0])])

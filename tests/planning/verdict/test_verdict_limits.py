@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from toy_arm import ARM, course, splined
 
-from kinematics.quintic_spline import hermite
+from kinematics.quintic_spline import coefficients, hermite
 from kinematics.robots.robot import Robot
 from planning.plan import Fault
 from planning.verdict import limits
@@ -91,6 +91,20 @@ def test_a_spline_keeps_position_limits_between_its_rows() -> None:
     assert low.amount == pytest.approx(highest - 2.0, abs=1e-6)
 
 
+def test_what_is_just_beyond_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    (fault,) = said(course((2.25,), (2.25,)))
+    monkeypatch.setattr(limits, "POSITION", fault.amount)
+    assert said(course((2.25,), (2.25,))) == []
+    assert said(course((0,), (0.25,), t_s=(0, 0))) == []  # so short a way takes no time
+
+
+def test_the_piece_of_a_spline_that_goes_furthest_counts() -> None:
+    """Which is the second of three, above or below."""
+    for x in (2.5, -2.5):
+        faults = said(splined((0,), (0,), (x,), (0,), (0,), t_s=(0, 9, 29, 49, 60)))
+        assert [f.detail for f in faults] == ["motion 0: x goes 0.5 beyond its limits"]
+
+
 def test_a_motion_starts_where_the_one_before_ended() -> None:
     for gap, well in ((0.0, True), (0.9e-6, True), (-0.9e-6, True), (1.1e-6, False), (-0.5, False)):
         for end in (course, splined):
@@ -100,6 +114,7 @@ def test_a_motion_starts_where_the_one_before_ended() -> None:
             )
     two = said(course((0.1, 0.2)), course((0.2, 0.4)))
     assert [f.detail for f in two] == ["motion 1: starts 0.2 from where y ended before"]
+    assert said(course((0,)), course((1e-6,))) == []
 
 
 def test_a_polyline_is_as_fast_as_its_way_by_its_time() -> None:
@@ -112,6 +127,10 @@ def test_a_polyline_is_as_fast_as_its_way_by_its_time() -> None:
     assert [f.detail for f in said(course((0,), (0.1,), (0.1, 0.1), t_s=(0, 1, 1)))] == [
         "motion 0: y reaches inf/s, and the limit of its velocity is 2/s"
     ]
+    assert [f.amount for f in said(course((0,), (-1.5,)))] == [1.5]
+    assert said(course((0,), (1.0001,))) == []  # just so much above
+    slow = replace(ARM, velocity=np.full(5, 0.5))
+    assert said(course((0,), (0.4,)), arm=slow) == []
     assert said(course((0,), (0.9e-6,), t_s=(0, 0))) == []
     assert said(course((0,))) == []
 
@@ -161,6 +180,62 @@ def test_a_spline_rests_at_its_ends(row: int) -> None:
             wrong = f"motion 0: y does not rest where it begins or ends: its {what} is {abs(share) * most:.3g}{unit} there"
             assert [f.detail for f in found] == ([] if well else [wrong]), (rate, share)
             assert [f.amount for f in found] == ([] if well else [pytest.approx(abs(share) * most, rel=1e-6)])
+
+
+def test_what_is_just_rest() -> None:
+    """In numbers that are exact: 4e-4 in velocity, over 5 s."""
+    for rate, well in ((4e-4, True), (4.0001e-4, False)):
+        qd = np.zeros((2, 5))
+        qd[0, 1] = rate
+        assert (said(splined((0,), (0,), t_s=(0, 5), qd=qd)) == []) == well
+    weak = np.full(5, 0.5)  # without a limit above 1, a ten-thousandth itself
+    for rate, well in ((0.9e-4, True), (1.1e-4, False)):
+        qdd = np.zeros((2, 5))
+        qdd[0, 1] = rate
+        assert (said(splined((0,), (0,), t_s=(0, 1), qdd=qdd), acceleration=weak) == []) == well
+
+
+def doubtful(*run: Course, arm: Arm = ARM, acceleration: float = 99.0) -> list[bool]:
+    return [bool(d) for d in limits._doubtful(arm, run, np.full(5, acceleration))]
+
+
+def test_whose_coefficients_keep_all_limits_needs_no_closer_look() -> None:
+    """From 0 to 1 within 5 s they are 1 m/s and 0.8 m/s² at most; just at a limit is within it."""
+    assert doubtful(quintic(1.0, 5.0), course((1,)), quintic(-1.0, 5.0)) == [False, True, True]  # the last begins elsewhere
+    assert doubtful(quintic(1.0, 5.0), splined((1,), (1.1,), t_s=(0, 9))) == [False, False]
+    assert doubtful(quintic(1.0, 4.99)) == doubtful(quintic(-1.0, 4.99)) == [True]
+    for joint, way, rest in ((0, 1.0, 2.0), (0, -1.0, -2.0), (1, 1.0, 3.0), (1, -1.0, -3.0)):
+        near, beyond, there = ([0.0] * 5 for _ in range(3))
+        near[joint], beyond[joint], there[joint] = rest - way, rest + 1e-9 * way, rest
+        assert doubtful(splined(near, there, t_s=(0, 9))) == [False]
+        assert doubtful(splined(near, beyond, t_s=(0, 9))) == [True]
+    assert doubtful(quintic(1.0, 5.0), acceleration=0.8) == [False]
+    assert doubtful(quintic(1.0, 5.0), acceleration=0.79) == doubtful(quintic(-1.0, 5.0), acceleration=0.79) == [True]
+    brakes = splined((0,), (0.5,), (0.9,), t_s=(0, 9, 11), qd=np.array([[0.0] * 5, [0.3, 0, 0, 0, 0], [0.0] * 5]))
+    assert brakes.spline is not None
+    rates = coefficients(brakes.spline, 2)
+    assert 2 * rates.max() < -rates.min() < 1
+    assert doubtful(brakes, acceleration=-float(rates.min())) == [False]
+    assert doubtful(brakes, acceleration=float(rates.max()) * 1.01) == [True]
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_who_does_not_rest_or_begins_elsewhere_needs_one(number: int) -> None:
+    """Among others that do; a ten-thousandth, and a millionth, are none."""
+    rows = (0,), (0.1,), (0,)
+    plain = splined(*rows, t_s=(0, 5, 10))
+    for order in ("qd", "qdd"):
+        for row in (0, 2):
+            for rate, odd in ((1e-4, False), (1.01e-4, True), (-1.01e-4, True)):
+                given = np.zeros((3, 5))
+                given[row, 1] = rate
+                run = [plain] * 3
+                run[number] = splined(*rows, t_s=(0, 5, 10), **{order: given})  # type: ignore[arg-type]
+                assert doubtful(*run) == [odd and n == number for n in range(3)]
+    for gap, odd in ((1e-6, False), (1.01e-6, True), (-1.01e-6, True)):
+        run = [plain] * 3
+        run[number] = splined((0, gap), (0.1,), (0,), t_s=(0, 5, 10))
+        assert doubtful(*run) == [odd and 0 < n == number for n in range(3)]
 
 
 def test_between_its_ends_a_spline_need_not_rest() -> None:

@@ -104,7 +104,7 @@ def hand_of(robot: Robot) -> Hand:
     values = np.linspace(low, high, _VALUES)
     half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, pads, values, values)
     widths = half.width(values)
-    order = np.argsort(widths, kind="stable")
+    order = np.argsort(widths)
     return replace(half, values=values[order], widths=widths[order])
 
 
@@ -175,7 +175,7 @@ def _faces(points: Array, triangles: Int, inward: Array, facing: float, least_m2
     normal = normal / np.maximum(2 * area, 1e-30)[:, None]
     normal *= np.sign(np.einsum("ij,ij->i", normal, a - points.mean(0)))[:, None]
     out = []
-    left = (normal @ inward >= facing) & (area > 0)
+    left = normal @ inward >= facing
     while left.any():
         seed = int(np.argmax(np.where(left, area, -1.0)))
         out_of = points @ normal[seed] - a[seed] @ normal[seed]

@@ -194,8 +194,6 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
             if not at.on or first.carried or at.off_m > first.off_m + settings.pose_m:
                 out += _fallen("release", carry.body, at, f"where motion {carry.last} puts it", settings)
             names[carry.body] |= set(at.on)
-        else:
-            here.pop(carry.body)
     return out, {name: frozenset(on) for name, on in names.items()}, notes
 
 
@@ -208,5 +206,5 @@ def _fallen(stage: str, name: str, at: Stand, when: str, settings: Settings) -> 
         return []
     if at.on:
         return [Fault(stage, (name, *at.on), f"{name} falls over {when}: what it stands on is not under its centre of mass", None)]
-    how = f"is {1000 * at.gap_m:.1f} mm above the floor" if at.gap_m > 0 else f"is sunk {-1000 * at.gap_m:.1f} mm into the floor"
+    how = f"is {1000 * at.gap_m:.1f} mm above the floor" if at.gap_m >= 0 else f"is sunk {-1000 * at.gap_m:.1f} mm into the floor"
     return [Fault(stage, (name,), f"{name} {how} {when}", abs(at.gap_m))]

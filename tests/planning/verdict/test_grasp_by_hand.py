@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_arm import URDF
 from toy_robot import FINGERS, OPENING, PALM, solid, toy_robot
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, rotation_about, transform
-from planning.verdict import Settings, closes_askew, judge_grasp
+from planning.verdict import Settings, closes_askew, grasp, judge_grasp
 from planning.verdict.grasp import closing_value
 from planning.verdict.hand import hand_of
 
@@ -33,8 +34,8 @@ def said(
     settings: Settings | None = None,
     **other: object,
 ) -> str | None:
-    grasp = Grasp(T, width_m)
-    scene = replace(Scene("s", RobotRef(np.eye(4), urdf="toy"), CABINET, (body,), "it", grasp), **other)  # type: ignore[arg-type]
+    x_g = Grasp(T, width_m)
+    scene = replace(Scene("s", RobotRef(np.eye(4), urdf="toy"), CABINET, (body,), "it", x_g), **other)  # type: ignore[arg-type]
     return judge_grasp(robot or toy_robot(), scene, settings=settings, unseen=unseen)
 
 
@@ -73,6 +74,35 @@ def test_widths_that_the_gripper_has() -> None:
     assert said(width_m=0.0396, robot=toy_robot(apart)) is None
     assert said(width_m=0.0394, robot=toy_robot(apart)) == "the grasp is 39.4 mm wide, and the gripper closes to 40 mm"
     assert said(width_m=0.1006, settings=Settings(gap_m=0.001), unseen=True) is None
+
+
+def test_widths_to_a_millimetre() -> None:
+    """Of a gripper that opens a metre; just the play is well."""
+    wide = toy_robot(urdf=URDF.replace('upper="0.05"', 'upper="0.5"'))
+    assert said(width_m=2.0, robot=wide) == "the grasp is 2000 mm wide, and the gripper opens 1000 mm"
+    apart = {"left": FINGERS["left"] + np.array([0, 0.3, 0]), "right": FINGERS["right"] - np.array([0, 0.3, 0]), **PALM}
+    assert said(width_m=0.1, robot=toy_robot(apart)) == "the grasp is 100 mm wide, and the gripper closes to 600 mm"
+    hand = hand_of(toy_robot(apart))
+    least, most, asked = float(hand.widths[0]), hand.max_width_m, Settings(gap_m=0.01)
+    for width, well in ((most + 0.01, True), (least - 0.01, True), (most + 0.0101, False), (least - 0.0101, False)):
+        assert (said(width_m=width, robot=toy_robot(apart), unseen=True, settings=asked) is None) == well
+
+
+def test_how_deep_is_too_deep(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pad presses by a millimetre at most, other links and walls by a thousandth of that."""
+    deep = {"left": 0.0, "palm": 0.0, "floor": 0.0}
+    monkeypatch.setattr(
+        grasp, "depth", lambda link, body: deep["floor"] if body.name == "floor" else deep.get(link.name, 0.0) * (body.name == "it")
+    )
+    for name, most, words in (
+        ("left", 0.001, "x_g does not hold it: left would touch the target itself, 250.0 mm deep"),
+        ("palm", 1e-6, "x_g does not hold it: palm would touch the target itself, 250.0 mm deep"),
+        ("floor", 1e-6, "x_g can't be reached: palm would be 250.0 mm inside the floor"),
+    ):
+        for value, expected in ((most, None), (0.25, words)):
+            deep[name] = value
+            assert said() == expected
+        deep[name] = 0.0
 
 
 def test_what_the_pads_do_not_hold() -> None:
@@ -134,8 +164,11 @@ def askew(degrees: float) -> Robot:
 def test_whether_the_faces_look_the_way_they_close() -> None:
     """Within a degree they do."""
     assert [closes_askew(askew(degrees)) for degrees in (0.0, 0.9, -0.9, 1.1, -1.1, 20.0)] == [False, False, False, True, True, True]
+    one = toy_robot({**PALM, "right": FINGERS["right"], "left": askew(20.0).hulls[1].vertices})
+    assert closes_askew(one)
     assert closes_askew(toy_robot(PALM))
     cup = {"hand": solid((-0.01, 0.01), (-0.01, 0.01), (0.0, 0.02))}
+    assert closes_askew(toy_robot()) is False
     assert not closes_askew(toy_robot(cup, opening=replace(OPENING, cup_m=0.02), pads=frozenset({"hand"})))
 
 
@@ -150,6 +183,14 @@ def test_between_askew_pads_the_table_says_what_a_width_is() -> None:
     assert said(width_m=0.01, robot=turned) == "the grasp is 10 mm wide, and the gripper closes to 20 mm"
 
 
+def test_against_a_fixed_jaw_the_table_says_it_too() -> None:
+    jaw = {"left": FINGERS["left"], "palm": [PALM["palm"], solid((-0.02, 0.02), (-0.015, -0.005), (0.0, 0.03))]}
+    robot = toy_robot(jaw, opening=replace(OPENING, jaw=1), pads=frozenset({"left", "palm"}))
+    assert hand_of(robot).max_width_m == pytest.approx(0.055)
+    assert said(width_m=0.09, robot=robot, unseen=True) is None
+    assert said(width_m=0.11, robot=robot) == "the grasp is 110 mm wide, and the gripper opens 100 mm"
+
+
 def test_a_cup_takes_any_width() -> None:
     """Its lip on the box's near side, x = 0.48."""
     cup = toy_robot(
@@ -157,6 +198,7 @@ def test_a_cup_takes_any_width() -> None:
         opening=replace(OPENING, cup_m=0.02),
         pads=frozenset({"hand"}),
     )
+    cup.__dict__["opening"] = replace(cup.opening, width_m=np.array([0.02, 0.1]))
     for width in (0.0, 0.5):
         assert said(transform(AHEAD, [0.46, 0.0, 0.25]), width, cup) is None
     assert said(transform(AHEAD, [0.458, 0.0, 0.25]), 0.0, cup) == "x_g does not hold it: hand stops 2.0 mm before it"

@@ -46,6 +46,37 @@ def test_two_fingers_and_a_palm() -> None:
     assert in_hand_frame(hand, right)[:3, :3] == pytest.approx(np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]))
 
 
+def bent(x: float = 0.011) -> Array:
+    """A finger with two faces that look inward: one from -1 to 1 cm along z, and above it a larger one that falls back by 20°."""
+    top = 0.016 + 0.06
+    back = (top - 0.016) * np.tan(np.radians(20))
+    outline = [(0.0, -0.01), (0.0, 0.016), (back, top), (0.05, top), (0.05, -0.01)]
+    return np.array([[s * x, y, z] for s in (-1, 1) for y, z in outline])
+
+
+def test_a_face_out_of_reach_does_not_hide_another() -> None:
+    """The upper one is the larger, and begins 16 mm from the hand's origin."""
+    hand = hand_of(toy_robot({"left": bent(), "right": RIGHT}, grip=SimpleNamespace(kind="three fingers")))
+    assert [(p.link, p.side) for p in hand.pads] == [("left", 1), ("right", -1)]
+    assert face(hand, hand.pads[0]) == (pytest.approx([-0.011, 0.025, -0.01]), pytest.approx([0.011, 0.025, 0.016]))
+
+
+def test_of_three_fingers_all_faces_count() -> None:
+    """Of two they don't, though one has two faces."""
+    low = bent() - np.array([0, 0, 0.01])
+    for kind, n in (("three fingers", 3), ("two fingers", 2)):
+        hand = hand_of(toy_robot({"left": low, "right": RIGHT}, grip=SimpleNamespace(kind=kind)))
+        assert len(hand.pads) == n
+    assert len(hand_of(toy_robot({"left": low, "right": RIGHT})).pads) == 2
+
+
+def test_which_way_a_triangle_turns_does_not_matter() -> None:
+    robot = toy_robot()
+    for h in robot.hulls:
+        h.faces[::2] = h.faces[::2, ::-1]
+    assert face(hand_of(robot), hand_of(robot).pads[0]) == face(hand_of(toy_robot()), hand_of(toy_robot()).pads[0])
+
+
 def test_what_goes_with_the_hand() -> None:
     """What the arm moves as it moves the hand; not what comes before. Fingers need not be pads."""
     more = {
@@ -70,6 +101,12 @@ def test_the_hand_frame_need_not_be_the_palms() -> None:
     assert face(hand, first)[0][1] == pytest.approx(0.035)
     assert face(hand, second)[0][1] == pytest.approx(-0.015)
     assert hand.width(np.array([0.025])) == pytest.approx([0.05])
+    aside = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.02 0.003 0.01" rpy="0.1 0 0"/>')
+    hand = hand_of(toy_robot(urdf=aside))
+    low, high = (np.array([x, 0.025, z]) - [0.02, 0.003, 0.01] for x, z in ((-0.011, -0.01), (0.011, 0.04)))
+    R = rotation_about((1, 0, 0), 0.1)
+    corners = np.array([[x, low[1], z] for x in (low[0], high[0]) for z in (low[2], high[2])]) @ R
+    assert face(hand, hand.pads[0]) == (pytest.approx(corners.min(0)), pytest.approx(corners.max(0)))
 
 
 def test_widths_rise_whichever_way_the_joint_opens() -> None:
@@ -97,7 +134,8 @@ def test_a_pads_face_looks_roughly_the_way_it_closes() -> None:
             if well:
                 hand = hand_of(toy_robot(links))
                 pad = hand.pads[0 if side == "+" else 1]
-                assert abs(in_hand_frame(hand, pad)[1, 2]) == pytest.approx(np.cos(np.radians(29.9)))
+                square = in_hand_frame(hand_of(toy_robot()), hand_of(toy_robot()).pads[0 if side == "+" else 1])[:3, :3]
+                assert in_hand_frame(hand, pad)[:3, :3] == pytest.approx(rotation_about((1, 0, 0), np.radians(degrees)) @ square)
             else:
                 with pytest.raises(ValueError, match="^" + NO_FACE.format(side).replace("+", r"\+") + "$"):
                     hand_of(toy_robot(links))
@@ -134,12 +172,23 @@ def test_a_face_of_the_other_side_is_none() -> None:
                 hand_of(toy_robot(links))
 
 
+def test_a_face_just_in_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    for z in ((0.015, 0.05), (-0.05, -0.015)):
+        low = LEFT.copy()
+        low[:, 2] = np.where(low[:, 2] > 0, z[1], z[0])
+        assert len(hand_of(toy_robot({"left": low, "right": RIGHT})).pads) == 2
+
+
 def test_the_innermost_face_is_the_pad() -> None:
     outer = LEFT + np.array([0.05, 0.02, 0.0])
     for parts in ([LEFT, outer], [outer, LEFT]):
         hand = hand_of(toy_robot({"left": parts, "right": RIGHT}))
         assert len(hand.pads) == 2
         assert face(hand, hand.pads[0])[0] == pytest.approx([-0.011, 0.025, -0.01])
+    outer = RIGHT - np.array([0.05, 0.02, 0.0])
+    for parts in ([RIGHT, outer], [outer, RIGHT]):
+        hand = hand_of(toy_robot({"left": LEFT, "right": parts}))
+        assert face(hand, hand.pads[1])[0] == pytest.approx([-0.011, -0.025, -0.01])
 
 
 def test_of_a_finger_in_parts_all_faces_count() -> None:
@@ -190,6 +239,24 @@ def test_a_jaw_closes_on_what_stands_still(side: int) -> None:
     assert [round(float(np.degrees(np.arccos(abs(in_hand_frame(hand, p)[1, 2]))))) for p in more] == [49]
 
 
+def test_a_jaws_first_face_looks_the_way_it_closes() -> None:
+    """Is on its own side, and has 20 mm²; what is askew, small, or past the middle can be touched, but is no jaw."""
+    wall = {"palm": [PALM["palm"], solid((-0.02, 0.02), (-0.015, -0.005), (0.0, 0.03))]}
+    well, small = LEFT, solid((-0.001, 0.001), (0.0, 0.01), (0.0, 0.004))
+    past, tip = LEFT - np.array([0, 0.026, 0]), askew(LEFT, 40.0)
+    asked = {"opening": replace(OPENING, jaw=1), "pads": frozenset({"palm", "left"})}
+    for other, counts in (
+        (small + np.array([0.05, 0.001, 0]), True),
+        (tip + np.array([0.05, 0.001, 0]), True),
+        (past + np.array([0.05, 0, 0]), True),
+    ):
+        hand = hand_of(toy_robot({"left": [other, well], **wall}, **asked))
+        assert face(hand, hand.pads[0])[0] == pytest.approx([-0.011, 0.025, -0.01])
+        assert (len([p for p in hand.pads if p.link == "left"]) == 2) is counts
+        with pytest.raises(ValueError, match=r"on the side of \+y$"):
+            hand_of(toy_robot({"left": [other], **wall}, **asked))
+
+
 def test_a_suction_cup_has_one_face() -> None:
     """What of it is within a millimetre of its end; it looks along z, on side 0."""
     cup = [
@@ -212,5 +279,9 @@ def test_a_suction_cup_has_one_face() -> None:
     raised = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.1 0 0.2" rpy="0 0 0.5"/>')
     (pad,) = hand_of(toy_robot({"hand": cup}, urdf=raised, opening=opening, pads=frozenset({"hand"}))).pads
     assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, 0.22]))
+    (pad,) = hand_of(toy_robot({"palm": cup}, urdf=raised, opening=opening, pads=frozenset({"palm"}))).pads
+    assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, 0.02]))
+    corners = pad.window.corners @ rotation_about((0, 0, 1), 0.5)[:2, :2].T + [0.1, 0.0]
+    assert (corners.min(0), corners.max(0)) == (pytest.approx([-0.01, -0.015]), pytest.approx([0.01, 0.015]))
     with pytest.raises(ValueError, match=r"^robot toy: the suction cup 'left' does not go with the hand frame$"):
         hand_of(toy_robot({"left": cup}, opening=opening, pads=frozenset({"left"})))

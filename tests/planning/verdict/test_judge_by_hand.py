@@ -17,6 +17,10 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from planning.plan import Fault, Motion, Move, Plan
 from planning.verdict import Settings, Verdict, examine, judge, judge_motions
+from planning.verdict.course import courses
+from planning.verdict.hand import hand_of
+from planning.verdict.judge import _standing
+from planning.verdict.ledger import keep
 
 ASKED = Settings(contact=False)
 CABINET = Cabinet(np.array([1.0, 1.0, 0.5]), np.eye(4), 0.03)
@@ -125,6 +129,7 @@ def test_what_is_large_but_meant() -> None:
 
 def test_a_robot_without_pads() -> None:
     robot = toy_robot({"palm": toy_robot().hulls[0].vertices})
+    assert said(robot=robot).verified is False
     assert said(robot=robot).faults == (
         Fault("scene", (), "robot toy: no face of its fingers closes along the hand frame's y, on the side of +y"),
     )
@@ -172,7 +177,9 @@ def test_it_begins_where_the_scene_says() -> None:
     for start, words in (
         ({"x": 0.0, "grip": OPEN}, None),
         ({"x": 0.9e-6}, None),
+        ({"x": 1e-6}, None),
         ({"x": -0.25}, "motion 0 begins with x 0.25 from where the scene says it is"),
+        ({"x": 0.25, "y": 0.15}, "motion 0 begins with x 0.25 from where the scene says it is"),
         ({"x": 0.1, "y": -0.2, "tip": 0.15}, "motion 0 begins with y 0.2 from where the scene says it is"),
         ({"claw": 9.0}, None),
         ({}, None),
@@ -200,12 +207,37 @@ def test_the_target_is_taken_as_the_plan_says_or_as_the_scene_asks() -> None:
 
 
 def test_what_floats_or_sinks_at_the_start() -> None:
-    for up, words in ((0.02, "is 20.0 mm above the floor"), (-0.02, "is sunk 20.0 mm into the floor"), (0.0009, None)):
+    for up, words in ((0.3, "is 300.0 mm above the floor"), (-0.3, "is sunk 300.0 mm into the floor"), (0.0009, None)):
         c = Body("c", BOX, transform(p=[0.2, -0.3, 0.05 + up]))
         found = said(replace(SCENE, objects=(*SCENE.objects, c)))
         assert faults(found) == ([] if words is None else [("scene", ("c",), f"c {words} at the start")])
-        assert [f.amount for f in found.faults] == ([] if words is None else [pytest.approx(0.02)])
+        assert [f.amount for f in found.faults] == ([] if words is None else [pytest.approx(0.3)])
         assert found.notes == ()
+    outside = Body("c", Box(np.full(3, 0.0625)), transform(p=[-0.25, 0.0, 0.03125]))
+    assert faults(said(replace(SCENE, objects=(*SCENE.objects, outside)))) == [
+        ("scene", ("c",), "c is 0.0 mm above the floor at the start")
+    ]
+
+
+def test_what_floats_from_beginning_to_end_floats_twice() -> None:
+    """a is 20 cm higher, and held so."""
+    up = transform(p=[0, 0, 0.2])
+    scene = replace(SCENE, objects=(replace(SCENE.objects[0], T_world_body=A @ up), SCENE.objects[1]))
+    plan = with_motion(2, replace(MOTIONS[2], held=Held("a", IN_HAND @ up)))
+    found = said(scene, replace(plan, moves=()))
+    assert {(f.stage, f.detail) for f in found.faults} >= {
+        ("scene", "a is 200.0 mm above the floor at the start"),
+        ("release", "a is 200.0 mm above the floor where motion 2 puts it"),
+    }
+
+
+def test_what_an_object_rests_on_before_and_after() -> None:
+    """On one pedestal, then on another."""
+    under = [Body(n, Box(np.array([0.1, 0.1, 0.2])), transform(p=[x, 0.0, -0.1])) for n, x in (("one", 0.5), ("other", 0.7))]
+    scene = replace(SCENE, cabinet=replace(CABINET, T_world_cabinet=transform(p=[0, 0, -0.2])), obstacles=tuple(under))
+    hand = hand_of(toy_robot())
+    ledger = keep(hand, scene, courses(hand.arm, MOTIONS)[0], ASKED)
+    assert _standing(scene, ledger, ASKED)[1] == {"a": {"one", "other"}, "b": frozenset()}
 
 
 def test_what_stands_on_others_or_leans_on_walls() -> None:
@@ -215,6 +247,8 @@ def test_what_stands_on_others_or_leans_on_walls() -> None:
     assert faults(said(replace(SCENE, objects=(*SCENE.objects, c), obstacles=(post,)))) == []
     assert faults(said(replace(SCENE, objects=(*SCENE.objects, replace(c, T_world_body=B @ transform(p=[0, 0, 0.1])))))) == []
     assert len(said(replace(SCENE, objects=(*SCENE.objects, c))).faults) == 1
+    above = replace(c, T_world_body=transform(p=[0.2, -0.3, 0.58]))
+    assert faults(said(replace(SCENE, objects=(*SCENE.objects, above)))) == []  # on the cabinet's top
 
 
 def test_what_is_put_down_stands() -> None:
@@ -223,6 +257,8 @@ def test_what_is_put_down_stands() -> None:
     over = [f for f in said(short).faults if f.stage == "release"]
     words = "a falls over where motion 2 puts it: what it stands on is not under its centre of mass"
     assert over == [Fault("release", ("a", "floor", "back"), words)]  # it touches the wall, too, in which it is
+    hardly = replace(SCENE, cabinet=replace(CABINET, size_m=np.array([0.6695, 1.0, 0.5])))  # by half a millimetre
+    assert [f for f in said(hardly).faults if f.stage == "release"] == over
 
 
 def test_what_stood_no_better_may_be_put_down_like_that() -> None:
@@ -273,7 +309,7 @@ def test_all_that_a_plan_says_of_itself_is_judged() -> None:
 
 def test_contacts_are_looked_for_unless_told_otherwise() -> None:
     """Everything stands in this toy's way."""
-    words = {f.detail.split(": ")[1].split(" is ")[0] for f in said(settings=Settings()).faults}
+    words = {f.detail.split(": ")[1].split(" is ")[0] for f in examine(SCENE, PLAN, toy_robot()).faults}
     assert {"palm", "left", "right"} <= words
 
 
@@ -288,7 +324,7 @@ def test_motions_alone() -> None:
     assert judge_motions(scene, MOTIONS, robot, ASKED, grasp=X_G) == ()
     off = Grasp(X_G.T_world_hand @ transform(p=[0.01, 0, 0]), 0.04)
     assert [f.stage for f in judge_motions(scene, MOTIONS, robot, ASKED, grasp=off)] == ["grasp"]
-    assert judge_motions(scene, (), robot, ASKED) == ()
+    assert judge_motions(scene, (), robot, ASKED) == judge_motions(scene, MOTIONS[:1], robot, ASKED) == ()
     assert len(judge_motions(scene, MOTIONS, robot)) > 0  # with contacts
     late = [MOTIONS[0], *MOTIONS[2:]]
     assert [f.detail for f in judge_motions(scene, late, robot, ASKED)] == ["motion 1: starts 0.01 from where grip ended before"]

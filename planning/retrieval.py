@@ -196,13 +196,12 @@ def conclude(
     moving: Stopwatch,
     settings: MotionSettings = DEFAULTS,
     grasp: Grasp | None = None,
-    faults: Sequence[Fault] = (),
     is_truth: bool = True,
 ) -> Plan:
     """The plan that a loop ends with, after the final check and the verdict, with the clearances measured.
 
-    reason: why the target was not taken, None when it was. grasp: how it was taken, by default the scene's x_g. faults: what has been found
-    wrong already. is_truth: whether the scene is as things were when the motions began; otherwise nothing but `faults` is judged by.
+    reason: why the target was not taken, None when it was. grasp: how it was taken, by default the scene's x_g. is_truth: whether
+    the scene is as things were when the motions began; otherwise nothing is judged by it.
     """
     success = reason is None
     travel = hand_travels(robot, scene, way)
@@ -214,7 +213,8 @@ def conclude(
     if not way:
         return plan
     if not is_truth:
-        return _judged(scene, replace(plan, verified=not faults, faults=tuple(faults)), None)
+        return replace(plan, verified=True)
+    faults: tuple[Fault, ...] = ()
     notes: tuple[Fault, ...] = ()
     with moving:
         sampled = replayed(robot, scene, way)
@@ -222,9 +222,9 @@ def conclude(
         if touch is None:
             limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
             verdict = examine(scene, plan, robot, limits)
-            faults, notes = (*faults, *verdict.faults), verdict.notes
+            faults, notes = verdict.faults, verdict.notes
         motions = with_clearances(way, sampled)
-    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, faults=tuple(faults), notes=notes)
+    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, faults=faults, notes=notes)
     plan = replace(plan, verified=touch is None and not faults)
     return _judged(scene, plan, touch)
 

@@ -124,10 +124,11 @@ class Lookahead:
         """The moves that a search finds: with the grasps that are quick to sample; where these don't do, with many more, and where none of
         them holds out any hope, with as many as can be; and at last not to near regions but to the likeliest."""
         assert self._state is not None
-        left, attempts, hope = self.most - self._made, self.effort.attempts, False
+        left, attempts = self.most - self._made, self.effort.attempts
+        hopeful: World | None = None
         looks = ((self.world, QUICKLY, False), (self.world.thorough, 1.0, False), (self.world.exhaustive, 1.0, True))
         for world, share, only_without_hope in looks:
-            if hope and only_without_hope:
+            if hopeful is not None and only_without_hope:
                 break
             plan = relaxed_plan(world.obstructions(self._state.poses), self._target, frozenset(seen.movable))
             if plan is None:
@@ -135,14 +136,14 @@ class Lookahead:
             self._needed(plan.length)
             if plan.length > left:
                 continue
-            hope = True
+            hopeful = world
             search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
             if found := search.run(self._state):
                 return found
             attempts -= search.tried
-        if hope and self.preferences.nearby is not None:
+        if hopeful is not None and self.preferences.nearby is not None:
             likeliest, effort = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
-            return Search(self.world.thorough, likeliest, replace(self.effort, attempts=effort), left, rng).run(self._state)
+            return Search(hopeful, likeliest, replace(self.effort, attempts=effort), left, rng).run(self._state)
         if plan is None:
             self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
         return []

@@ -580,18 +580,11 @@ def test_conclude_says_what_the_loop_found() -> None:
     assert (plan.planning_time_s, plan.motion_time_s, plan.hand_travel_m, plan.value) == (3.0, 4.0, 0.0, -2.0)
 
 
-def test_where_the_truth_is_not_known_only_what_was_found_wrong_counts(checked: list[tuple[Any, ...]]) -> None:
-    def concluded(*faults: Fault) -> Plan:
-        watches = {"thinking": Stopwatch(), "moving": Stopwatch()}
-        way = [motion("transit", 0.0, 1.0)]
-        return conclude(stick(), scene_of("a"), None, [], way, name="n", rule=Rule.DEEP, is_truth=False, faults=faults, **watches)
-
-    fine = concluded()
-    assert (fine.success, fine.verified, fine.faults, fine.value) == (True, True, (), 1.0)
-    slipped = Fault("transit", ("a",), "a is gone", 1.0)
-    wrong = concluded(slipped)
-    assert (wrong.success, wrong.verified, wrong.faults, wrong.value) == (False, False, (slipped,), 0.0)
-    assert wrong.reason == Blocked("verify", detail=str(slipped))
+def test_where_the_truth_is_not_known_nothing_is_judged_by_the_scene(checked: list[tuple[Any, ...]]) -> None:
+    watches = {"thinking": Stopwatch(), "moving": Stopwatch()}
+    way = [motion("transit", 0.0, 1.0)]
+    plan = conclude(stick(), scene_of("a"), None, [], way, name="n", rule=Rule.DEEP, is_truth=False, **watches)
+    assert (plan.success, plan.verified, plan.faults, plan.value) == (True, True, (), 1.0)
     assert not checked
 
 

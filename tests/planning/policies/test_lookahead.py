@@ -398,6 +398,13 @@ def test_where_near_places_have_not_done_the_likeliest_get_half_as_many_attempts
     assert asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9), no_proof, most=1), world) == [("a", 12)]
 
 
+def test_the_likeliest_places_are_tried_by_the_look_that_held_out_hope() -> None:
+    """Only the exhaustive one knows how a can be picked, and a goes nowhere but to region 12."""
+    can_go = at_first({"t": ["a"], "a": [""]})
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": []}), can=lambda choice: choice[1] == 12, finest=can_go)
+    assert asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9), no_proof, most=1), world) == [("a", 12)]
+
+
 def test_with_no_other_order_of_regions_nothing_is_tried_once_more() -> None:
     world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
     assert asked(Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5), world) == []

@@ -44,12 +44,14 @@ class Policy:
     place: ranks the indices of the regions for one object, the best in front. Both may find them one by one, as they are asked for.
     outlook: what a policy that looks ahead knows of the scene once it was asked; the others know nothing.
     certain: whether a policy that tries motions itself has found those for a move: it may be proposed though it has failed before.
+    choosy: so many more proposals for an object are tried after one that can be carried out, but comes near to something.
     """
 
     select: Callable[[Observation, np.random.Generator], Iterable[str]]
     place: Callable[[Observation, str, np.random.Generator], Iterable[int]]
     outlook: Callable[[], Outlook] = Outlook
     certain: Callable[[str, int], bool] = lambda name, region: False
+    choosy: int = 0
 
 
 class Stopwatch:
@@ -73,9 +75,10 @@ def proposals(
     rng: np.random.Generator,
     thinking: Stopwatch,
     out_of_reach: Container[str] = (),
+    found: Sequence[object] = (),
 ) -> Iterator[tuple[str, int]]:
     """Yield (object, region) in the order in which `rule` lets the loop try them, without what has failed in this very state and without
-    objects that are found out of reach meanwhile, unless a move is certain now."""
+    objects that are found out of reach meanwhile, unless a move is certain now; and no other object once something was found."""
     with thinking:
         names = policy.select(seen, rng)
     for name in _timed(names, thinking):
@@ -89,7 +92,7 @@ def proposals(
             proposed = True
             if rule is Rule.STRICT:
                 return
-        if proposed and rule is not Rule.DEEP:
+        if found or (proposed and rule is not Rule.DEEP):
             return
 
 
@@ -140,24 +143,31 @@ def retrieve(
         if steps == max_moves:
             break
         steps += 1
-        stuck, out_of_reach = True, set[str]()
-        for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking, out_of_reach):
+        possible, more, out_of_reach = list[tuple[str, int, Done]](), policy.choosy, set[str]()
+        for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking, out_of_reach, possible):
             with moving:
                 moved = motions.relocate(state, object_name, region, rng)
-            T_from = state.poses[object_name]
             if isinstance(moved, Blocked):
                 failed.add((object_name, region))
+                T_from = state.poses[object_name]
                 moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, moved))
                 if not motions.picks(state, object_name)[0]:
                     out_of_reach.add(object_name)  # another region would not help
-                continue
+            elif moved.tight and more and not policy.certain(object_name, region):
+                possible.append((object_name, region, moved))
+            else:
+                possible.insert(0, (object_name, region, moved))
+                break
+            more -= bool(possible)
+            if possible and more < 0:
+                break
+        for object_name, region, moved in possible[:1]:
             on_step(f"moved {object_name} to region {region}")
-            moves.append(Move(object_name, region, T_from, moved.after.poses[object_name], True))
+            moves.append(Move(object_name, region, state.poses[object_name], moved.after.poses[object_name], True))
             found.append((state, moved))
-            state, stuck = moved.after, False
+            state = moved.after
             failed.clear()  # a new state: what failed before may work now
-            break
-        if stuck and rule is Rule.DEEP:
+        if not possible and rule is Rule.DEEP:
             break  # everything that the policy has was tried in this state: another round would be the same
     outlook = policy.outlook()
     if steps == 0:

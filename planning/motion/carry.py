@@ -35,13 +35,15 @@ class Carry:
 class Done:
     """Motions that were found, as waypoints (`Motions.trajectories` makes them smooth), and the state after them.
 
-    grasp: with which they take hold of the object; carry: the way that they are made of.
+    grasp: with which they take hold of the object; carry: the way that they are made of. tight: whether what was carried, or the hand that
+    put it down, came nearer to something than is preferred even near the ends of a way.
     """
 
     motions: tuple[Motion, ...]
     after: State
     grasp: Grasp | None = None
     carry: Carry | None = None
+    tight: bool = False
 
 
 def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], carry: Carry, *, beside: bool = True) -> Done | Blocked:

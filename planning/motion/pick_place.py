@@ -7,7 +7,7 @@ the compiled core; what can't be done comes back as `Blocked`, with the stage, t
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -58,6 +58,7 @@ class _Memory:
         self.transits: dict[Pick, Array | Blocked] = {}
         self.placing: dict[Pick, Placing] = {}
         self.turned: dict[Pick, list[Pick]] = {}
+        self.roomy: dict[Pick, bool] = {}
         self.failures = Counter[Pick]()
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
 
@@ -209,26 +210,52 @@ class Motions:
             return Blocked("region", name, detail="it stands there already")
         if touch := self.cell.placed(self.scene.body(name), there, self.without(state, name)):
             return Blocked("region", touch.link, touch.body, detail=touch.detail)
-        centre, tries = self.scene.regions()[region], 0
-        for pick in picks:
-            unreached = self._recall(state).transits.get(pick)
-            if isinstance(unreached, Blocked):
-                why = unreached
-                continue
-            place = self.placing(state, pick).place(centre)
-            if isinstance(place, Blocked):
-                why = place
-                continue
+        centre, tries, tight = self.scene.regions()[region], 0, list[tuple[Pick, Place]]()
+
+        def ways() -> Iterator[tuple[Pick, Place]]:
+            nonlocal why
+            for pick in picks:
+                place = unreached if isinstance(unreached := known.get(pick), Blocked) else self.placing(state, pick).place(centre)
+                if isinstance(place, Blocked):
+                    why = place
+                elif self._is_roomy(state, pick) and self._keeps_down(state, pick, place):
+                    yield pick, place
+                else:
+                    tight.append((pick, place))
+            yield from tight
+
+        known = self._recall(state).transits
+        for pick, place in ways():
             places = place.turned(*self.limits) if pick.carrying.task.upright.limited else [place]
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
             if not isinstance(across, Blocked):
                 place = next(turned for turned in places if np.array_equal(turned.lower[0], across.across[-1]))
-                return carried(self.cell, state, name, self.without(state, name), replace(across, place=place), beside=False)
+                done = carried(self.cell, state, name, self.without(state, name), replace(across, place=place), beside=False)
+                return done if isinstance(done, Blocked) else replace(done, tight=self._is_tight(state, across, place))
             why = across
             tries += across.stage == "transfer"
             if tries == MAX_TRIES:
                 break
         return why
+
+    def _is_roomy(self, state: State, pick: Pick) -> bool:
+        """Whether a pick's straight ways keep what is preferred near the ends of a way."""
+        known = self._recall(state).roomy
+        if pick not in known:
+            ends_m, reaching = self.settings.clearance.ends_m, self.cell.problem(state.poses, pick.gripper_open)
+            known[pick] = self.cell.keeps(reaching, pick.approach, ends_m) and self.cell.keeps(pick.lifting, pick.lift, ends_m)
+        return known[pick]
+
+    def _keeps_down(self, state: State, pick: Pick, place: Place) -> bool:
+        """The same of the ways down to a place and back from it."""
+        name, ends_m = pick.held.body, self.settings.clearance.ends_m
+        leaving = self.cell.problem({**self.without(state, name), name: place.T_world_object}, pick.gripper_open)
+        return self.cell.keeps(pick.lifting, place.lower, ends_m) and self.cell.keeps(leaving, place.retreat, ends_m)
+
+    def _is_tight(self, state: State, across: Carry, place: Place) -> bool:
+        """Whether carrying an object to a place, and putting it down there, comes nearer to something than that."""
+        pick, ends_m = across.pick, self.settings.clearance.ends_m
+        return not (self.cell.keeps(pick.carrying, across.across, ends_m) and self._keeps_down(state, pick, place))
 
     def across_again(self, state: State, motion: Motion, q: Array, rng: np.random.Generator) -> Motion | Blocked:
         """From q (J,), where the arm stopped with an object in the hand, to where a transfer ends. state: before the pick."""

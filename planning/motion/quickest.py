@@ -125,11 +125,11 @@ class _Graph:
             found = layer.choices.found
             layer.transit_s = layer.cost.hoped(*self._transit_by(k, slice(None), slice(None)))
             layer.transit_known, layer.sure_transit_s = np.zeros(layer.transit_s.shape, np.int64), np.full(layer.transit_s.shape, np.inf)
-            self._know_transit(layer, (0, 0), found.way_in)
+            self._know_transit(layer, (0, 0), found.way_in, self._tight_s((self._moving(layer, 0), found.way_in)))
             self._look_pick(k, 0)
             if found.place is not None:
                 self._settle(k, 0, found.place)
-            self._know_across(layer, 0, found.across)
+            self._know_across(layer, 0, found.across, self._tight_s((found.pick.carrying, found.across)))
         for k in range(1, len(self.layers)):
             self._leave_from(k, 0)
 

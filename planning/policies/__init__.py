@@ -43,7 +43,7 @@ def _rrt(setup: Setup) -> Policy:
 
 def _look_ahead(setup: Setup, preferences: Preferences = NEAREST, effort: Effort = QUICK, *, glance: bool = False) -> Policy:
     ahead = Lookahead(setup.motions, preferences, effort, Prover(setup.motions), most=setup.max_moves, glance=glance)
-    return Policy(ahead.select, ahead.place, lambda: ahead.outlook, ahead.certain)
+    return Policy(ahead.select, ahead.place, lambda: ahead.outlook, ahead.certain, effort.choosy)
 
 
 def _neural(setup: Setup) -> Policy:

@@ -49,10 +49,12 @@ class World(Protocol):
 @dataclass(frozen=True)
 class Effort:
     """How hard a search tries. attempts: moves that are tried at most, feasible or not. step_back: by how much a state's rank grows with
-    each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good."""
+    each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good. choosy: after so many more of them a
+    move that can be carried out, but comes near to something, looks as good as one that does not."""
 
     attempts: int
     step_back: float = 0.02
+    choosy: int = 4
 
 
 RegionOrder = Callable[[Observation, str, np.random.Generator], Sequence[int]]
@@ -80,10 +82,11 @@ class Preferences:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A move that was found, and the state after it."""
+    """A move that was found, the state after it, and whether it comes near to something (`Done.tight`)."""
 
     choice: Choice
     after: State
+    tight: bool = False
 
 
 @dataclass(eq=False)
@@ -103,6 +106,7 @@ class _Node:
     tried: set[Choice] = field(default_factory=set)
     last_resort: bool = False
     choices: Iterator[Choice] = field(default_factory=lambda: iter(()))
+    asked: bool = True
 
     @property
     def fewest(self) -> int:
@@ -111,7 +115,7 @@ class _Node:
         Where nothing is statically in the way, and yet the arm does not get to the target, at least one object must go.
         """
         needed = self.plans[0].length
-        return len(self.moves) + max(1, needed + self.last_resort)
+        return len(self.moves) + (max(1, needed + self.last_resort) if self.asked else 0)
 
     @property
     def standing(self) -> Names:
@@ -131,25 +135,32 @@ class Search:
     def run(self, start: State) -> list[Step]:
         """Moves from a state after which the target can be taken out; empty when none were found."""
         self._put(self._node(start, ()))
-        for _ in range(self.effort.attempts):
+        while self.tried < self.effort.attempts:
             found = self._next()
             if found is None:
                 break
             node, choice = found
+            if choice is None:
+                if isinstance(self.world.retrieve_target(node.state, self.rng), Done):
+                    return list(node.moves)
+                self._put(node)
+                continue
             self.tried += 1
             child = self._tried(node, choice)
             self._put(node)
-            if child is None:
-                continue
-            if child.plans[0].length == 0 and isinstance(self.world.retrieve_target(child.state, self.rng), Done):
-                return list(child.moves)
-            self._put(child)
+            if child is not None:
+                child.asked = child.plans[0].length > 0
+                self._put(child)
         return []
 
-    def _next(self) -> tuple[_Node, Choice] | None:
-        """The most promising state that has a move left, and the move; None when all were tried."""
+    def _next(self) -> tuple[_Node, Choice | None] | None:
+        """The most promising state that has a move left, and the move; no move where the target is to be sought first; None when all were
+        tried."""
         while self._queue:
             *_, node = heappop(self._queue)
+            if not node.asked:
+                node.asked = True
+                return node, None
             choice = next((choice for choice in node.choices if choice not in node.tried), None)
             if choice is not None:
                 return node, choice
@@ -163,7 +174,7 @@ class Search:
         node.tried.add(choice)
         done = self.world.relocate(node.state, *choice, self.rng)
         if isinstance(done, Done):
-            return self._node(done.after, (*node.moves, Step(choice, done.after)))
+            return self._node(done.after, (*node.moves, Step(choice, done.after, done.tight)))
         if self.world.out_of_reach(node.state, choice[0]):
             node.cannot |= {choice[0]}  # something else must go first
             self._think(node)
@@ -171,7 +182,8 @@ class Search:
 
     def _put(self, node: _Node | None) -> None:
         if node is not None and node.fewest <= self.most:
-            rank = node.fewest + self.effort.step_back * len(node.tried)
+            back = len(node.tried) + self.effort.choosy * sum(step.tight for step in node.moves)
+            rank = node.fewest + self.effort.step_back * back
             heappush(self._queue, (rank, -len(node.moves), next(self._ticket), node))
 
     def _node(self, state: State, moves: tuple[Step, ...]) -> _Node | None:

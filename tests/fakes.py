@@ -55,7 +55,8 @@ class FakeMotions:
 
     opens: the sets of moves of which one must have been made for the target to be free; an empty set: it is free at once.
     possible: whether an object can be moved to a region after some moves were made; by default never.
-    graspable: whether an object can be picked at all then. at_start: what touches the arm where it stands.
+    graspable: whether an object can be picked at all then. tight: which moves come near to something. at_start: what touches the arm where
+    it stands.
     Each question costs `seconds` on `clock`, and is noted in `asked`.
     """
 
@@ -63,6 +64,7 @@ class FakeMotions:
     opens: Sequence[frozenset[Choice]] = ()
     possible: Callable[[tuple[Choice, ...], Choice], bool] = lambda made, choice: False
     graspable: Callable[[tuple[Choice, ...], str], bool] = lambda made, name: True
+    tight: Callable[[Choice], bool] = lambda choice: False
     at_start: Blocked | None = None
     robot: Any = field(default_factory=stick)
     settings: MotionSettings = DEFAULTS
@@ -101,7 +103,8 @@ class FakeMotions:
             return Blocked("transfer", "arm", name, detail=f"no way to {region}")
         poses = {**state.poses, name: self.place_pose(name, state.poses[name], region)}
         after = self._state(State(state.q + 1.0, poses), (*made, choice))
-        return Done((motion("transit", state.q[0], state.q[0] + 0.4), motion("transfer", state.q[0] + 0.4, after.q[0])), after)
+        motions = motion("transit", state.q[0], state.q[0] + 0.4), motion("transfer", state.q[0] + 0.4, after.q[0])
+        return Done(motions, after, tight=self.tight(choice))
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         T = T_from.copy()

@@ -26,7 +26,7 @@ class WrittenWorld:
 
     blocking: see `Blocking`. can: whether an object can be moved to a region, beyond what blocks it. reached: whether the arm gets to an
     object, or to the target, at all. finer: the blocking for a thorough look; finest: for an exhaustive one; rough: for a rough one.
-    tried: the moves that were asked for, in order.
+    tried: the moves that were asked for, in order. tight: which moves come near to something.
     """
 
     names: str
@@ -37,6 +37,7 @@ class WrittenWorld:
     tried: list[Choice] = field(default_factory=list)
     rough: Blocking | None = None
     finest: Blocking | None = None
+    tight: Callable[[Choice], bool] = lambda choice: False
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -88,7 +89,8 @@ class WrittenWorld:
             return Blocked("transit", "arm", name)
         if not self.can((name, region)):
             return Blocked("transfer", "arm", name)
-        return Done((), State(state.q, {**state.poses, name: self.place_pose(name, state.poses[name], region)}))
+        poses = {**state.poses, name: self.place_pose(name, state.poses[name], region)}
+        return Done((), State(state.q, poses), tight=self.tight((name, region)))
 
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         self.state = state

@@ -79,7 +79,7 @@ class QuickestSettings:
     iterations: int = 400
     metre_s: float = 1.0
     target_metre_s: float = 0.2
-    tight_s: float = 3.0
+    tight_s: float = 2.0
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,8 @@ class World(Protocol):
 @dataclass(frozen=True)
 class Effort:
     """How hard a search tries. attempts: moves that are tried at most, feasible or not. step_back: by how much a state's rank grows with
-    each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good. choosy: after so many more of them a
-    move that can be carried out, but comes near to something, looks as good as one that does not."""
+    each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good. choosy: after so many more of them
+    a move that can be carried out, but comes near to something, looks as good as one that does not."""
 
     attempts: int
     step_back: float = 0.02
@@ -82,11 +82,10 @@ class Preferences:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A move that was found, the state after it, and whether it comes near to something (`Done.tight`)."""
+    """A move that was found, and the state after it."""
 
     choice: Choice
     after: State
-    tight: bool = False
 
 
 @dataclass(eq=False)
@@ -107,6 +106,7 @@ class _Node:
     last_resort: bool = False
     choices: Iterator[Choice] = field(default_factory=lambda: iter(()))
     asked: bool = True
+    back: int = 0
 
     @property
     def fewest(self) -> int:
@@ -135,10 +135,7 @@ class Search:
     def run(self, start: State) -> list[Step]:
         """Moves from a state after which the target can be taken out; empty when none were found."""
         self._put(self._node(start, ()))
-        while self.tried < self.effort.attempts:
-            found = self._next()
-            if found is None:
-                break
+        while (found := self._next()) is not None:
             node, choice = found
             if choice is None:
                 if isinstance(self.world.retrieve_target(node.state, self.rng), Done):
@@ -148,19 +145,19 @@ class Search:
             self.tried += 1
             child = self._tried(node, choice)
             self._put(node)
-            if child is not None:
-                child.asked = child.plans[0].length > 0
-                self._put(child)
+            self._put(child)
         return []
 
     def _next(self) -> tuple[_Node, Choice | None] | None:
         """The most promising state that has a move left, and the move; no move where the target is to be sought first; None when all were
-        tried."""
+        tried, or as many as may be."""
         while self._queue:
             *_, node = heappop(self._queue)
             if not node.asked:
                 node.asked = True
                 return node, None
+            if self.tried == self.effort.attempts:
+                continue
             choice = next((choice for choice in node.choices if choice not in node.tried), None)
             if choice is not None:
                 return node, choice
@@ -174,7 +171,11 @@ class Search:
         node.tried.add(choice)
         done = self.world.relocate(node.state, *choice, self.rng)
         if isinstance(done, Done):
-            return self._node(done.after, (*node.moves, Step(choice, done.after, done.tight)))
+            child = self._node(done.after, (*node.moves, Step(choice, done.after)))
+            if child is not None:
+                child.asked = child.plans[0].length > 0
+                child.back = node.back + (len(node.tried) + self.effort.choosy if done.tight else 0)
+            return child
         if self.world.out_of_reach(node.state, choice[0]):
             node.cannot |= {choice[0]}  # something else must go first
             self._think(node)
@@ -182,8 +183,7 @@ class Search:
 
     def _put(self, node: _Node | None) -> None:
         if node is not None and node.fewest <= self.most:
-            back = len(node.tried) + self.effort.choosy * sum(step.tight for step in node.moves)
-            rank = node.fewest + self.effort.step_back * back
+            rank = node.fewest + self.effort.step_back * (node.back + len(node.tried))
             heappush(self._queue, (rank, -len(node.moves), next(self._ticket), node))
 
     def _node(self, state: State, moves: tuple[Step, ...]) -> _Node | None:

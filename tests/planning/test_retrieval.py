@@ -245,6 +245,26 @@ def test_what_is_certain_is_proposed_though_it_has_failed() -> None:
     assert tried(plan) == [("a", 3, False), ("a", 3, True)]
 
 
+@pytest.mark.parametrize(("choosy", "roomy", "made"), [(0, 3, 1), (2, 3, 3), (1, 3, 1), (4, 9, 1)])
+def test_a_policy_that_is_choosy_has_roomy_places_tried_first(choosy: int, roomy: int, made: int) -> None:
+    """So many proposals more after the first move that is possible but tight, and none for another object."""
+    motions = FakeMotions(
+        scene_of("a", "b"), opens=[frozenset({("a", region)}) for region in (1, 3)],
+        possible=lambda made, c: c in {("a", 1), ("a", 3)}, tight=lambda c: c[1] != roomy,
+    )  # fmt: skip
+    policy = Policy(lambda seen, rng: ["a", "b"], lambda seen, name, rng: [1, 2, 3], choosy=choosy)
+    plan = plan_with(motions, policy)
+    assert plan.success
+    assert [(m.object, m.region) for m in plan.moves if m.done] == [("a", made)]
+    assert all(ask[1] != "b" for ask in motions.asked if ask[0] == "relocate")
+
+
+def test_a_move_that_is_certain_is_made_though_it_is_tight() -> None:
+    motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 3)})], possible=lambda made, c: True, tight=lambda c: c[1] == 3)
+    policy = Policy(lambda seen, rng: ["a"], lambda seen, name, rng: [3, 4], certain=lambda name, region: region == 3, choosy=4)
+    assert tried(plan_with(motions, policy)) == [("a", 3, True)]
+
+
 def test_regions_are_asked_for_one_object_after_another() -> None:
     """A policy's second half is slow: it is not asked about an object before the ones in front of it were tried."""
     asked: list[str] = []

@@ -58,6 +58,26 @@ def test_an_object_is_not_put_where_it_is_in_the_way_again() -> None:
     assert world.tried[0] == ("a", 10)  # all others are not even tried
 
 
+def test_roomy_places_come_first_for_some_tries() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), tight=lambda choice: choice[1] < 3)
+    assert solve(world) == [("a", 3)]
+    assert world.tried[:4] == [("a", region) for region in range(4)]
+
+
+def test_where_all_places_are_tight_the_first_will_do() -> None:
+    """After so many tries as a search is choosy; a search that is not takes it at once."""
+    for choosy in (0, 2, 4):
+        world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), tight=lambda choice: True)
+        assert solve(world, effort=replace(SOME, choosy=choosy)) == [("a", 0)]
+        assert len(set(world.tried)) == 1 + choosy
+
+
+def test_a_tight_place_is_better_than_one_more_move() -> None:
+    """Moves keep their number: where a can be put into no roomy place, it is not b that goes as well."""
+    world = WrittenWorld("ab", at_first({"t": ["a", "b"], "a": [""], "b": ["a"]}), tight=lambda choice: choice[0] == "a")
+    assert len(solve(world)) == 1
+
+
 def test_what_must_be_moved_twice_is() -> None:
     """a can't go far at once; where it goes first it is in the way still."""
 

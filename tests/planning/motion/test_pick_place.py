@@ -134,7 +134,8 @@ def test_what_is_moved_stands_in_its_region_and_nothing_touches(scene: Scene, ur
                 roomy += 1
                 for m in with_clearances(moved.motions, replayed(ur5e, scene, moved.motions)):
                     assert m.clearance_m is not None
-                    assert m.stage not in ("transfer", "lower", "retreat") or m.clearance_m > kept_m(ur5e, m, body.name), (m.stage, m.clearance_between)
+                    if m.stage in ("transfer", "lower", "retreat"):
+                        assert m.clearance_m > kept_m(ur5e, m, body.name), (m.stage, m.clearance_between)
     assert done > 1
     assert roomy
 

@@ -21,6 +21,7 @@ from kinematics.transforms import Array, inverse
 
 ARM_LEAST, FINGER_MOST = 4, 3
 """A branch with so many motors is an arm; a finger has fewer."""
+THREE = "three fingers"
 JAW = re.compile(r"grip|jaw|finger|claw|hand|pinch|clamp|grasp", re.IGNORECASE)
 WRIST = re.compile(r"wrist|elbow|forearm|(roll|pitch|yaw)(_joint)?$", re.IGNORECASE)
 """A joint that is called so turns a whole hand, whatever its link is called."""
@@ -205,7 +206,7 @@ def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: 
     if endless:
         raise NoGripper(f"no gripper that can be used: its joint {endless[0]!r} has no limits, so it is never open or closed")
     others = tuple(j for branch in branches for j in model.motors(branch[0]) if j not in closing)
-    kind = "three fingers" if len(branches) == 3 else "two fingers"
+    kind = THREE if len(branches) == 3 else "two fingers"
     return replace(_coupled(model, palm, closing, sides), kind=kind, frozen=others)
 
 

@@ -15,6 +15,9 @@ from kinematics.transforms import Array, inverse
 
 PAD_M = 0.008  # a finger link that stays within 8 mm of being the innermost one is a pad
 _Z = np.linspace(-0.12, 0.04, 161)  # where the fingers are looked at, along the hand's z
+_STEP_M = 0.001
+MOST_SLANT = np.radians(20)
+"""Where fingers that turn touch what is round further from the way they close, it slips: friction of 0.5 holds 26.6°."""
 SLIVER_M = 1e-6
 """Triangles that are no higher than that say nothing about a hull's faces."""
 ROWS, ASIDE_M = 13, 0.08
@@ -35,27 +38,23 @@ def measure(
     hand = [hull for hull in hulls if mover in tree.path(tree.index[hull.link])]
     values = np.linspace(*limits, 33)
     places = [_placed(tree, hand, rest, gripper, value) for value in values]
-    profiles = [_profile(placed, fingers) for placed in places]
     jaw = _jaw_side(tree, gripper, places, fingers)
-    split = not jaw and any(all(np.isinf(p.sides[side]).all() for p in profiles) for side in (1, -1))
-    if split:  # of three fingers two are beside the middle
-        wide_m = max(float(np.abs(v[:, 0]).max()) for link, v, _ in places[0] if link in fingers)
-        across = [float(x) for x in np.linspace(-min(wide_m, ASIDE_M), min(wide_m, ASIDE_M), ROWS)]
-        profiles = [_profile(placed, fingers, across) for placed in places]
-    if jaw:
-        furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
-        profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
-    hinged = (bool(jaw) or split) and any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
-    widths, middles = zip(*(_round_width(p, jaw or 1) if hinged else _width(p, jaw) for p in profiles))
-    usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
-    if (len(usable) < len(widths) and not (jaw or split)) or len(usable) < 2:
-        raise NotClosing(f"robot {name}: no fingers on both sides of the hand frame along its y axis", sorted(fingers))
+    looked = _look(tree, places, fingers, gripper, jaw)
+    profiles, widths, middles, usable, hinged = looked.profiles, looked.widths, looked.middles, looked.usable, looked.hinged
+    if not usable:
+        words = (
+            "no fingers on both sides of the hand frame along its y axis; name another with --hand-frame, a link between the pads, z along "
+            "the approach and y the way they close, or other joints with --gripper-joint"
+        )
+        raise NotClosing(f"robot {name}: {words}", sorted(fingers))
     if max(widths[i] for i in usable) - min(widths[i] for i in usable) < LEAST_WAY_M:
         words = "the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis"
         raise NotClosing(f"robot {name}: {words}", sorted(fingers))
     wide = [i for i in usable if widths[i] > 0.4 * max(widths[k] for k in usable)]  # when they are closed, the knuckles are innermost too
     if jaw:
         pads = _inmost(profiles, fingers, jaw, wide) | _inmost(profiles, frozenset(h.link for h in hand) - fingers, -jaw, wide)
+    elif hinged:  # which of a finger's links touches what is round depends on how thick that is
+        pads = frozenset(f for f in fingers if min(_off_round(profiles[i].links[f], widths[i]) for i in wide) < PAD_M)
     else:
         inner = [p.links for p in profiles]
         pads = frozenset(f for f in fingers if max(np.min(inner[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
@@ -121,10 +120,63 @@ def _profile(placed: _Placed, fingers: frozenset[str], across: Sequence[float] =
     return _Profile(links, sides)
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What is between the fingers at each of the gripper's values (V): profiles, widths and the pads' middles along y. usable: at which
+    they hold something. hinged: whether they turn far, so that they hold what is round."""
+
+    profiles: list[_Profile]
+    widths: Sequence[float]
+    middles: Sequence[float]
+    usable: list[int]
+    hinged: bool
+
+
+def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], gripper: int, jaw: int) -> _Look:
+    """places (V): the hand's hulls at each value; jaw: see `_jaw_side`."""
+    profiles = [_profile(placed, fingers) for placed in places]
+    unmet = any(all(np.isinf(p.sides[side]).all() for p in profiles) for side in (1, -1))
+    split = not jaw and (unmet or _stand_in_three(tree, gripper, places[0]))
+    if split:  # of three fingers two are beside the middle
+        wide_m = max(float(np.abs(v[:, 0]).max()) for link, v, _ in places[0] if link in fingers)
+        across = [float(x) for x in np.linspace(-min(wide_m, ASIDE_M), min(wide_m, ASIDE_M), ROWS)]
+        profiles = [_profile(placed, fingers, across) for placed in places]
+    if jaw:
+        furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
+        profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
+    turns = any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
+    swings = turns and not jaw and (split or not all(np.isfinite(_width(p, jaw)[0]) for p in profiles))
+    hinged = swings or (turns and bool(jaw))
+    widths, middles = zip(*(_round_width(p, jaw or 1) if hinged else _width(p, jaw) for p in profiles))
+    usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
+    if swings:  # fingers that turn far look at the tips of what they close on, or past it
+        usable = [i for i in usable if _slant(profiles[i], widths[i], middles[i]) <= MOST_SLANT]
+    complete = bool(jaw) or split or swings or len(usable) == len(widths)
+    return _Look(profiles, widths, middles, usable if complete and len(usable) > 1 else [], hinged)
+
+
+def _roots(tree: Tree, gripper: int) -> list[int]:
+    """The links that the gripper's joint moves on what it does not move."""
+    moving = {i for i in range(len(tree.names)) if tree.kind[i] != FIXED and tree.q_index[i] == gripper}
+    return [i for i in sorted(moving) if not set(tree.path(int(tree.parent[i]))) & moving]
+
+
+def _stand_in_three(tree: Tree, gripper: int, placed: _Placed) -> bool:
+    """Whether the gripper's joint moves three fingers, two of them beside each other on one side."""
+    roots = _roots(tree, gripper)
+    if len(roots) != 3:
+        return False
+    of = [np.concatenate([np.zeros((0, 3)), *(v for link, v, _ in placed if i in tree.path(tree.index[link]))]) for i in roots]
+    if not all(len(points) for points in of):
+        return False
+    x, y = (np.array([points[:, axis].mean() for points in of]) for axis in (0, 1))
+    pair = np.flatnonzero(np.sign(y) == np.sign(np.sign(y).sum()))
+    return len(pair) == 2 and abs(float(x[pair[0]] - x[pair[1]])) > LEAST_WAY_M
+
+
 def _jaw_side(tree: Tree, gripper: int, places: Sequence[_Placed], fingers: frozenset[str]) -> int:
     """On which side along y a jaw is that moves alone, 1 or -1; 0 where the gripper's joint moves several fingers."""
-    moving = [i for i in range(len(tree.names)) if tree.kind[i] != FIXED and tree.q_index[i] == gripper]
-    if len([i for i in moving if not set(tree.path(int(tree.parent[i]))) & set(moving)]) != 1:
+    if len(_roots(tree, gripper)) != 1:
         return 0
     furthest = max((np.concatenate([v for link, v, _ in placed if link in fingers]).mean(0)[1] for placed in places), key=abs)
     return 1 if furthest > 0 else -1
@@ -164,6 +216,20 @@ def _round_width(profile: _Profile, jaw: int) -> tuple[float, float]:
         radius = (small + large) / 2
         small, large = (radius, large) if room(radius)[0] <= room(radius)[1] else (small, radius)
     return 2 * small, jaw * sum(room(small)) / 2
+
+
+def _off_round(gaps: Array, width: float) -> float:
+    """How far what is so near to y = 0 at the heights _Z (Z,) is from an upright cylinder of this width about the hand's x."""
+    over = np.abs(_Z) < width / 2
+    return float(np.min(gaps[over] - np.sqrt((width / 2) ** 2 - _Z[over] ** 2), initial=np.inf))
+
+
+def _slant(profile: _Profile, width: float, middle: float) -> float:
+    """How far, in rad, from the y axis the sides touch an upright cylinder of this width, its axis at y = middle; the larger of both."""
+    over = np.abs(_Z) < width / 2
+    z, out = _Z[over], np.sqrt((width / 2) ** 2 - _Z[over] ** 2)
+    at = [z[int(np.argmin(profile.sides[side][over] - side * middle - out))] for side in (1, -1)]
+    return float(np.arcsin(max(0.0, max(np.abs(at)) - _STEP_M) / (width / 2)))
 
 
 def _width(profile: _Profile, jaw: int) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinematics.robots.find_gripper import Motors, rigid
+from kinematics.robots.find_gripper import THREE, Motors, rigid
 from kinematics.robots.gripper import cross_section
 from kinematics.robots.hand_model import Model, NoGripper
 from kinematics.robots.tree import FIXED, SLIDES
@@ -90,12 +90,20 @@ def _along_pad(model: Model, motors: Motors, y: Array, q: Array) -> Array:
 
 
 def _axis(model: Model, motors: Motors) -> Array | None:
-    """The axis (3,) about which the fingers turn, in the palm's frame; None where they slide."""
-    link = motors.branches[0][0]
-    if model.tree.kind[link] == SLIDES:
+    """The axis (3,) about which the fingers turn, in the palm's frame; None where they slide. Two that go together may be askew, each to
+    its side: theirs is the mean, so that what is held touches both."""
+    first = motors.branches[0][0]
+    if model.tree.kind[first] == SLIDES:
         return None
-    poses = model.tree.poses(_at(model, motors, 0.5))
-    return np.asarray((inverse(poses[motors.palm]) @ poses[link])[:3, :3] @ model.tree.axis[link])
+    poses, palm = model.tree.poses(_at(model, motors, 0.5)), model.group(motors.palm)
+    links = [first]
+    if motors.kind == THREE:
+        links = [i for i in motors.branches[0] if model.group(int(model.tree.parent[i])) == palm]
+    axes = np.array([(inverse(poses[motors.palm]) @ poses[i])[:3, :3] @ model.tree.axis[i] for i in links])
+    if len(axes) == 1:
+        return np.asarray(axes[0])
+    axis = (axes * np.sign(axes @ axes[0])[:, None]).mean(0)
+    return np.asarray(axis / np.linalg.norm(axis))
 
 
 def _origin(model: Model, motors: Motors, link: int, q: Array) -> Array:

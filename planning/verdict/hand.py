@@ -91,6 +91,8 @@ def hand_of(robot: Robot) -> Hand:
     own = arm.driven_by(carrier)
     links = frozenset(link for link in solid if arm.driven_by(arm.links[link][0]) - {gripper} == own) | fingers
     low, high = float(arm.lower[gripper]), float(arm.upper[gripper])
+    if robot.opening.round_only and not robot.opening.jaw:  # beyond its table such fingers look past each other
+        low, high = float(robot.opening.value.min()), float(robot.opening.value.max())
     if robot.opening.cup_m:
         cup = _cup(robot, arm, carrier, T_carrier_hand)
         return Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (cup,), robot.opening.value, robot.opening.width_m)

@@ -16,12 +16,12 @@ from kinematics.robots.hand_model import NoGripper
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.robots.tree import Tree
-from kinematics.scene import Body, Cabinet, Scene
+from kinematics.scene import Body, Cabinet, Grasp, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import rotation_about, transform
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
-from planning.verdict import judge_motions
+from planning.verdict import judge_grasp, judge_motions
 from retrieve_cli.gen import robot_ref
 
 CABINET = Cabinet(np.array([0.40, 0.70, 0.45]), transform(p=[0.35, 0.0, 0.15]), 0.02)
@@ -143,3 +143,39 @@ def test_a_frozen_joint_is_where_it_was(kind: str) -> None:
     trees: list[Tree] = [read_description(etree.tostring(root, encoding="unicode"), "r").tree for root in (before, after)]
     for a, b in zip(trees[0].poses(np.array([0.4, 0.7])), trees[1].poses(np.array([0.7]))):
         np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def swinging(names: tuple[str, ...], askew: float) -> str:
+    """Fingers that turn from wide open, when nothing is between their tips, until they pass the middle; those that go together lean inwards
+    by `askew`, the thumb to one side."""
+    out = ""
+    for name in names:
+        x, side = PLACES[name] if len(names) == 3 else (0.0, PLACES[name][1])
+        out += f'<link name="{name}">{box("0.018 0.012 0.05", f"0 {0.006 * side} 0.025")}</link>'
+        out += f'<link name="{name}_tip">{box("0.018 0.010 0.035", f"0 {0.005 * side} 0.0175")}</link>'
+        turned = -side * np.sign(x) * askew if x else askew / 2
+        limits = (-0.3, 1.3) if side < 0 else (-1.3, 0.3)
+        out += joint(f"f_{name}", "revolute", "palm", name, f"{x} {0.03 * side} 0.01", "1 0 0", limits, f"0 0 {turned:.6f}")
+        out += joint(f"t_{name}", "fixed", name, f"{name}_tip", "0 0 0.05", "1 0 0", (0, 0))
+    return out
+
+
+@pytest.mark.parametrize("names", [("left", "right", "thumb"), ("left", "thumb")], ids=["three", "two"])
+def test_fingers_that_swing_far_hold_while_they_face_each_other(names: tuple[str, ...], robot: Callable[..., Robot]) -> None:
+    """As Kinova's: up to the end of their table the verdict says that they hold a can, though they open further; two that lean to their
+    sides both touch it."""
+    made = robot(swinging(names, 0.18 if len(names) == 3 else 0.0))
+    opening = made.opening
+    assert opening.round_only
+    assert opening.max_m > 0.05
+    poses = made.link_poses(made.home)
+    T = np.linalg.inv(poses["palm"]) @ poses["hand"]
+    np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
+    held = []
+    for width in np.linspace(0.6 * opening.max_m, opening.max_m - 0.002, 4):
+        body = Body("it", Cylinder(float(width) / 2, 0.14), CABINET.T_world_cabinet @ transform(p=[0.15, 0.0, 0.07]))
+        scene = Scene("s", replace(robot_ref(made, None), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
+        level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+        grasp = Grasp(transform(level, opening.hand_position(body.T_world_body[:3, 3], level, float(width))), float(width))
+        held.append(judge_grasp(made, scene, grasp))
+    assert held == [None] * 4

@@ -172,7 +172,7 @@ def test_fingers_that_swing_far_hold_while_they_face_each_other(names: tuple[str
     T = np.linalg.inv(poses["palm"]) @ poses["hand"]
     np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
     held = []
-    for width in np.linspace(0.6 * opening.max_m, opening.max_m - 0.002, 4):
+    for width in np.linspace(0.8 * opening.max_m, opening.max_m - 0.002, 4):
         body = Body("it", Cylinder(float(width) / 2, 0.14), CABINET.T_world_cabinet @ transform(p=[0.15, 0.0, 0.07]))
         scene = Scene("s", replace(robot_ref(made, None), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
         level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])

@@ -5,6 +5,7 @@ Checked once at the door, never in an inner loop: a check takes some microsecond
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,10 @@ def checked(name: str, value: Any, *shape: int, finite: bool = True) -> Array:
         array = np.ascontiguousarray(value, np.float64)
     except (TypeError, ValueError, OverflowError) as e:
         raise ValueError(f"{name} is no array of numbers: {e}") from e
-    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape)):
+    if array.shape != shape and (array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape))):
         wanted = ", ".join("any" if n < 0 else str(n) for n in shape)
         raise ValueError(f"{name} {np.shape(value)} must be ({wanted})")
-    if finite and not np.isfinite(array).all():
+    if finite and not (isfinite(np.vdot(array, array)) or np.isfinite(array).all()):  # the first is faster, and may overflow
         raise ValueError(f"{name} holds what is no finite number")
     return array
 

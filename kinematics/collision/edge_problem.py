@@ -223,9 +223,9 @@ def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scrat
         np.zeros(pairs),
         np.zeros(pairs),
         np.zeros((joints + 1, 6)),
-        np.zeros((2, 2048, 2)),
-        np.zeros((2, 2048, 2), np.int64),
-        np.zeros((2, 16384 + 64 * pairs), np.int64),
+        np.empty((2, 2048, 2)),
+        np.empty((2, 2048, 2), np.int64),
+        np.empty((2, 16384 + 64 * pairs), np.int64),
         np.zeros(4, np.int64),
         np.zeros(1),
     )

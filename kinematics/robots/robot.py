@@ -80,11 +80,12 @@ class Robot:
             raise ValueError(f"q {np.shape(q)} must hold {len(self.joint_names)} values, one for each of {', '.join(self.joint_names)}")
         return dict(zip(self.tree.names, self.tree.poses(q)))
 
-    def with_arm(self, arm_q: Array, gripper: float) -> Array:
-        """The full q (J,) with the arm's joints (A,) and the gripper's value set, the rest at home."""
-        q = self.home.copy()
-        q[list(self.arm_joints)] = arm_q
-        q[self.gripper_joint] = gripper
+    def with_arm(self, arm_q: Array, gripper: float | Array) -> Array:
+        """The full q (J,) with the arm's joints (A,) and the gripper's value set, the rest at home; or (K, J) with (K, A) and (K,)."""
+        q = np.empty((*arm_q.shape[:-1], len(self.home)))
+        q[:] = self.home
+        q[..., list(self.arm_joints)] = arm_q
+        q[..., self.gripper_joint] = gripper
         return q
 
     def arm_q(self, q: Array) -> Array:

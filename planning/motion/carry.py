@@ -122,7 +122,7 @@ def motion(
     """A motion over every actuated joint through arm waypoints (K, A), without times yet; the gripper may move along, evenly."""
     robot = cell.robot
     values = np.linspace(gripper, gripper if to_gripper is None else to_gripper, len(arm))
-    q = np.array([robot.with_arm(a, float(g)) for a, g in zip(arm, values)])
+    q = robot.with_arm(arm, values)
     body = held.body if held else touching
     allowed_contacts = [(pad, body) for pad in sorted(robot.pads)] if body else []
     if on_floor and body:

@@ -265,7 +265,7 @@ class Motions:
         path = self.cell.connect(carrying, self.robot.arm_q(q), self.robot.arm_q(motion.q[-1])[None], rng)
         if isinstance(path, Blocked):
             return replace(path, stage=motion.stage)
-        rows = np.array([self.robot.with_arm(row, float(q[self.robot.gripper_joint])) for row in path])
+        rows = self.robot.with_arm(path, q[self.robot.gripper_joint])
         again = replace(motion, q=rows, t_s=np.arange(len(rows), dtype=float), qd=None, qdd=None)
         return timed(self.cell, rest, [again], self.pace)[0]
 

@@ -271,7 +271,7 @@ def _told(robot: Robot, value: float, further_m: float) -> GripperState:
 
 def _without_repeats(q: Array) -> Array:
     """Waypoints (K, J) without those that repeat the one before; both ends are kept as they are."""
-    new = np.abs(np.diff(q, axis=0)).max(1, initial=0.0) > SAME
+    new = (np.abs(q[1:] - q[:-1]) > SAME).any(1)
     if new.all():
         return q
     kept = q[np.append(True, new)]

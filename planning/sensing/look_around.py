@@ -151,7 +151,7 @@ def look_around(
             break
         at, path = chosen
         done[at] = True
-        rows = np.array([robot.with_arm(row, float(q[robot.gripper_joint])) for row in path])
+        rows = robot.with_arm(path, q[robot.gripper_joint])
         to_view = timed(way.cell, way.poses, [Motion("look", robot.joint_names, rows, np.arange(len(rows), dtype=float))], pace)
         gone, q = (to_view, rows[-1]) if drive is None else drive(to_view)
         motions += gone

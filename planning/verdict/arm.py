@@ -7,25 +7,23 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.transforms import Array, rotation_rpy, transform
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """What moves carrier `index + 1`: T_parent_joint (4, 4) in carrier `parent`, and how actuated joint `source` drives it.
+    """What moves carrier `index + 1` in carrier `parent`, and how actuated joint `source` drives it.
 
-    Its pose at value x = scale · q[source] + offset is rest + sin(x) · turn[0] + (1 - cos(x)) · turn[1], or rest + x · slide.
+    Its pose at value x = scale · q[source] + offset is basis (4, 4, 4) weighted with 1, sin(x), 1 - cos(x) and x.
     """
 
     parent: int
-    rest: Array
-    turn: Array
-    slide: Array
-    slides: bool
+    basis: Array
     source: int
     scale: float
     offset: float
@@ -50,6 +48,13 @@ class Arm:
     above: tuple[frozenset[int], ...]
     followers: dict[str, tuple[int, float, float]]
 
+    @cached_property
+    def drives(self) -> tuple[NDArray[np.int64], Array, Array, Array]:
+        """Of all that moves: source, scale and offset (C,), basis (C, 4, 16), each in a row."""
+        source = np.array([j.source for j in self.moving], np.int64)
+        scale, offset = (np.array([x for j in self.moving for x in (j.scale, j.offset)]).reshape(-1, 2)).T
+        return source, scale, offset, np.array([j.basis.reshape(4, 16) for j in self.moving]).reshape(-1, 4, 16)
+
     def driven_by(self, carrier: int) -> frozenset[int]:
         """The actuated joints that move a carrier."""
         return frozenset(self.moving[c - 1].source for c in self.above[carrier] if c)
@@ -59,12 +64,13 @@ def poses(arm: Arm, q: Array, T_world_base: Array, wanted: frozenset[int] | None
     """Poses (N, 4, 4) of carriers in the world at configurations q (N, J); of all of them, or of those wanted and what carries these."""
     needed = None if wanted is None else frozenset().union(*(arm.above[c] for c in wanted))
     out = {0: np.broadcast_to(T_world_base, (len(q), 4, 4))}
-    for c, joint in enumerate(arm.moving, 1):
-        if needed is not None and c not in needed:
-            continue
-        x = (joint.scale * q[:, joint.source] + joint.offset)[:, None, None]
-        local = joint.rest + x * joint.slide if joint.slides else joint.rest + np.sin(x) * joint.turn[0] + (1 - np.cos(x)) * joint.turn[1]
-        out[c] = (T_world_base if joint.parent == 0 else out[joint.parent]) @ local
+    chosen = [c for c in range(1, len(arm.moving) + 1) if needed is None or c in needed]
+    source, scale, offset, basis = (of_all[[c - 1 for c in chosen]] for of_all in arm.drives)
+    x = (scale * q[:, source] + offset).T
+    weights = np.stack([np.ones_like(x), np.sin(x), 1 - np.cos(x), x], axis=-1)
+    for c, local in zip(chosen, (weights @ basis).reshape(-1, len(q), 4, 4)):
+        parent = arm.moving[c - 1].parent
+        out[c] = (T_world_base if parent == 0 else out[parent]) @ local
     return out
 
 
@@ -122,9 +128,13 @@ def _joint(element: ElementTree.Element, parent: int, T: Array, source: int, sca
     x, y, z = axis / np.linalg.norm(axis)
     K = np.zeros((4, 4))
     K[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-    slide = np.zeros((4, 4))
-    slide[:3, 3] = T[:3, :3] @ [x, y, z]
-    return Joint(parent, T, np.stack([T @ K, T @ K @ K]), slide, kind == "prismatic", source, scale, offset)
+    basis = np.zeros((4, 4, 4))
+    basis[0] = T
+    if kind == "prismatic":
+        basis[3, :3, 3] = T[:3, :3] @ [x, y, z]
+    else:
+        basis[1:3] = T @ K, T @ K @ K
+    return Joint(parent, basis, source, scale, offset)
 
 
 def _source(by_name: dict[str, ElementTree.Element], joint: ElementTree.Element) -> tuple[str, float, float]:

@@ -92,6 +92,38 @@ def test_what_is_passed_on_the_way_is_found() -> None:
     assert len(looked_at([course((0,), (1,))], post, base=turned)[0]) == 3
 
 
+def test_what_is_met_at_the_end_alone() -> None:
+    """By a link that one joint moves, whichever way: nothing is left out as standing still."""
+    rail = {"rail": solid((-0.03, 0.03), (-0.06, 0.06), (-0.06, -0.03))}
+    robot = toy_robot({**rail, **{name: corners + np.array([9.0, 0, 0]) for name, corners in {**PALM, **FINGERS}.items()}})
+    for way, it in (
+        (course((0,), (0.48,)), block("it", (0.5, 0.6))),
+        (course((-0.5,), (-0.02,)), block("it", (0.0, 0.1))),
+        (course((0.5,), (0.02,)), block("it", (-0.1, 0.0))),
+    ):
+        assert said(looked_at([way], it, robot=robot)[0]) == [("transit", ("rail", "it"), "motion 0: rail is 10.00 mm inside it")]
+    assert looked_at([course((0, 0.5), (0.48, 0.5))], block("it", (0.5, 0.6), (0.3, 0.7)))[0][0].bodies == ("palm", "it")
+
+
+def test_a_tip_that_is_touched_for_a_moment_on_a_long_way_is_found() -> None:
+    """By a finger 2.2 cm long, in the middle of a metre along a slanted face that boxes can't tell from it."""
+    tip = np.array([[x, y, z] for x, y in ((0.0, 0.3), (1.0, 0.3), (0.5, 0.0395)) for z in (0.0, 0.02)])
+    robot = toy_robot(FINGERS | {"palm": solid((-3.1, -3.0), (-0.01, 0.01), (0.0, 0.02))})
+    way = course((0, 0, 0, 0, 0.03), (1, 0, 0, 0, 0.03))  # the left finger's outer side is at y = 4 cm
+    found = looked_at([way], Body("tip", ConvexMesh((tip,)), np.eye(4)), robot=robot)[0]
+    assert said(found) == [("transit", ("left", "tip"), "motion 0: left is 0.50 mm inside tip")]
+
+
+def test_the_deepest_place_on_the_way_is_told() -> None:
+    """A finger passes over a roof whose ridge it is 5 mm too low for, at a third of the way."""
+    roof = np.array([[x, y, z] for x, y in ((0.1, 0.2), (0.9, 0.2), (0.33, 0.035)) for z in (0.0, 0.02)])
+    robot = toy_robot(FINGERS | {"palm": solid((-3.1, -3.0), (-0.01, 0.01), (0.0, 0.02))})
+    way = course((0, 0, 0, 0, 0.03), (1, 0, 0, 0, 0.03))
+    (fault,) = looked_at([way], Body("roof", ConvexMesh((roof,)), np.eye(4)), robot=robot)[0]
+    assert fault.amount is not None
+    assert 0.004 < fault.amount < 0.0051
+
+
 def grasping(value: float, *, allowed: frozenset[frozenset[str]] = TOUCHING, moves: float = 0.0) -> list[Course]:
     """The fingers close on what is 4 cm wide and lift it by 1 cm along x; moves: how far the arm moves while they close."""
     close = replace(course((0, 0, 0, 0, 0.03), (moves, 0, 0, 0, value), stage="grasp"), allowed=allowed)
@@ -143,6 +175,8 @@ def test_only_what_is_at_hand_may_be_pressed_and_while_the_arm_stands() -> None:
     other = Body("other", Box(np.array([0.01, 0.01, 0.01])), transform(p=[0.5, 0, 0.015]))
     fetched = course((0.5, 0, 0, 0, 0.03), (0.5, 0, 0, 0, 0.03), stage="lift", held=Held("other", transform(p=[0, 0, 0.015])))
     put = course((0.5, 0, 0, 0, 0.03), (0, 0, 0, 0, 0.03), stage="retreat")
+    soon = [replace(away[0], allowed=TOUCHING), fetched, put]
+    assert {f.stage for f in looked_at([*soon, *grasping(0.02)], IT, other)[0]} >= {"transit"}  # it is taken, but not next
     late = looked_at([replace(there, allowed=TOUCHING), *release, fetched, put, replace(away[0], allowed=TOUCHING)], start, other)[0]
     assert {f.stage for f in late} == {"transit"}
 
@@ -183,6 +217,9 @@ def test_what_the_base_stands_on() -> None:
     assert looked_at([course((0,), (0.1,))], robot=robot, ref=mounted) == ([], [])
     low = looked_at([course((0,), (0.1,))], robot=toy_robot({**above, **deep}), ref=mounted)[0]
     assert {f.bodies for f in low} == {("left", MOUNT), ("right", MOUNT)}  # a centimetre of each
+    low_rail = {"rail": solid((-0.1, 0.1), (-0.1, 0.1), (-0.01, 0.2)), **above, **high}
+    found = looked_at([course((0,), (0.1,))], robot=toy_robot(low_rail), ref=mounted)[0]
+    assert ("rail", MOUNT) in {f.bodies for f in found}
     named = block(MOUNT, (-0.5, 0.5), (-0.5, 0.5), (-2.0, -0.9))
     assert looked_at([course((0,), (0.1,))], obstacles=[named], robot=toy_robot(based))[0] == []
 
@@ -202,6 +239,11 @@ def test_links_may_not_touch_links() -> None:
             ("transit", ("palm", "base"), "motion 0: palm is 2.00 mm inside base, a pair that the robot's SRDF switches off")
         ]
         assert said(faults) == ([("transit", ("palm", "it"), "motion 0: palm is 5.00 mm inside it")] if settings.contact else [])
+    base_in = looked_at([way], block("it", (0.55, 0.6), (0.04, 0.2)), robot=lenient)
+    assert [f.bodies for f in base_in[0]] == [("base", "it")]
+    assert [f.bodies for f in base_in[1]] == [("palm", "base")]
+    others = toy_robot({**post, **PALM, **FINGERS}, skip=frozenset({frozenset(("left", "base"))}))
+    assert looked_at([way], robot=others, settings=Settings(contact=False)) == ([], [])
     assert looked_at([way], block("it", (0.497, 0.6), (0.051, 0.2)), robot=robot, settings=Settings(contact=False)) == ([], [])
 
 
@@ -225,6 +267,15 @@ def test_nothing_comes_nearer_than_a_motion_says() -> None:
     assert said(clearance(0.005, way, block("in", (0.5, 0.6), (0.05, 0.2)), near)) == [
         ("transit", ("palm", "in"), "motion 0: palm is 10.00 mm inside in")
     ]
+
+
+def test_it_may_be_nearest_where_a_motion_begins_or_ends() -> None:
+    wall = block("wall", (0.5, 0.6))
+    for way in (course((0.467,), (0.2,)), course((0.2,), (0.467,)), course((0.2,), (0.467,), (0.2,))):
+        (fault,) = clearance(0.005, way, wall)
+        assert fault.detail == "motion 0: palm is 3.00 mm from wall, and the least is said to be 5.00 mm"
+    far = clearance(0.5, course((0.067,), (0.0,)), wall)
+    assert [f.detail for f in far] == ["motion 0: palm is 403.00 mm from wall, and the least is said to be 500.00 mm"]
 
 
 def test_what_may_touch_may_be_near() -> None:

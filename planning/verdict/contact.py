@@ -177,7 +177,7 @@ class _Checker:
             if a_is_link or b_is_link:
                 if other in self.hand.holding and (body == held or (body in at_hand and self._arm_stands(course))):
                     return self.settings.depth_m
-            elif a == held and b in self.rests.get(a, ()):
+            elif b in self.rests.get(a, ()):  # a is held: nothing else that is no link moves
                 return self.settings.depth_m
         if a_is_link and self.arm.links[a][0] == 0:  # the base stands on something
             return np.inf if b == MOUNT else self.settings.depth_m
@@ -185,7 +185,7 @@ class _Checker:
 
     def _arm_stands(self, course: Course) -> bool:
         low, high = course.reach
-        own = sorted(self.arm.driven_by(self.hand.carrier))
+        own = list(self.arm.driven_by(self.hand.carrier))
         return bool((high - low)[own].max() <= STILL)
 
 

@@ -17,11 +17,12 @@ from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.plan import Fault
-from planning.verdict.contact import certified_distance, contact_faults, farthest_distance
+from planning.verdict.contact import _Asked, _at_hand, _deepest, certified_distance, contact_faults, farthest_distance
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
 from planning.verdict.hand import hand_of
-from planning.verdict.ledger import keep
+from planning.verdict.ledger import Carry, keep
+from planning.verdict.sweep import Sweep
 
 FAR = Cabinet(np.array([0.4, 0.4, 0.4]), transform(p=[50.0, 0.0, 0.0]), 0.03)
 TOUCHING = frozenset({frozenset(("left", "it")), frozenset(("right", "it"))})
@@ -148,6 +149,12 @@ def test_fingers_may_press_what_they_take_by_a_millimetre() -> None:
 def _pair(n: int) -> list[tuple[str, str]]:
     """What is held comes first."""
     return [("left", "it"), ("right", "it")] if n == 0 else [("it", "left"), ("it", "right")]
+
+
+def test_fingers_may_press_wherever_the_arm_stands() -> None:
+    there = [replace(c, q=c.q + np.array([0.5, -0.25, 0, 0, 0])) for c in grasping(0.0191)]
+    it = replace(IT, T_world_body=transform(p=[0.5, -0.25, 0.015]))
+    assert looked_at(there, it)[0] == []
 
 
 def test_only_what_is_allowed_may_be_pressed() -> None:
@@ -299,6 +306,63 @@ def test_what_is_held_keeps_away_from_links_that_do_not_hold_it() -> None:
     fingers = {name: corners + np.array([-3.0, 0, 0]) for name, corners in FINGERS.items()}
     found = clearance(0.005, way, it, robot=toy_robot({"palm": PALM["palm"], **fingers}), obstacles=[wall])
     assert said(found) == [("transfer", ("it", "wall"), "motion 0: it is 1.00 mm from wall, and the least is said to be 5.00 mm")]
+
+
+def test_links_that_one_joint_moves_and_objects_named_like_pads_keep_away_too() -> None:
+    wall, gone = block("left", (0.5, 0.6)), {name: corners + np.array([9.0, 0, 0]) for name, corners in {**PALM, **FINGERS}.items()}
+    assert [f.bodies for f in clearance(0.005, course((0,), (0.467,)), wall)] == [("palm", "left")]
+    rail = toy_robot({"rail": PALM["palm"], **gone})
+    assert [f.bodies for f in clearance(0.005, course((0,), (0.467,)), wall, robot=rail)] == [("rail", "left")]
+
+
+# ------------------------------------------------------------------------------------------------------------------ which samples are asked
+
+
+def asked(distances: Mapping[int, float], first: int, last: int, apart_m: float = 0.0) -> list[int]:
+    """Of two solids that go 1 m and 2 m a sample; to ask for a distance that is not given is an error."""
+    gone = np.arange(9.0)[:, None] * [1.0, 2.0]
+    samples = Sweep(np.arange(9.0), np.zeros((9, 2, 4, 4)), np.zeros((0, 4, 4)), np.zeros((2, 3)), np.zeros((2, 3)), gone)
+    pair = _Asked(samples, [], np.array([0]), np.array([1]))
+    pair.known.update({(0, n): d for n, d in distances.items()})
+    return sorted(set(pair.nearer(0, first, last, apart_m)))
+
+
+def test_the_search_goes_on_where_both_could_have_met() -> None:
+    """Within 4 samples they go 12 m together."""
+    assert asked({4: 6.1, 8: 6.0}, 4, 8) == asked({0: 6.0, 4: 6.1}, 0, 4) == []
+    assert asked({4: 6.0, 8: 6.0, 6: 0.0}, 4, 8) == [6]
+    assert asked({4: 5.75, 8: 6.25, 6: 0.25, 5: 0.0}, 4, 8) == [5]
+    assert asked({4: 5.5, 8: 6.0, 6: 0.75}, 4, 8) == []
+    assert asked({0: 0.1, 2: 0.1, 1: 0.0}, 0, 2) == [1]
+    assert asked({0: 0.1, 1: 0.1}, 0, 1) == []
+
+
+def test_the_search_ends_where_they_meet() -> None:
+    assert asked({4: 0.0, 8: 1.0}, 4, 8) == [4]
+    assert asked({4: 1.0, 8: 0.0}, 4, 8) == [8]
+    assert asked({4: 0.0, 8: 0.0}, 4, 8) == [4, 8]
+    assert asked({4: 0.5, 8: 1.0}, 4, 8, apart_m=0.5) == [4]
+    assert asked({4: 1.0, 8: 0.5}, 4, 8, apart_m=0.5) == [8]
+    assert asked({4: 6.6, 8: 6.5}, 4, 8, apart_m=0.5) == []
+
+
+def test_who_is_at_hand() -> None:
+    """What was put down last before a motion, and what is taken first after it."""
+    carries = [
+        Carry(name, first, last, *[np.eye(4)] * 4, np.zeros(5), True) for name, first, last in (("a", 1, 2), ("b", 4, 4), ("c", 6, 7))
+    ]
+    expected = {0: "a", 1: "b", 2: "b", 3: "ab", 4: "ac", 5: "bc", 6: "b", 7: "b", 8: "c"}
+    assert {i: "".join(sorted(_at_hand(carries, i))) for i in range(9)} == expected
+
+
+def test_one_fault_for_each_two_bodies() -> None:
+    """The deepest, and the deepest first; what can't be measured last."""
+    faults = [
+        Fault("lift", bodies, "", amount)
+        for bodies, amount in ((("a", "b"), 1.0), (("a", "c"), None), (("b", "a"), 3.0), (("c", "d"), 2.0))
+    ]
+    assert _deepest(faults) == [faults[2], faults[3], faults[1]]
+    assert _deepest(faults[:2]) == _deepest(faults[1::-1]) == faults[:2]
 
 
 # ------------------------------------------------------------------------------------------------------------------------------- distances

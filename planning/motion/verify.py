@@ -72,7 +72,7 @@ def _sound(robot: Robot, scene: Scene, motions: Sequence[Motion]) -> tuple[int, 
             return number, Blocked("verify", detail=f"{where}: it does not start where the one before ends")
         if before is not None and before.held:
             poses[before.held.body] = T_hand[2 * number - 1] @ before.held.T_hand_body
-        if motion.held and motion.held.body in poses:
+        if motion.held:
             jump = inverse(poses.pop(motion.held.body)) @ T_hand[2 * number] @ motion.held.T_hand_body
             if np.linalg.norm(jump[:3, 3]) > SAME_M or angle_between(np.eye(3), jump[:3, :3]) > SAME_RAD:
                 return number, Blocked("verify", "hand", motion.held.body, detail=f"{where}: the object is not where the hand takes it")

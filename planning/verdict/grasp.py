@@ -47,8 +47,8 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
     except ValueError as e:
         return str(e)
     opening = robot.opening
-    # between such pads, and of a cup, a width is no number of its own: the robot's table says where they close
-    tabled = bool(opening.jaw) or bool(opening.cup_m) or _askew(hand)
+    # between such pads, and of a cup, whose face does not look along y, the robot's table says what a width is
+    tabled = bool(opening.jaw) or _askew(hand)
     least, most = (float(opening.width_m[0]), opening.max_m) if tabled else (float(hand.widths[0]), hand.max_width_m)
     if not opening.cup_m and not x_g.width_m <= most + asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper opens {1000 * most:.0f} mm"

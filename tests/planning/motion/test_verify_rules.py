@@ -288,6 +288,23 @@ def test_what_is_carried_may_lean_as_far_as_is_said(engines: Engines, monkeypatc
     assert said == Blocked("verify", "hand", "a", detail="motion 1, lift: a ('rows of', 'lift') 20")
 
 
+def test_the_first_motion_that_leans_is_told_and_what_comes_after_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though it touches something as well."""
+    engines = Engines({1: (0, [Contact("arm", "b", 0.004)])}).install(monkeypatch)
+    monkeypatch.setattr(module, "_leans_too_far", lambda robot, scene, held, rows, most: f"{held.body} leans")
+    q = [0.2, 0.1, 0.0]
+    motions = [move(q), move(q, stage="lift", held=holding("a", q)), move(q, stage="transfer", held=holding("a", q))]
+    assert verify(slider(), SCENE, motions) == Blocked("verify", "hand", "a", detail="motion 1, lift: a leans")
+    assert len(engines.asked) == 1
+
+
+def test_a_way_that_is_known_is_not_made_again(engines: Engines, monkeypatch: pytest.MonkeyPatch) -> None:
+    motions = [move([0.1, 0, 0]), move([0.1, 0, 0])]
+    way = module.replayed(slider(), SCENE, motions)
+    monkeypatch.setattr(module, "replayed", lambda *asked: pytest.fail("it is known"))
+    assert verify(slider(), SCENE, motions, way=way) is None
+
+
 def test_the_worst_lean_on_the_way_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hand tips about x, there and back."""
     monkeypatch.setattr(module, "hand_poses", lambda robot, scene, q: transform(rotations_about((1.0, 0.0, 0.0), np.radians(q[:, 0]))))

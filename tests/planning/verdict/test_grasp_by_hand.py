@@ -172,6 +172,17 @@ def test_whether_the_faces_look_the_way_they_close() -> None:
     assert not closes_askew(toy_robot(cup, opening=replace(OPENING, cup_m=0.02), pads=frozenset({"hand"})))
 
 
+def test_hinged_fingers_are_looked_at_half_open() -> None:
+    """They turn about x, half a radian each way, and are parallel in the middle."""
+    hinged = URDF.replace('name="grip" type="prismatic"', 'name="grip" type="revolute"').replace(
+        'name="mirror" type="prismatic"', 'name="mirror" type="revolute"'
+    )
+    hinged = hinged.replace('child link="left"/><axis xyz="0 1 0"', 'child link="left"/><axis xyz="1 0 0"')
+    hinged = hinged.replace('child link="right"/><axis xyz="0 1 0"', 'child link="right"/><axis xyz="1 0 0"')
+    assert closes_askew(toy_robot(urdf=hinged.replace('lower="0" upper="0.05"', 'lower="-0.5" upper="0.5"'))) is False
+    assert closes_askew(toy_robot(urdf=hinged.replace('lower="0" upper="0.05"', 'lower="-0.5" upper="0.4"')))
+
+
 def test_between_askew_pads_the_table_says_what_a_width_is() -> None:
     """Whose table says that the gripper opens from 2 to 8 cm."""
     table = replace(OPENING, value=np.array([0.01, 0.04]), width_m=np.array([0.02, 0.08]))

@@ -242,12 +242,14 @@ def test_the_patch_in_which_two_touch() -> None:
 
 
 def test_the_patch_of_faces_that_lean() -> None:
-    """Two boxes side by side, both turned by 30° about y: their common face is 20 cm along y and goes up by 10 cm along the turned z."""
-    T = transform(rotation_about((0, 1, 0), np.radians(30)), [0.1, 0.2, 0.5])
-    a, b = (placed("", Box(np.array([0.1, 0.2, 0.1])), T @ transform(p=[x, 0, 0]), ROOM).parts[0] for x in (0.0, 0.1))
-    patch = standing._common(a, b, T[:3, 0], 1e-6)
-    corners = [T @ [0.05, y, z, 1] for y in (-0.1, 0.1) for z in (-0.05, 0.05)]
-    assert sorted(map(tuple, np.round(patch, 6))) == sorted(tuple(np.round(c[:2], 6)) for c in corners)
+    """Two boxes side by side, both turned askew: the corners of their common face, seen from above."""
+    T = transform(rotation_about((1, 2, 3), 0.9), [0.1, 0.2, 0.5])
+    for axis in range(3):
+        step = 0.1 * np.eye(3)[axis]
+        a, b = (placed("", Box(np.full(3, 0.1)), T @ transform(p=p), ROOM).parts[0] for p in (0 * step, step))
+        patch = standing._common(a, b, T[:3, axis], 1e-6)
+        corners = [T @ np.append(c, 1.0) for c in box_corners(np.full(3, 0.05)) if c[axis] > 0]
+        assert {tuple(p) for p in np.round(patch, 6)} == {tuple(np.round(c[:2], 6)) for c in corners}
 
 
 def test_the_patch_of_a_face_with_three_corners() -> None:

@@ -28,10 +28,11 @@ from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import Obstruction, View
 from planning.motion.patience import Patience
-from planning.motion.picking import EXHAUSTIVE, THOROUGH, Pick, Picking, PickSettings, can_be_exhaustive
+from planning.motion.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.quickest import Choices, quickest
 from planning.motion.reaching import place_on_floor
+from planning.motion.room import Room
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace, timed
 from planning.motion.ways import WAY_IN, WHOLE_WAY
@@ -58,7 +59,7 @@ class _Memory:
         self.transits: dict[Pick, Array | Blocked] = {}
         self.placing: dict[Pick, Placing] = {}
         self.turned: dict[Pick, list[Pick]] = {}
-        self.roomy: dict[Pick, bool] = {}
+        self.wider: dict[str, list[Pick]] = {}
         self.failures = Counter[Pick]()
         self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
 
@@ -92,6 +93,7 @@ class Motions:
         given = () if scene.grasp is None else (scene.grasp,)
         self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
         self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
+        self._picking_wider, self._room = Picking(self.cell, WIDER), Room(self.cell)
         self._memories: deque[_Memory] = deque(maxlen=KEPT)
         floor_z, boxes = float(scene.cabinet.T_world_cabinet[2, 3]), {b.name: object_box(b) for b in scene.objects}
         self._bottoms = {b.name: float(boxes[b.name][2] - boxes[b.name][5] / 2 - b.T_world_body[2, 3]) - floor_z for b in scene.objects}
@@ -210,52 +212,48 @@ class Motions:
             return Blocked("region", name, detail="it stands there already")
         if touch := self.cell.placed(self.scene.body(name), there, self.without(state, name)):
             return Blocked("region", touch.link, touch.body, detail=touch.detail)
-        centre, tries, tight = self.scene.regions()[region], 0, list[tuple[Pick, Place]]()
+        centre, tries, tight, rest = self.scene.regions()[region], 0, list[tuple[Pick, Place]](), self.without(state, name)
 
-        def ways() -> Iterator[tuple[Pick, Place]]:
+        def ways(picks: Iterable[Pick]) -> Iterator[tuple[Pick, Place]]:
             nonlocal why
             for pick in picks:
                 place = unreached if isinstance(unreached := known.get(pick), Blocked) else self.placing(state, pick).place(centre)
                 if isinstance(place, Blocked):
                     why = place
-                elif self._is_roomy(state, pick) and self._keeps_down(state, pick, place):
+                elif self._room.to_pick(state.poses, pick) and self._room.to_place(rest, pick, place):
                     yield pick, place
                 else:
                     tight.append((pick, place))
-            yield from tight
+
+        def wider() -> Iterator[Pick]:
+            if tight and not any(self._room.to_pick(state.poses, pick) for pick, _ in tight):
+                yield from self._wider(state, name)
 
         known = self._recall(state).transits
-        for pick, place in ways():
+        for pick, place in chain(ways(picks), ways(wider()), tight):
             places = place.turned(*self.limits) if pick.carrying.task.upright.limited else [place]
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
             if not isinstance(across, Blocked):
                 place = next(turned for turned in places if np.array_equal(turned.lower[0], across.across[-1]))
-                done = carried(self.cell, state, name, self.without(state, name), replace(across, place=place), beside=False)
-                return done if isinstance(done, Blocked) else replace(done, tight=self._is_tight(state, across, place))
+                carry = replace(across, place=place)
+                done = carried(self.cell, state, name, rest, carry, beside=False)
+                return done if isinstance(done, Blocked) else replace(done, tight=not self._room.to_carry(rest, carry))
             why = across
             tries += across.stage == "transfer"
             if tries == MAX_TRIES:
                 break
         return why
 
-    def _is_roomy(self, state: State, pick: Pick) -> bool:
-        """Whether a pick's straight ways keep what is preferred near the ends of a way."""
-        known = self._recall(state).roomy
-        if pick not in known:
-            ends_m, reaching = self.settings.clearance.ends_m, self.cell.problem(state.poses, pick.gripper_open)
-            known[pick] = self.cell.keeps(reaching, pick.approach, ends_m) and self.cell.keeps(pick.lifting, pick.lift, ends_m)
-        return known[pick]
-
-    def _keeps_down(self, state: State, pick: Pick, place: Place) -> bool:
-        """The same of the ways down to a place and back from it."""
-        name, ends_m = pick.held.body, self.settings.clearance.ends_m
-        leaving = self.cell.problem({**self.without(state, name), name: place.T_world_object}, pick.gripper_open)
-        return self.cell.keeps(pick.lifting, place.lower, ends_m) and self.cell.keeps(leaving, place.retreat, ends_m)
-
-    def _is_tight(self, state: State, across: Carry, place: Place) -> bool:
-        """Whether carrying an object to a place, and putting it down there, comes nearer to something than that."""
-        pick, ends_m = across.pick, self.settings.clearance.ends_m
-        return not (self.cell.keeps(pick.carrying, across.across, ends_m) and self._keeps_down(state, pick, place))
+    def _wider(self, state: State, name: str) -> Iterator[Pick]:
+        """Some picks with room more, of grasps that are sampled more densely, where that is quickly done; found when the first is asked
+        for."""
+        known = self._recall(state).wider
+        if name not in known:
+            poses, rest, q = state.poses, self.without(state, name), self.robot.arm_q(state.q)
+            known[name] = []
+            if can_be_exhaustive(self.robot, self.scene):
+                known[name] = self._picking_wider.some(poses, rest, name, q, lambda pick: self._room.to_pick(poses, pick))
+        yield from known[name]
 
     def across_again(self, state: State, motion: Motion, q: Array, rng: np.random.Generator) -> Motion | Blocked:
         """From q (J,), where the arm stopped with an object in the hand, to where a transfer ends. state: before the pick."""

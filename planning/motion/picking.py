@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -54,6 +54,10 @@ THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
 """Where a thorough look finds none, either, before that is called a proof."""
+WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
+"""Where the picks of a quick look leave no room to anything."""
+MOST_WIDER = 4
+"""So many that leave some are enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,13 @@ class Picking:
         if grasps not in self._among:
             self._among[grasps] = _Grasps(self.cell, grasps, self.settings.ik_tries)
         return self._picks(self._among[grasps], poses, rest, name, q)
+
+    def some(
+        self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array, will_do: Callable[[Pick], bool]
+    ) -> list[Pick]:
+        """As `picks`, but only a few that will do, those of the most natural grasps."""
+        ways = self._one_by_one(self.grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
+        return sorted(islice(filter(will_do, ways), MOST_WIDER), key=lambda p: float(np.abs(p.approach[0] - q).max()))
 
     def grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
         """The grasps that are sampled on an object where it stands, the most natural first."""

@@ -140,6 +140,22 @@ def test_what_is_moved_stands_in_its_region_and_nothing_touches(scene: Scene, ur
     assert roomy
 
 
+def test_where_no_pick_has_room_some_of_more_grasps_come_first(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here those of the quick look are said to have none."""
+    crowded = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    motions, others = Motions(ur5e, crowded), 0
+    state = motions.start()
+    for name in (b.name for b in crowded.objects if b.name != crowded.target):
+        quick = motions.picks(state, name)[0]
+        monkeypatch.setattr(motions._room, "to_pick", lambda poses, pick, quick=quick: all(pick is not other for other in quick))
+        for region in range(5, 100, 31):
+            moved = motions.relocate(state, name, region, np.random.default_rng(region))
+            if isinstance(moved, Done) and all(moved.grasp is not pick.grasp for pick in quick):
+                assert verify(ur5e, crowded, moved.motions) is None
+                others += 1
+    assert others
+
+
 def test_one_question_does_not_change_the_answer_to_another(scene: Scene, ur5e: Robot) -> None:
     """Memory is shared by all questions; what can be done is what a fresh one says can be done, in whichever order they are asked."""
     motions = Motions(ur5e, scene)

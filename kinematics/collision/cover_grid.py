@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from kinematics.collision.set_cover import weighted_set_cover
 from kinematics.collision.sphere_cover import SLACK, Cover
-from kinematics.jit.decorators import jit_entry
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.shapes import CYLINDER_SIDES
 from kinematics.transforms import Array
 
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint64]
+ROUNDING = 1e-15
+"""m², so much more than it can be is allowed before the last test, which alone decides: of sums in another order."""
 
 
 def mirror_images(centres: Array, axis: int) -> Int:
@@ -71,16 +73,19 @@ def cylinder_cover(radius_m: float, height_m: float, excess_m: float) -> Cover:
         _rings_hold(flat, tall, (radii - SLACK * excess_m) ** 2, holds)
         chosen, left = weighted_set_cover(holds, count, n * (1.0 + (z > 0)), np.zeros(0, np.int64))
         if left == 0:
-            rows = []
-            for i in chosen:
-                angle = 2 * np.pi * (np.arange(n[i]) + 0.5 * (i % 2)) / n[i]
-                rows += [
-                    np.c_[rho[i] * np.cos(angle), rho[i] * np.sin(angle), np.full(n[i], s * z[i]), np.full(n[i], radii[i])]
-                    for s in ((1, -1) if z[i] > 0 else (1,))
-                ]
-            balls = np.concatenate(rows)
+            balls = _rings(rho[chosen], z[chosen], n[chosen], radii[chosen], chosen % 2)
             return Cover(balls[:, :3].copy(), balls[:, 3].copy(), excess_m)
         step /= 2
+
+
+def _rings(rho: Array, z: Array, n: Int, radii: Array, turned: Int) -> Array:
+    """The balls (·, 4) of rings about z, centre and radius: n of them each at distance rho, at height z and, unless that is 0, -z; turned
+    (1 or 0) by half the angle between two."""
+    size = n * (1 + (z > 0))
+    of = np.repeat(np.arange(len(n)), size)
+    k = np.arange(len(of)) - np.repeat(np.cumsum(size) - size, size)
+    angle = 2 * np.pi * (k % n[of] + 0.5 * turned[of]) / n[of]
+    return np.stack([rho[of] * np.cos(angle), rho[of] * np.sin(angle), np.where(k < n[of], z[of], -z[of]), radii[of]], 1)
 
 
 def _edges(h: float, step: float) -> Array:
@@ -104,30 +109,56 @@ def _axis(h: float, step: float) -> tuple[Array, Array]:
 
 @jit_entry
 def _cells_held(fx: Array, fy: Array, fz: Array, radii: Array, holds: Bits) -> None:
-    """Set in holds (balls, words of 64 cells) whether ball (i, j, k) of the lattice holds cell (u, v, w)."""
-    nx, ny, nz, one = fx.shape[1], fy.shape[1], fz.shape[1], np.uint64(1)
-    for k in range(fz.shape[0]):
-        middle = 0  # away from it the cells' far sides are only ever further
-        for w in range(1, nz):
-            if fz[k, w] < fz[k, middle]:
-                middle = w
-        for i in range(fx.shape[0]):
-            for j in range(fy.shape[0]):
+    """Set in holds (balls, words of 64 cells) whether ball (i, j, k) of the lattice holds cell (u, v, w): those that it holds of a row of
+    cells lie side by side, about the one whose far side is nearest to its centre."""
+    ny, nz = fy.shape[1], fz.shape[1]
+    for i in range(fx.shape[0]):
+        at_u = _nearest(fx[i])
+        for j in range(fy.shape[0]):
+            at_v = _nearest(fy[j])
+            for k in range(fz.shape[0]):
+                at_w = _nearest(fz[k])
                 ball = (i * fy.shape[0] + j) * fz.shape[0] + k
                 rr = radii[ball] ** 2 if radii[ball] > 0 else -1.0
-                for u in range(nx):
-                    for v in range(ny):
-                        left = rr - fx[i, u] - fy[j, v]
-                        if fz[k, middle] > left:
-                            continue
-                        first, last = middle, middle
-                        while first > 0 and fz[k, first - 1] <= left:
-                            first -= 1
-                        while last + 1 < nz and fz[k, last + 1] <= left:
-                            last += 1
+                first_u, last_u = _within(fx[i], at_u, rr - fy[j, at_v] - fz[k, at_w] + ROUNDING)
+                for u in range(first_u, last_u):
+                    first_v, last_v = _within(fy[j], at_v, rr - fx[i, u] - fz[k, at_w] + ROUNDING)
+                    for v in range(first_v, last_v):
+                        first, last = _within(fz[k], at_w, rr - fx[i, u] - fy[j, v])
                         at = (u * ny + v) * nz
-                        for cell in range(at + first, at + last + 1):
-                            holds[ball, cell >> 6] |= one << np.uint64(cell & 63)
+                        _set_bits(holds[ball], at + first, at + last)
+
+
+@jit_inline
+def _nearest(far: Array) -> int:
+    """The first of the cells whose far side is nearest."""
+    nearest = 0
+    for w in range(1, far.shape[0]):
+        if far[w] < far[nearest]:
+            nearest = w
+    return nearest
+
+
+@jit_inline
+def _within(far: Array, nearest: int, most: float) -> tuple[int, int]:
+    """Which cells' far sides (squared) are no further than `most`: from the first to before the last; away from the nearest they are only
+    ever further."""
+    first, last = nearest, nearest
+    while first > 0 and far[first - 1] <= most:
+        first -= 1
+    while last < far.shape[0] and far[last] <= most:
+        last += 1
+    return first, last
+
+
+@jit_inline
+def _set_bits(words: Bits, first: int, last: int) -> None:
+    """Set the bits from the first to before the last."""
+    every = np.uint64(0xFFFFFFFFFFFFFFFF)
+    while first < last:
+        end = min(last, (first | 63) + 1)
+        words[first >> 6] |= (every >> np.uint64(64 - (end - first))) << np.uint64(first & 63)
+        first = end
 
 
 @jit_entry
@@ -144,7 +175,7 @@ def _rings_hold(flat: Array, tall: Array, most: Array, holds: Bits) -> None:
 
 def _mirrored(centres: Array, radii: Array) -> tuple[Array, Array]:
     """The balls of the octant x, y, z >= 0 in all octants, once where they lie on a plane between two."""
-    balls = np.c_[centres, radii]
+    balls = np.column_stack((centres, radii))
     for axis in range(3):
         twin = balls[balls[:, axis] > 0].copy()
         twin[:, axis] *= -1

@@ -70,11 +70,11 @@ def make_geometry_model(hulls: Sequence[Array], covers: Sequence[Levels] = ()) -
     return GeometryModel(
         *grouped(points, _starts([len(h) for h in hulls])),
         _starts([len(c.coarse.radii) for c in covers] or [0] * len(hulls)),
-        _rows([np.c_[c.coarse.centres, c.coarse.radii, c.coarse.inner_radii()] for c in covers]),
+        _rows([np.column_stack((c.coarse.centres, c.coarse.radii, c.coarse.inner_radii())) for c in covers]),
         _starts([int(n) for c in covers for n in np.diff(c.start)]),
         np.concatenate([*(c.child for c in covers), np.zeros(0)]).astype(np.int64),
         _starts([len(c.fine.radii) for c in covers] or [0] * len(hulls)),
-        _rows([np.c_[c.fine.centres, c.fine.radii, c.fine.inner_radii()] for c in covers]),
+        _rows([np.column_stack((c.fine.centres, c.fine.radii, c.fine.inner_radii())) for c in covers]),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -83,8 +82,8 @@ class Arm(RobotCollisionModel):
         if not len(self.fingers):  # a suction cup
             posed, links, _ = self._at_all([last])
             return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, self.self_pairs, 0.0)
-        fingers = [self.posed_fingers([g]).vertices for g in np.linspace(first, last, MOST_OPENINGS).tolist()]
-        steps = [float(np.linalg.norm(b - a, axis=0).max()) for a, b in pairwise(fingers)]
+        fingers = self.posed_fingers(np.linspace(first, last, MOST_OPENINGS).tolist()).vertices.reshape(3, MOST_OPENINGS, -1)
+        steps = np.linalg.norm(np.diff(fingers, axis=1), axis=0).max(1).tolist()
         parts = int(np.ceil(sum(steps) / APART_M))
         if parts >= MOST_OPENINGS:
             return None

@@ -77,8 +77,8 @@ class QuickestSettings:
     patience: int = 2
     gain_s: float = 0.05
     iterations: int = 400
-    metre_s: float = 1.0
-    target_metre_s: float = 0.2
+    metre_s: float = 1.5
+    target_metre_s: float = 0.4
     tight_s: float = 2.0
 
 

@@ -179,20 +179,30 @@ def scene_solids(scene: Scene) -> tuple[Solids, list[str]]:
 
 def place_solids(stock: Solids, which: Int, T: Array) -> Solids:
     """Some of the solids, which (n,) of them, at new poses T (n, 4, 4)."""
-    boxes = stock.boxes[which]
-    x, y, z = boxes[:, 3:6].T[:, :, None]
+    return solids_at(some_solids(stock, which), T)
+
+
+def solids_at(solids: Solids, T: Array) -> Solids:
+    """The same solids at other poses T (B, 4, 4)."""
+    x, y, z = solids.boxes[:, 3:6].T[:, :, None]
+    centre = T[:, :3, 0] * x + T[:, :3, 1] * y + T[:, :3, 2] * z + T[:, :3, 3]
+    return solids._replace(T=np.array(T, float).reshape(-1, 4, 4), centre=centre)
+
+
+def some_solids(stock: Solids, which: Int) -> Solids:
+    """Some of the solids, which (n,) of them, where they are."""
     start, vertices = _chosen(stock.start, which)
     point_start, points = _chosen(stock.point_start, which)
     plane_start, planes = _chosen(stock.plane_start, which)
     return Solids(
         stock.kind[which],
-        np.array(T, float).reshape(-1, 4, 4),
+        stock.T[which],
         stock.half[which],
         start,
         stock.vertices[vertices],
-        T[:, :3, 0] * x + T[:, :3, 1] * y + T[:, :3, 2] * z + T[:, :3, 3],
+        stock.centre[which],
         stock.radius[which],
-        boxes,
+        stock.boxes[which],
         np.ascontiguousarray(stock.points[:, points]),
         np.ascontiguousarray(stock.groups[:, points[::GROUP] // GROUP]),
         point_start,

@@ -9,7 +9,7 @@ import numpy as np
 
 from kinematics.collision import edge_problem
 from kinematics.collision.edge_problem import MARGIN_M
-from kinematics.collision.geometry import Query, Solids, make_solids, place_solids, scene_solids
+from kinematics.collision.geometry import Query, Solids, make_solids, scene_solids, solids_at, some_solids
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
 from kinematics.collision.sphere_model import posed_sphere_model
@@ -62,6 +62,7 @@ class PackedCell:
         self.arm = arm_at(robot, scene.robot.T_world_base)
         self.walls = [*standing_still(scene), *obstacles]
         self._stock, self._rows = make_solids([*self.walls, *scene.objects]) if obstacles else scene_solids(scene)
+        self._some: dict[tuple[int, ...], Solids] = {}  # the packed bodies that stood together, wherever
         self._bodies: dict[int, _Bodies] = {}
         self._elsewhere: dict[tuple[float, tuple[str, ...]], PlanningQuery] = {}  # of an empty hand among the same objects at some poses
         self._clear: dict[tuple[int, float], tuple[PlanningQuery, PlanningQuery]] = {}  # told by identity, so the queries are kept, too
@@ -231,9 +232,11 @@ class PackedCell:
             if len(self._bodies) == KEPT:
                 self._bodies.pop(next(iter(self._bodies)))  # the one that was not asked about for longest
             fixed = {b.name: b.T_world_body for b in self.walls}
-            which = [i for i, name in enumerate(self._rows) if name in poses or name in fixed]
+            which = tuple(i for i, name in enumerate(self._rows) if name in poses or name in fixed)
+            if which not in self._some:
+                self._some[which] = some_solids(self._stock, np.array(which))
             names = tuple(self._rows[i] for i in which)
             T = np.array([poses[name] if name in poses else fixed[name] for name in names])
-            found = _Bodies(poses, place_solids(self._stock, np.array(which), T), names, {}, {})
+            found = _Bodies(poses, solids_at(self._some[which], T), names, {}, {})
         self._bodies[id(poses)] = found
         return found

@@ -269,14 +269,15 @@ def hand_travels(robot: Robot, scene: Scene, motions: Sequence[Motion], step: fl
         return []
     rows = []
     for motion in motions:
-        parts = np.maximum(1, np.ceil(np.abs(np.diff(motion.q, axis=0)).max(1, initial=0.0) / step)).astype(np.int64)
+        parts = np.maximum(1, np.ceil(np.abs(motion.q[1:] - motion.q[:-1]).max(1, initial=0.0) / step)).astype(np.int64)
         piece = np.repeat(np.arange(len(parts)), parts)
         share = (np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]) / parts[piece]
-        times = np.append(motion.t_s[piece] + share * np.diff(motion.t_s)[piece], motion.t_s[-1])
+        start = motion.t_s[piece]
+        times = np.append(start + share * (motion.t_s[piece + 1] - start), motion.t_s[-1])
         rows.append(motion.at(times))
     at = hand_poses(robot, scene, np.concatenate(rows))[:, :3, 3]
     ways = np.split(at, np.cumsum([len(q) for q in rows])[:-1])
-    return [float(np.sqrt((np.diff(way, axis=0) ** 2).sum(1)).sum()) for way in ways]
+    return [float(np.sqrt(((way[1:] - way[:-1]) ** 2).sum(1)).sum()) for way in ways]
 
 
 def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:

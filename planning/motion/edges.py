@@ -78,10 +78,11 @@ def with_clearance(task: Task, solids_m: Array, own_m: float) -> Task:
     """
     problem, world = task.exact, task.world
     B = len(problem.solid_T)
-    if solids_m.shape != (B,) or not (np.all((solids_m >= 0) & (solids_m < LARGEST_CLEARANCE_M)) and 0 <= own_m < LARGEST_CLEARANCE_M):
+    every = np.append(solids_m, own_m)
+    if solids_m.shape != (B,) or not (every.min() >= 0 and every.max() < LARGEST_CLEARANCE_M):
         raise ValueError(f"clearances must be {B} lengths from 0 to {LARGEST_CLEARANCE_M} m, and one between the parts")
     solid = np.maximum(problem.pairs[:, 1] - (len(problem.boxes) - B), -1)  # the last of those below is for part and part
-    clearance = np.append(solids_m, own_m)[solid]
+    clearance = every[solid]
     world = world._replace(clearance=solids_m.astype(np.float32), own_clearance=float(own_m)) if task.covered else world
     return task._replace(exact=problem._replace(clearance=clearance), world=world)
 

@@ -55,10 +55,11 @@ class Course:
     @cached_property
     def ways(self) -> Array:
         """How far (K - 1,) the joint that goes furthest goes between any two rows, at most."""
-        ahead = np.abs(np.diff(self.q, axis=0)).max(1, initial=0.0)
+        ahead = np.abs(self.q[1:] - self.q[:-1]).max(1, initial=0.0)
         if self.spline is not None:
             # a joint's way is no longer than that along its Bernstein coefficients: it turns back less often than they do
-            ahead = np.maximum(ahead, np.abs(np.diff(self.spline.control, axis=1)).sum(1).max(1))
+            control = self.spline.control
+            ahead = np.maximum(ahead, np.abs(control[:, 1:] - control[:, :-1]).sum(1).max(1))
         return np.asarray(ahead)
 
     def dense(self, step: float) -> tuple[Array, Array]:
@@ -69,8 +70,9 @@ class Course:
     def _between(self, k: NDArray[np.int64], share: Array) -> Array:
         """Configurations (N, J) at shares (N,) of the way from rows k (N,) to the next ones."""
         if self.spline is None:
-            return np.asarray(self.q[k] + share[:, None] * np.diff(self.q, axis=0)[k])
-        return evaluate(self.spline, self.t_s[k] + share * np.diff(self.t_s)[k])
+            return np.asarray(self.q[k] + share[:, None] * (self.q[k + 1] - self.q[k]))
+        start = self.t_s[k]
+        return evaluate(self.spline, start + share * (self.t_s[k + 1] - start))
 
     def at(self, rows: Array) -> Array:
         """Configurations (N, J) at places (N,) on the way, counted in rows: 2.5 is half-way from row 2 to row 3."""
@@ -142,9 +144,11 @@ def _form(arm: Arm, motion: Motion, number: int) -> Fault | None:
     largest = float(np.abs(np.concatenate([np.ravel(t) for t in (*tables, motion.t_s)])).max())
     if not largest <= MOST:
         return fault(f"has a number as large as {largest:.3g}", largest)
-    way = np.abs(np.diff(np.asarray(motion.q, float), axis=0)).sum(0).max()
+    q, t_s = np.asarray(motion.q, float), np.asarray(motion.t_s, float)
+    way = np.abs(q[1:] - q[:-1]).sum(0).max()
     if not way <= LONGEST:
         return fault(f"turns a joint by {way:.3g} in all, and none goes that far", float(way))
-    if motion.t_s[0] < 0 or (np.diff(motion.t_s) < 0).any() or (qd is not None and (np.diff(motion.t_s) <= 0).any()):
+    rises = (t_s[1:] - t_s[:-1]).min(initial=np.inf)
+    if t_s[0] < 0 or rises < 0 or (qd is not None and rises == 0):
         return fault("has times that don't rise")
     return None

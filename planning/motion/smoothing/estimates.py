@@ -44,7 +44,7 @@ def one_straight(by: Array, velocity: Array, acceleration: Array, jerk: Array) -
 
 def polyline_s(q: Array, limits: Limits) -> float:
     """Seconds from rest to rest along a polyline (K, A), its corners rounded as is quickest."""
-    q = q[np.append(True, np.abs(np.diff(q, axis=0)).max(1, initial=0.0) > 1e-9)]
+    q = q[np.append(True, (np.abs(q[1:] - q[:-1]) > 1e-9).any(1))]
     if len(q) < 3:
         return float(straight_s(q[-1] - q[0], limits))
     return float(seconds(len(q), *make_corners(q, *limits, np.ones(q.shape[1]))))

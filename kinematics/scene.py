@@ -13,6 +13,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -66,12 +67,22 @@ class Cabinet:
         return bool(0 <= p[0] <= self.size_m[0] and abs(p[1]) <= self.size_m[1] / 2 and 0 <= p[2] <= self.size_m[2])
 
     def regions(self, n: int) -> Array:
-        """Centres (n², 3) of the n × n floor cells in the world frame; cell i is row i // n from the front, column i % n from the right."""
-        dx, dy, _ = self.size_m
-        x = (np.arange(n) + 0.5) / n * dx
-        y = (np.arange(n) + 0.5) / n * dy - dy / 2
-        cells = np.stack([np.repeat(x, n), np.tile(y, n), np.zeros(n * n)], -1)
-        return np.asarray(cells @ self.T_world_cabinet[:3, :3].T + self.T_world_cabinet[:3, 3])
+        """Centres (n², 3) of the n × n floor cells in the world frame, to be read.
+
+        Cell i is row i // n from the front, column i % n from the right.
+        """
+        return _regions(self, n)
+
+
+@lru_cache(maxsize=64)
+def _regions(cabinet: Cabinet, n: int) -> Array:
+    dx, dy, _ = cabinet.size_m
+    x = (np.arange(n) + 0.5) / n * dx
+    y = (np.arange(n) + 0.5) / n * dy - dy / 2
+    cells = np.stack([np.repeat(x, n), np.tile(y, n), np.zeros(n * n)], -1)
+    centres = np.asarray(cells @ cabinet.T_world_cabinet[:3, :3].T + cabinet.T_world_cabinet[:3, 3])
+    centres.flags.writeable = False
+    return centres
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ A constant would not do: the pads of a Robotiq 2F-85 move 14 mm along the approa
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -55,8 +56,13 @@ class Opening:
 
     def width_at(self, value: float) -> float:
         """The width between the pads, in metres, at a value of the gripper's joint."""
+        return float(np.interp(value, *self._by_value))
+
+    @cached_property
+    def _by_value(self) -> tuple[Array, Array]:
+        """Values, rising, and the widths there."""
         order = np.argsort(self.value)
-        return float(np.interp(value, self.value[order], self.width_m[order]))
+        return self.value[order], self.width_m[order]
 
     def pad_z_at(self, width_m: float) -> float:
         """The middle of the pads along the hand's z, at a width."""

@@ -6,8 +6,9 @@ closed form.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -180,9 +181,8 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
     one may be put down again where it stands no worse.
     """
     cabinet, out = scene.cabinet, list[Fault]()
-    walls = [placed(w.name, w.shape, w.T_world_body, cabinet) for w in (*cabinet.walls()[1:], *scene.obstacles)]
     here = {b.name: placed(b.name, b.shape, b.T_world_body, cabinet) for b in scene.objects}
-    rests = {name: _on(body, here, walls, scene, settings) for name, body in here.items()}
+    rests = {name: _on(body, here, scene, settings) for name, body in here.items()}
     said = {name: _fallen(SCENE, name, at, "at the start", settings) for name, at in rests.items()}
     out += [fault for name, faults in said.items() for fault in faults if not rests[name].on]
     notes = [fault for name, faults in said.items() for fault in faults if rests[name].on]
@@ -190,15 +190,22 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
     for carry in ledger.carries:
         here[carry.body] = placed(carry.body, scene.body(carry.body).shape, carry.T_world_to, cabinet)
         if carry.put:
-            at, first = _on(here[carry.body], here, walls, scene, settings), rests[carry.body]
+            at, first = _on(here[carry.body], here, scene, settings), rests[carry.body]
             if not at.on or first.carried or at.off_m > first.off_m + settings.pose_m:
                 out += _fallen("release", carry.body, at, f"where motion {carry.last} puts it", settings)
             names[carry.body] |= set(at.on)
     return out, {name: frozenset(on) for name, on in names.items()}, notes
 
 
-def _on(body: Placed, here: Mapping[str, Placed], walls: Sequence[Placed], scene: Scene, settings: Settings) -> Stand:
-    return stand(body, [*walls, *(o for name, o in here.items() if name != body.name)], scene.cabinet, settings.stands_m)
+def _on(body: Placed, here: Mapping[str, Placed], scene: Scene, settings: Settings) -> Stand:
+    others = (o for name, o in here.items() if name != body.name)
+    return stand(body, chain(_walls(scene), others), scene.cabinet, settings.stands_m)
+
+
+def _walls(scene: Scene) -> Iterator[Placed]:
+    """Walls and obstacles, which are placed when somebody looks at them: most objects stand on the floor."""
+    for body in (*scene.cabinet.walls()[1:], *scene.obstacles):
+        yield placed(body.name, body.shape, body.T_world_body, scene.cabinet)
 
 
 def _fallen(stage: str, name: str, at: Stand, when: str, settings: Settings) -> list[Fault]:

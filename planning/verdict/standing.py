@@ -6,7 +6,7 @@ these don't carry it, the points at which it leans on others are taken along.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +54,7 @@ def placed(name: str, shape: Shape, T_world_body: Array, cabinet: Cabinet) -> Pl
     return Placed(name, parts, points.min(0), points.max(0))
 
 
-def stand(body: Placed, others: Sequence[Placed], cabinet: Cabinet, within_m: float) -> Stand:
+def stand(body: Placed, others: Iterable[Placed], cabinet: Cabinet, within_m: float) -> Stand:
     """What a body stands on, up to within_m above it or in it. others: all that may carry it besides the floor, in the same frame."""
     bottom, centre = float(body.low[2]), centre_of_mass(body.parts)[:2]
     floor = _floor(cabinet)

@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,16 +112,19 @@ def plan(
     if (least := max(S, G) + len(ways) + _ROOM) > memory.trees.q.shape[1]:
         memory = memory._replace(trees=widen(memory.trees, 2 * least))
     said, nodes = np.empty(S + G, np.int64), np.empty((2, len(ways)), np.int64)
-    status, n, iterations, left = FULL, 0, 0, max_iterations
-    while status == FULL or (status == SPENT and left > 0):
-        if iterations and time_budget_s is not None and time.perf_counter() - began > time_budget_s:
+    status, n, iterations = SPENT, 0, 0
+    for turn in count():
+        asked = max_iterations - iterations
+        asked = asked if time_budget_s is None else min(asked, _CHUNK)
+        status, n = search(task, starts, goals, ways, first, settings.packed, seed % 2**63, asked, turn == 0, memory, said, nodes)
+        if status in (NO_START, NO_GOAL):
             break
-        if status == FULL and iterations:
+        iterations = int(memory.trees.met[2])
+        late = time_budget_s is not None and time.perf_counter() - began > time_budget_s
+        if status == FOUND or iterations >= max_iterations or late:
+            break
+        if status == FULL:
             memory = memory._replace(trees=widen(memory.trees, 2 * memory.trees.q.shape[1]))
-        asked = left if time_budget_s is None else min(left, _CHUNK)
-        status, n = search(task, starts, goals, ways, first, settings.packed, seed % 2**63, asked, iterations == 0, memory, said, nodes)
-        iterations = int(memory.trees.met[2]) if status in (FOUND, SPENT, FULL) else 0
-        left = max_iterations - iterations
     spent = memory.exact.counts - counts
 
     def route(path: Array | None, why: str, ends: tuple[int, int] = (-1, -1), contact: tuple[int, int] | None = None) -> Route:

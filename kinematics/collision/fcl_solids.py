@@ -27,6 +27,8 @@ SHALLOW_M = 0.001
 """FCL's own depth is right to 2 % up to here."""
 SURELY_M = 1e-6
 """More than FCL's distances are wrong by."""
+ROUNDING_M = 1e-9
+"""More than boxes are wrong by."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,21 @@ def depth(a: Solid, b: Solid, *, near: bool = False) -> float | None:
     return min(bound, float(overlap.min()))
 
 
+def near_pairs(some: Sequence[Solid], others: Sequence[Solid]) -> list[list[int]]:
+    """Which of some solids and which of others (P, 2) have boxes along the world's axes that overlap: no other two touch."""
+    (middle, half), (middle_b, half_b) = _boxes_around(some), _boxes_around(others)
+    apart = np.abs(middle[:, None] - middle_b) > half[:, None] + half_b + ROUNDING_M
+    found: list[list[int]] = np.argwhere(~apart.any(-1)).tolist()
+    return found
+
+
+def _boxes_around(solids: Sequence[Solid]) -> tuple[Array, Array]:
+    """Middles and half edges (S, 3) of boxes along the world's axes around solids where they are."""
+    T, boxes = np.array([s.T for s in solids]).reshape(-1, 4, 4), np.array([s.box for s in solids]).reshape(-1, 2, 3, 1)
+    R = T[:, :3, :3]
+    return (R @ boxes[:, 0])[..., 0] + T[:, :3, 3], (np.abs(R) @ boxes[:, 1])[..., 0]
+
+
 def always_touching(
     hulls: Sequence[LinkHull], samples: Sequence[Mapping[str, Array]], known: set[frozenset[str]], share: float = 0.95
 ) -> set[frozenset[str]]:
@@ -174,14 +191,12 @@ def always_touching(
 
 def overlapping(bodies: Sequence[Body], tolerance_m: float = 0.001) -> list[Contact]:
     """Pairs of standing bodies that overlap by more than the tolerance, deepest first."""
-    solids = [[s.move(b.T_world_body) for s in shape_solids(b.name, b.shape)] for b in bodies]
-    found = []
-    for i, group in enumerate(solids):
-        for other in solids[:i]:
-            deepest = max((d for a in group for b in other if (d := depth(a, b)) is not None), default=None)
-            if deepest is not None and deepest > tolerance_m:
-                found.append(Contact(other[0].name, group[0].name, deepest))
-    return sorted(found, key=lambda c: -c.depth_m)
+    parts = [(n, s.move(b.T_world_body)) for n, b in enumerate(bodies) for s in shape_solids(b.name, b.shape)]
+    solids, deepest = [s for _, s in parts], dict[tuple[int, int], float]()
+    for (a, solid), (b, other) in ((parts[i], parts[j]) for i, j in near_pairs(solids, solids)):
+        if b < a and (d := depth(solid, other, near=True)) is not None and d > tolerance_m:
+            deepest[b, a] = max(d, deepest.get((b, a), 0.0))
+    return sorted((Contact(bodies[b].name, bodies[a].name, d) for (b, a), d in deepest.items()), key=lambda c: -c.depth_m)
 
 
 def apart(body: Body, others: Sequence[Body], gap_m: float) -> bool:

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from kinematics.collision.fcl_solids import Solid, depth, shape_solids
+from kinematics.collision.fcl_solids import Solid, depth, near_pairs, shape_solids
 from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import WALLS, Body, Grasp, Scene
@@ -21,7 +21,7 @@ from planning.verdict.polyhedra import polyhedra
 
 MOST_M = 1000.0  # no grasp is further away
 PARALLEL = np.cos(np.radians(1))  # faces that look this much the way they close are parallel
-_STEPS, _ROUNDS = 65, 3
+_STEPS, _ROUNDS = 65, 2
 
 
 def judge_grasp(
@@ -106,9 +106,10 @@ def closing_value(hand: Hand, width_m: float) -> float:
 def _touching(robot: Robot, hand: Hand, frames: dict[int, Array], bodies: Sequence[Body]) -> Iterator[tuple[str, str, float]]:
     """Links of the hand and bodies that touch, and how deep; frames, bodies: in the hand's frame."""
     others: list[Solid] = [s.move(b.T_world_body) for b in bodies for s in shape_solids(b.name, b.shape)]
-    for solid in link_solids(robot, hand.links):
+    solids = link_solids(robot, hand.links)
+    for solid in solids:
         carrier, T = hand.arm.links[solid.name]
         solid.move(frames[carrier] @ T)
-        for other in others:
-            if (deep := depth(solid, other)) is not None:
-                yield solid.name, other.name, deep
+    for i, j in near_pairs(solids, others):
+        if (deep := depth(solids[i], others[j], near=True)) is not None:
+            yield solids[i].name, others[j].name, deep

@@ -13,7 +13,19 @@ from second_engine import depth as depth_of_coal
 from second_engine import walls as walls_of_coal
 
 from kinematics.collision.fcl_check import Verdict
-from kinematics.collision.fcl_solids import Contact, always_touching, apart, depth, gap, hull_solid, overlapping, shape_solids
+from kinematics.collision.fcl_solids import (
+    Contact,
+    Solid,
+    always_touching,
+    apart,
+    depth,
+    gap,
+    hull_solid,
+    near_pairs,
+    overlapping,
+    shape_solids,
+    touch,
+)
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, State
@@ -125,6 +137,23 @@ def test_the_held_object_and_the_walls(toy: Robot) -> None:
     state = State(HOME, {}, Held("bar", upright))
     found = contacts(toy, scene_of(toy, bar, cabinet=cabinet), state, ("bar", "left_finger"), ("bar", "right_finger"))
     assert found == {("bar", "floor"): pytest.approx(0.003, abs=1e-6)}
+
+
+def test_pairs_that_touch_are_near_and_far_ones_are_not() -> None:
+    rng, solids, far = np.random.default_rng(3), list[Solid](), 0
+    for n in range(60):
+        shape = Box(rng.uniform(0.03, 0.15, 3)) if n % 2 else Cylinder(float(rng.uniform(0.02, 0.06)), float(rng.uniform(0.05, 0.2)))
+        T = transform(rotation_about(rng.normal(size=3), float(rng.uniform(0, 3))), rng.uniform(-0.3, 0.3, 3))
+        solids += [s.move(T) for s in shape_solids(f"{n}", shape)]
+    some, others = solids[:30], solids[30:]
+    near = near_pairs(some, others)
+    for i, a in enumerate(some):
+        for j, b in enumerate(others):
+            if [i, j] not in near:
+                assert touch(a, b) is None
+                far += 1
+    assert near == sorted(near)
+    assert far > 500  # of 900
 
 
 def test_standing_objects_are_none_of_its_business(toy: Robot) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -91,8 +92,9 @@ def test_widths_to_a_millimetre() -> None:
 def test_how_deep_is_too_deep(monkeypatch: pytest.MonkeyPatch) -> None:
     """A pad presses by a millimetre at most, other links and walls by a thousandth of that."""
     deep = {"left": 0.0, "palm": 0.0, "floor": 0.0}
+    monkeypatch.setattr(grasp, "near_pairs", lambda some, others: product(range(len(some)), range(len(others))))
     monkeypatch.setattr(
-        grasp, "depth", lambda link, body: deep["floor"] if body.name == "floor" else deep.get(link.name, 0.0) * (body.name == "it")
+        grasp, "depth", lambda link, body, near: deep["floor"] if body.name == "floor" else deep.get(link.name, 0.0) * (body.name == "it")
     )
     for name, most, words in (
         ("left", 0.001, "x_g does not hold it: left would touch the target itself, 250.0 mm deep"),

@@ -87,8 +87,8 @@ def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margi
     problem = Problem(
         chain,
         np.concatenate([posed.boxes, solids.boxes]),
-        np.concatenate([posed.vertices, solids.points], 1),
-        np.concatenate([posed.groups, solids.groups], 1),
+        _joined(posed.vertices, solids.points),
+        _joined(posed.groups, solids.groups),
         np.empty((count, 9), np.int64),
         np.zeros((count, K)),
         np.zeros(J),
@@ -109,8 +109,8 @@ def pose_all(chain: Chain, posed: PosedGeometry, solids: Solids, queries: Querie
     problem = Problem(
         chain,
         np.concatenate([posed.boxes, solids.boxes]),
-        np.concatenate([posed.vertices, solids.points], 1),
-        np.concatenate([posed.groups, solids.groups], 1),
+        _joined(posed.vertices, solids.points),
+        _joined(posed.groups, solids.groups),
         np.empty((int(start[-1]), 9), np.int64),
         np.zeros((0, K)),
         np.ones(J),
@@ -120,6 +120,11 @@ def pose_all(chain: Chain, posed: PosedGeometry, solids: Solids, queries: Querie
     )
     _fill_all(posed, solids, queries, problem)
     return problem, start
+
+
+def _joined(some: Array, others: Array) -> Array:
+    """Columns of both; the very same array where there are no others, as among boxes and cylinders: an arm has ten thousand vertices."""
+    return np.concatenate([some, others], 1) if others.shape[1] else some
 
 
 @jit_entry

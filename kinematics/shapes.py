@@ -7,7 +7,7 @@ file. Every solid is convex or a union of convex parts, because only for those c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -63,17 +63,27 @@ class ConvexMesh:
 Shape = Box | Cylinder | ConvexMesh
 
 
+_SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+
+
 def box_corners(half: Array) -> Array:
     """The 8 corners (8, 3) of a cuboid with half edges (3,)."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    return np.asarray(signs * half)
+    return np.asarray(_SIGNS * half)
 
 
 def prism(radius_m: float, height_m: float, sides: int = CYLINDER_SIDES) -> Array:
     """Vertices (2·sides, 3) of the regular prism about z that circumscribes a cylinder."""
+    out = np.empty((2, sides, 3))
+    out[..., :2] = radius_m / np.cos(np.pi / sides) * _ring(sides)
+    out[..., 2] = [[-height_m / 2], [height_m / 2]]
+    return out.reshape(-1, 3)
+
+
+@lru_cache(maxsize=8)
+def _ring(sides: int) -> Array:
+    """The corners (sides, 2) of a regular polygon in the unit circle."""
     angle = 2 * np.pi * np.arange(sides) / sides
-    rim = radius_m / np.cos(np.pi / sides) * np.stack([np.cos(angle), np.sin(angle)], -1)
-    return np.concatenate([np.c_[rim, np.full(sides, z)] for z in (-height_m / 2, height_m / 2)])
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
 def convex_parts(shape: Shape) -> tuple[Array, ...]:

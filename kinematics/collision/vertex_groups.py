@@ -9,6 +9,8 @@ from kinematics.transforms import Array
 
 GROUP = 16
 """Vertices in a group that the search for the furthest one opens or skips as a whole."""
+_BITS = np.arange(5)[:, None]
+"""Of the three coordinates' cells, to be interleaved."""
 
 
 def grouped(points: Array, start: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -18,16 +20,14 @@ def grouped(points: Array, start: NDArray[np.int64]) -> tuple[Array, Array, NDAr
     centre and radius; and where each body starts now.
     """
     sizes = np.diff(start)
+    if not len(points):
+        return np.zeros((3, 0)), np.zeros((4, 0)), np.zeros(len(start), np.int64)
     body = np.repeat(np.arange(len(sizes)), sizes)
     some = np.flatnonzero(sizes)
     low, high = np.zeros((len(sizes), 3)), np.ones((len(sizes), 3))
-    if len(some):
-        low[some], high[some] = (f.reduceat(points, start[some]) for f in (np.minimum, np.maximum))
+    low[some], high[some] = (f.reduceat(points, start[some]) for f in (np.minimum, np.maximum))
     cell = ((points - low[body]) / np.maximum(high - low, 1e-9)[body] * 31.99).astype(np.int64)
-    code = np.zeros(len(points), np.int64)  # the bits of the three coordinates interleaved: Morton's order
-    for bit in range(5):
-        for c in range(3):
-            code |= (cell[:, c] >> bit & 1) << (3 * bit + c)
+    code = ((cell[:, None] >> _BITS & 1) << (3 * _BITS + np.arange(3))).sum((1, 2))  # Morton's order
     order = np.argsort(code + (body << 15), kind="stable")
     filled = -(-sizes // GROUP) * GROUP
     starts = np.concatenate([[0], np.cumsum(filled)]).astype(np.int64)
@@ -35,6 +35,6 @@ def grouped(points: Array, start: NDArray[np.int64]) -> tuple[Array, Array, NDAr
     within = np.minimum(np.arange(starts[-1]) - starts[owner], sizes[owner] - 1)
     placed = points[order[start[owner] + within]]
     corners = placed.reshape(-1, GROUP, 3)
-    centre = (corners.min(1) + corners.max(1)) / 2 if len(corners) else np.zeros((0, 3))
-    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(-1, initial=0.0)) + 1e-12
+    centre = (corners.min(1) + corners.max(1)) / 2
+    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(-1).max(-1)) + 1e-12
     return np.ascontiguousarray(placed.T), np.ascontiguousarray(np.c_[centre, radius].T), starts

@@ -121,8 +121,7 @@ def motion(
 ) -> Motion:
     """A motion over every actuated joint through arm waypoints (K, A), without times yet; the gripper may move along, evenly."""
     robot = cell.robot
-    values = np.linspace(gripper, gripper if to_gripper is None else to_gripper, len(arm))
-    q = robot.with_arm(arm, values)
+    q = robot.with_arm(arm, gripper if to_gripper is None else np.linspace(gripper, to_gripper, len(arm)))
     body = held.body if held else touching
     allowed_contacts = [(pad, body) for pad in sorted(robot.pads)] if body else []
     if on_floor and body:

@@ -78,12 +78,11 @@ def under_pads(
     for a, b in _edges(shape):
         p, q = ((end @ T[:3, :3].T + T[:3, 3] - point) @ axes for end in (a, b))
         along = q - p
-        with np.errstate(divide="ignore", invalid="ignore"):  # an edge along a side of the pad is never in or out by it: inf, or nan
+        with np.errstate(divide="ignore", invalid="ignore"):  # an edge along a side of the pad begins in it at -inf, beside it at inf
             sides = np.stack([(low - p[:, :2]) / along[:, :2], (high - p[:, :2]) / along[:, :2]])
         begins = np.fmax(np.fmin.reduce(sides).max(1), 0.0)
         ends = np.fmin(np.fmax.reduce(sides).min(1), 1.0)
-        beside = ((along[:, :2] == 0) & ((p[:, :2] < low) | (p[:, :2] > high))).any(1)
-        some = (begins <= ends) & ~beside
+        some = begins <= ends
         between = np.sort(p[some, 2:] + np.stack([begins[some], ends[some]], -1) * along[some, 2:], axis=1)
         spans += [(float(first), float(last)) for first, last in between]
     return _joined(spans) if wall else (min(first for first, _ in spans), max(last for _, last in spans))
@@ -109,6 +108,6 @@ def _edges(shape: ConvexMesh) -> tuple[tuple[Array, Array], ...]:
     found = []
     for part in shape.parts:
         faces = ConvexHull(part).simplices
-        edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+        edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])), axis=0)
         found.append((part[edges[:, 0]], part[edges[:, 1]]))
     return tuple(found)

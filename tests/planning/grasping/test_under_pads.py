@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull
 
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasping.line_contacts import Contact, line_contacts
-from planning.grasping.pads import Pad, under_pads
+from planning.grasping.line_contacts import GAP_M, Contact, line_contacts
+from planning.grasping.pads import Pad, _edges, _joined, under_pads
 
 PAD = Pad(0.01, -0.02, 0.01)
 """From -1 to 1 cm along the hand's x, from -2 to 1 cm along its z; it closes along y."""
@@ -90,3 +90,33 @@ def test_the_line_itself_counts() -> None:
     hit = Contact(-0.5, 0.6, -np.eye(3)[1], np.eye(3)[1])
     far = under_pads(DIAMOND, np.eye(4), hit, np.array([0.2, 0.0, 0.0]), np.eye(3)[1], np.eye(3), PAD)
     assert far == (-0.5, 0.6)
+
+
+def test_spans_that_hardly_come_apart_are_one() -> None:
+    """From the first of them on, in either direction, one after the other; what lies further off is not reached, nor what it reaches."""
+    g = GAP_M
+    up, down = [(1 + g / 2, 2.0), (2 + g / 2, 3.0), (3 + 2 * g, 9.0)], [(-1.0, -g / 2), (-2.0, -1 - g / 2), (-9.0, -2 - 2 * g)]
+    for others in (up + down, down + up, up[::-1] + down[::-1], [*down, (0.2, 0.5), *up], up[1::-1] + up[2:] + down[::-1]):
+        assert _joined([(0.0, 1.0), *others]) == (-2.0, 3.0)
+    assert _joined([(5.0, 6.0), (0.0, 1.0)]) == _joined([(5.0, 6.0), (5.2, 5.5)]) == (5.0, 6.0)
+    assert _joined([(-1.0, 0.0), (g, 1.0)]) == (-1.0, 1.0)  # just so far
+    assert _joined([(0.0, 1.0), (-1.0, -g)]) == (-1.0, 1.0)
+    assert _joined([(0.0, 1.0), (-3.0, 4.0)]) == (-3.0, 4.0)
+
+
+def test_each_edge_of_a_hull_stands_once() -> None:
+    """A solid whose faces are all triangles has 3 V - 6 of them (Euler)."""
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        points = rng.normal(size=(15, 3))
+        ((a, b),) = _edges(ConvexMesh((points,)))
+        assert len(a) == 3 * len(ConvexHull(points).vertices) - 6
+        assert len({frozenset((tuple(p), tuple(q))) for p, q in zip(a.tolist(), b.tolist(), strict=True)}) == len(a)
+
+
+def test_an_edge_along_the_pads_side_counts() -> None:
+    """A ridge right under it; a hair beside it does not."""
+    ridge = ConvexMesh((np.array([[x, y, z] for x, y in ((0.0625, 0), (-0.0625, 0), (0, 0.0625), (0, -0.0625)) for z in (-0.5, 0.5)]),))
+    pad = Pad(0.015625, -0.015625, 0.015625)
+    for x, y in ((0.015625, 0.0625), (-0.015625, 0.0625), (0.03125, 0.046875), (-0.03125, 0.046875)):
+        assert reached(ridge, (x, 0.0, 0.0), pad, np.eye(4)) == pytest.approx((-y, y), abs=1e-12)

@@ -98,8 +98,6 @@ def closing_value(hand: Hand, width_m: float) -> float:
         k = int(np.clip(np.searchsorted(widths, width_m), 1, len(widths) - 1))
         values = np.linspace(values[k - 1], values[k], _STEPS)
         widths = hand.width(values)
-        if abs(widths[-1] - widths[0]) < 1e-6:
-            break
     return float(np.interp(width_m, widths, values))
 
 

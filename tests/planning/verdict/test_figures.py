@@ -441,8 +441,8 @@ def test_the_gripper_is_told_where_its_joint_is() -> None:
         return gripper_faults(motions)
 
     assert told(0.01, 0.03) == told(0.010099, 0.029901) == []
-    assert told(0.0102, 0.03) == [
-        Fault("grasp", (), "motion 1 tells the gripper 0.0102 before it, and grip is at 0.01", pytest.approx(2e-4))
+    assert told(0.01015, 0.03) == [
+        Fault("grasp", (), "motion 1 tells the gripper 0.01015 before it, and grip is at 0.01", pytest.approx(1.5e-4))
     ]
     assert told(0.01, 0.02) == [Fault("grasp", (), "motion 1 tells the gripper 0.02 after it, and grip is at 0.03", pytest.approx(0.01))]
     assert [f.amount for f in told(0.02, 0.02)] == [pytest.approx(0.01)] * 2

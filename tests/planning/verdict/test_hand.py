@@ -101,7 +101,10 @@ def test_the_hand_frame_need_not_be_the_palms() -> None:
     assert face(hand, first)[0][1] == pytest.approx(0.035)
     assert face(hand, second)[0][1] == pytest.approx(-0.015)
     assert hand.width(np.array([0.025])) == pytest.approx([0.05])
-    aside = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.02 0.003 0.01" rpy="0.1 0 0"/>')
+    bent_arm = '<child link="palm"/><origin xyz="0.3 0.2 0.1" rpy="0.4 0.5 0.6"/>'
+    aside = URDF.replace('<child link="palm"/>', bent_arm).replace(
+        '<child link="hand"/>', '<child link="hand"/><origin xyz="0.02 0.003 0.01" rpy="0.1 0 0"/>'
+    )
     hand = hand_of(toy_robot(urdf=aside))
     low, high = (np.array([x, 0.025, z]) - [0.02, 0.003, 0.01] for x, z in ((-0.011, -0.01), (0.011, 0.04)))
     R = rotation_about((1, 0, 0), 0.1)
@@ -257,6 +260,35 @@ def test_a_jaws_first_face_looks_the_way_it_closes() -> None:
             hand_of(toy_robot({"left": [other], **wall}, **asked))
 
 
+def test_how_far_fingers_swing() -> None:
+    """As far as their joint goes; those that hold just what is round, as far as their table says; a jaw as its joint."""
+    table = replace(OPENING, value=np.array([0.04, 0.01]), width_m=np.array([0.0, 0.1]))
+    for opening, ends in ((table, (0.0, 0.05)), (replace(table, round_only=True), (0.01, 0.04))):
+        hand = hand_of(toy_robot(opening=opening))
+        assert (hand.values[0], hand.values[-1]) == pytest.approx(ends)
+    jaw = {"left": LEFT, "palm": [PALM["palm"], solid((-0.02, 0.02), (-0.015, -0.005), (0.0, 0.03))]}
+    hand = hand_of(toy_robot(jaw, opening=replace(table, round_only=True, jaw=1), pads=frozenset({"left", "palm"})))
+    assert (hand.values[0], hand.values[-1]) == pytest.approx((0.0, 0.05))
+
+
+def test_which_faces_of_a_jaw_count() -> None:
+    """50° askew at most, of 2 mm² at least; corners up to 0.3 mm off a plane belong to its face."""
+    wall = {"palm": [PALM["palm"], solid((-0.02, 0.02), (-0.015, -0.005), (0.0, 0.03))]}
+    asked = {"opening": replace(OPENING, jaw=1), "pads": frozenset({"palm", "left"})}
+    beside = np.array([0.05, 0.001, 0])
+    for other, counts in (
+        (askew(LEFT, 49.5) + beside, True),
+        (askew(LEFT, 50.5) + beside, False),
+        (solid((-0.001, 0.001), (0.0, 0.01), (0.0, 0.0015)) + beside, True),
+        (solid((-0.001, 0.001), (0.0, 0.01), (0.0, 0.0009)) + beside, False),
+    ):
+        pads = hand_of(toy_robot({"left": [other, LEFT], **wall}, **asked)).pads
+        assert (len([p for p in pads if p.link == "left"]) == 2) is counts
+    ridge = np.array([[0.004, -0.0005, z] for z in (-0.01, 0.04)])
+    hand = hand_of(toy_robot({"left": np.concatenate([LEFT, ridge]), "right": RIGHT}))
+    assert np.ptp(hand.pads[0].window.corners, axis=0) == pytest.approx([0.05, np.hypot(0.015, 0.0005)])
+
+
 def test_a_suction_cup_has_one_face() -> None:
     """What of it is within a millimetre of its end; it looks along z, on side 0."""
     cup = [
@@ -277,6 +309,9 @@ def test_a_suction_cup_has_one_face() -> None:
     assert np.array_equal(hand.widths, opening.width_m)
     assert hand.links == {"hand", "palm"}
     raised = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.1 0 0.2" rpy="0 0 0.5"/>')
+    leaning = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.1 0 0.2" rpy="0.3 0 0"/>')
+    (pad,) = hand_of(toy_robot({"hand": cup}, urdf=leaning, opening=opening, pads=frozenset({"hand"}))).pads
+    assert pad.T_carrier_face == pytest.approx(transform(rotation_about((1, 0, 0), 0.3), [0.1, 0, 0.2]) @ transform(p=[0, 0, 0.02]))
     (pad,) = hand_of(toy_robot({"hand": cup}, urdf=raised, opening=opening, pads=frozenset({"hand"}))).pads
     assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, 0.22]))
     (pad,) = hand_of(toy_robot({"palm": cup}, urdf=raised, opening=opening, pads=frozenset({"palm"}))).pads

@@ -15,8 +15,10 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
+from planning import verdict
 from planning.plan import Fault, Motion, Move, Plan
 from planning.verdict import Settings, Verdict, examine, judge, judge_motions
+from planning.verdict import faults as faults_module
 from planning.verdict.course import courses
 from planning.verdict.hand import hand_of
 from planning.verdict.judge import _standing
@@ -69,6 +71,21 @@ def with_motion(number: int, changed: Motion, plan: Plan = PLAN) -> Plan:
 def faults(found: Verdict) -> list[tuple[str, tuple[str, ...], str]]:
     assert found.verified is (not found.faults)
     return [(f.stage, f.bodies, f.detail) for f in found.faults]
+
+
+def test_what_the_verdict_offers() -> None:
+    for offers in (verdict, faults_module):
+        assert len(set(offers.__all__)) == len(offers.__all__)
+        for name in offers.__all__:
+            assert vars(offers)[name] is not None
+
+
+def test_how_strict_it_is() -> None:
+    """Unless told otherwise; whoever changes a number changes what is called verified."""
+    asked = Settings()
+    assert (asked.mu, asked.gap_m, asked.depth_m, asked.overlap_m, asked.stands_m) == (0.5, 5e-4, 1e-3, 3e-3, 1e-3)
+    assert (asked.pose_m, asked.pose_rad, asked.step_m, asked.cup_rad) == (1e-3, 1e-3, 2e-3, 0.07)
+    assert (asked.max_tilt_deg, asked.contact) == (None, True)
 
 
 def test_the_plan_holds() -> None:

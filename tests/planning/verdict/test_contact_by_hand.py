@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_arm import course, splined
+from toy_arm import URDF, course, splined
 from toy_robot import FINGERS, PALM, solid, toy_robot
 
 from kinematics.collision.fcl_solids import shape_solids
@@ -65,7 +65,7 @@ def test_how_deep_the_palm_is_in_a_block_at_the_end() -> None:
         assert said(faults) == ([] if deep is None else [("transit", ("palm", "it"), f"motion 0: palm is {deep:.2f} mm inside it")])
         if deep is not None:
             assert faults[0].amount == pytest.approx(deep / 1000, rel=0.02)
-    for by, some in ((0.3e-6, 0), (5e-6, 1)):
+    for by, some in ((0.3e-6, 0), (1.6e-6, 1), (5e-6, 1)):
         assert len(looked_at([course((0,), (0.47 + by,))], it)[0]) == some
 
 
@@ -169,6 +169,7 @@ def test_only_what_is_allowed_may_be_pressed() -> None:
 def test_only_what_is_at_hand_may_be_pressed_and_while_the_arm_stands() -> None:
     assert {f.stage for f in looked_at(grasping(0.0191, moves=0.001), IT)[0]} == {"grasp"}
     assert looked_at(grasping(0.0191, moves=0.5e-6), IT)[0] == []
+    assert {f.stage for f in looked_at(grasping(0.0191, moves=1.5e-6), IT)[0]} == {"grasp"}
     alone = grasping(0.0191)[:1]  # it is never taken
     assert [f.stage for f in looked_at(alone, IT)[0]] == ["grasp", "grasp"]
     q = alone[0].q[-1]
@@ -186,6 +187,24 @@ def test_only_what_is_at_hand_may_be_pressed_and_while_the_arm_stands() -> None:
     assert {f.stage for f in looked_at([*soon, *grasping(0.02)], IT, other)[0]} >= {"transit"}  # it is taken, but not next
     late = looked_at([replace(there, allowed=TOUCHING), *release, fetched, put, replace(away[0], allowed=TOUCHING)], start, other)[0]
     assert {f.stage for f in late} == {"transit"}
+
+
+def test_what_is_held_is_where_the_hand_frame_has_it() -> None:
+    """Which is 10 cm along the palm's x, and turned by a quarter about its z."""
+    robot = toy_robot(urdf=URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0.1 0 0" rpy="0 0 1.5707963267948966"/>'))
+    robot = toy_robot({"palm": robot.hulls[0].vertices, **_quarter()}, urdf=robot.urdf)
+    it = Body("it", Box(np.full(3, 0.02)), transform(rotation_about((0, 0, 1), np.pi / 2), [0.1, 0.2, 0.0]))
+    wall = block("wall", (0.5, 0.6), (0.15, 0.25))
+    way = course((0,), (0.392,), stage="transfer", held=Held("it", transform(p=[0.2, 0.0, 0.0])))  # 20 cm along the world's y
+    assert said(looked_at([way], it, obstacles=[wall], robot=robot)[0]) == [
+        ("transfer", ("it", "wall"), "motion 0: it is 2.00 mm inside wall")
+    ]
+
+
+def _quarter() -> dict[str, Array]:
+    """Fingers that close along the palm's x, about x = 0.1: the right one is on the +y side of a hand frame that is turned by a quarter."""
+    R = rotation_about((0, 0, 1), np.pi / 2)
+    return {name: corners @ R.T + [0.1, 0.0, 0.0] for name, corners in {"left": FINGERS["left"], "right": FINGERS["right"]}.items()}
 
 
 def test_what_is_held_may_rest_on_what_it_stood_on_or_will() -> None:
@@ -249,6 +268,9 @@ def test_links_may_not_touch_links() -> None:
     base_in = looked_at([way], block("it", (0.55, 0.6), (0.04, 0.2)), robot=lenient)
     assert [f.bodies for f in base_in[0]] == [("base", "it")]
     assert [f.bodies for f in base_in[1]] == [("palm", "base")]
+    held = course((0.2, 0, 0, 0, 0.03), (0.3, 0, 0, 0, 0.03), stage="transfer", held=Held("it", transform(p=[0.21, 0, 0])))
+    carried = looked_at([held], Body("it", Box(np.full(3, 0.04)), transform(p=[0.41, 0, 0])), robot=lenient)[0]
+    assert [f.bodies for f in carried] == [("it", "base")]  # the first pair that is neither checked of old nor switched off
     others = toy_robot({**post, **PALM, **FINGERS}, skip=frozenset({frozenset(("left", "base"))}))
     assert looked_at([way], robot=others, settings=Settings(contact=False)) == ([], [])
     assert looked_at([way], block("it", (0.497, 0.6), (0.051, 0.2)), robot=robot, settings=Settings(contact=False)) == ([], [])

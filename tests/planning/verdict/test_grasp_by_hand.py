@@ -171,7 +171,7 @@ def test_whether_the_faces_look_the_way_they_close() -> None:
     assert closes_askew(toy_robot(PALM))
     cup = {"hand": solid((-0.01, 0.01), (-0.01, 0.01), (0.0, 0.02))}
     assert closes_askew(toy_robot()) is False
-    assert not closes_askew(toy_robot(cup, opening=replace(OPENING, cup_m=0.02), pads=frozenset({"hand"})))
+    assert closes_askew(toy_robot(cup, opening=replace(OPENING, cup_m=0.02), pads=frozenset({"hand"}))) is False
 
 
 def test_hinged_fingers_are_looked_at_half_open() -> None:

@@ -11,7 +11,7 @@ from toy_arm import URDF
 from toy_robot import FINGERS, OPENING, PALM, solid, toy_robot
 
 from kinematics.transforms import Array, rotation_about, transform
-from planning.verdict.hand import Hand, Pad, hand_of, in_hand
+from planning.verdict.hand import Hand, Pad, _in_parts, hand_of, in_hand
 
 LEFT, RIGHT = FINGERS["left"], FINGERS["right"]
 
@@ -284,9 +284,10 @@ def test_which_faces_of_a_jaw_count() -> None:
     ):
         pads = hand_of(toy_robot({"left": [other, LEFT], **wall}, **asked)).pads
         assert (len([p for p in pads if p.link == "left"]) == 2) is counts
-    ridge = np.array([[0.004, -0.0005, z] for z in (-0.01, 0.04)])
+    ridge = np.array([[0.004, -0.00025, z] for z in (-0.01, 0.04)])  # the other side is 0.37 mm off its plane
     hand = hand_of(toy_robot({"left": np.concatenate([LEFT, ridge]), "right": RIGHT}))
-    assert np.ptp(hand.pads[0].window.corners, axis=0) == pytest.approx([0.05, np.hypot(0.015, 0.0005)])
+    assert np.ptp(hand.pads[0].window.corners, axis=0) == pytest.approx([0.05, np.hypot(0.015, 0.00025)])
+    assert _in_parts(toy_robot(), "left") is False
 
 
 def test_a_suction_cup_has_one_face() -> None:

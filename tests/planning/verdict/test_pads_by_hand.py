@@ -166,6 +166,13 @@ def test_the_nearest_part_is_touched_and_all_that_are_about_as_near() -> None:
         assert found.width_m == pytest.approx(0.012)
 
 
+def test_parts_that_are_just_as_near_are_touched_together() -> None:
+    blocks = [from_points(box(0.004, 0.1, 0.1)[0].vertices + np.array([x, 0.0, 0.05])) for x in (-0.006, 0.006)]
+    found = touch(pad(1), np.eye(4), blocks, np.eye(4))
+    assert found is not None
+    assert found.width_m == pytest.approx(0.016)
+
+
 def test_two_faces_of_a_side_touch_together() -> None:
     """Beside each other: their patches make one."""
     faces = [transform(p=[x, 0.0, 0.0]) for x in (-0.01, 0.01)]

@@ -259,6 +259,16 @@ def test_the_patch_of_a_face_with_three_corners() -> None:
     assert np.sort(patch[:, 1]) == pytest.approx([-0.05, 0.0, 0.05])
 
 
+def test_the_patch_of_two_faces_with_three_corners() -> None:
+    """The same triangle, from both sides."""
+    corners = ((-0.05, 0.02), (0.05, 0.02), (0.0, 0.08))
+    a, b = (
+        placed("", ConvexMesh((np.array([[x, y, z] for x in ends for y, z in corners]),)), np.eye(4), ROOM).parts[0]
+        for ends in ((-0.1, 0.0), (0.0, 0.1))
+    )
+    assert np.sort(standing._common(a, b, np.array([1.0, 0, 0]), 1e-6)[:, 1]) == pytest.approx([-0.05, 0.0, 0.05])
+
+
 def test_what_leans_is_carried_at_both_ends() -> None:
     """A board whose foot stands 10 cm before a block that it leans on with its back: the block's edge is under its upper end.
 

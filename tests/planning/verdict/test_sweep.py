@@ -150,6 +150,11 @@ def test_where_bounds_do_not_tell() -> None:
     assert intervals(s, (0, 1), (0, 1), still=(True, False)) == [(1, 2, 6)]  # 4 m off at the first sample, the only one
 
 
+def test_an_interval_of_two_samples_is_not_cut() -> None:
+    """One of three is: over the point in its middle, the samples from 1 to 4 of 6 are in doubt."""
+    assert intervals(points(np.arange(7.0), None, (3.0, 0.0)), (0, 1)) == [(0, 1, 4)]
+
+
 def test_what_touches_and_does_not_move() -> None:
     s = points(np.array([4.0, 4.0, 4.0]), None, (4.0, 0.0), (4.0, 1.0))
     assert intervals(s, (0, 1), (0, 2), still=(True, True)) == [(0, 0, 0)]

@@ -17,7 +17,7 @@ from planning.verdict.hand import Hand
 JOINTS = ("x", "y", "turn", "tip", "grip")
 URDF = """<robot name="toy">
 <link name="base"/><link name="rail"/><link name="bridge"/><link name="column"/><link name="palm"/><link name="hand"/>
-<link name="left"/><link name="right"/>
+<link name="left"/><link name="right"/><link name="tool"/>
 <joint name="x" type="prismatic"><parent link="base"/><child link="rail"/><axis xyz="1 0 0"/>
 <limit lower="-2" upper="2" velocity="1"/></joint>
 <joint name="y" type="prismatic"><parent link="rail"/><child link="bridge"/><axis xyz="0 1 0"/>
@@ -26,6 +26,7 @@ URDF = """<robot name="toy">
 <joint name="tip" type="revolute"><parent link="column"/><child link="palm"/><axis xyz="1 0 0"/>
 <limit lower="-3.2" upper="3.2" velocity="4"/></joint>
 <joint name="flange" type="fixed"><parent link="palm"/><child link="hand"/></joint>
+<joint name="mount" type="fixed"><parent link="palm"/><child link="tool"/><origin xyz="0 0.4 -0.2" rpy="0 0 0.7"/></joint>
 <joint name="grip" type="prismatic"><parent link="palm"/><child link="left"/><axis xyz="0 1 0"/>
 <limit lower="0" upper="0.05" velocity="1"/></joint>
 <joint name="mirror" type="prismatic"><parent link="palm"/><child link="right"/><axis xyz="0 1 0"/>

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -142,6 +143,16 @@ def test_no_part_of_the_hand_is_in_what_stands_still() -> None:
     assert judge_grasp(toy_robot(), scene) == "x_g can't be reached: palm would be 6.0 mm inside the mount"
 
 
+def test_all_that_goes_with_the_hand_is_looked_at_where_it_is() -> None:
+    """A tool on the palm, 40 cm along its y and 20 cm behind it, while the hand frame is 5 cm before it: at (0.285, -0.4, 0.25)."""
+    urdf = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0 0 0.05"/>')
+    robot = toy_robot({**PALM, **FINGERS, "tool": solid((-0.01, 0.01), (-0.01, 0.01), (-0.01, 0.01))}, urdf=urdf)
+    for y, words in ((-0.4, "x_g can't be reached: tool would be "), (-0.3, None)):
+        post = Body("post", Box(np.full(3, 0.03)), transform(p=[0.285, y, 0.25]))
+        found = said(by(0, 0, 0.05), robot=robot, obstacles=(post,))
+        assert (found is None) if words is None else str(found).startswith(words) and str(found).endswith("inside post")
+
+
 def test_without_anything_seen_the_target_is_left_out() -> None:
     assert said(by(0, 0, -0.2), unseen=True) is None
     assert said(by(0, 0, -0.2), target=None) is None
@@ -168,6 +179,10 @@ def test_whether_the_faces_look_the_way_they_close() -> None:
     assert [closes_askew(askew(degrees)) for degrees in (0.0, 0.9, -0.9, 1.1, -1.1, 20.0)] == [False, False, False, True, True, True]
     one = toy_robot({**PALM, "right": FINGERS["right"], "left": askew(20.0).hulls[1].vertices})
     assert closes_askew(one)
+    outer = askew(20.0).hulls[1].vertices + np.array([0.05, 0.002, 0.0])
+    parts = toy_robot({**PALM, "left": [FINGERS["left"], outer], "right": FINGERS["right"]}, grip=SimpleNamespace(kind="two fingers"))
+    assert len(hand_of(parts).pads) == 3
+    assert closes_askew(parts) is False  # the faces that close on each other decide
     assert closes_askew(toy_robot(PALM))
     cup = {"hand": solid((-0.01, 0.01), (-0.01, 0.01), (0.0, 0.02))}
     assert closes_askew(toy_robot()) is False

@@ -319,5 +319,10 @@ def test_a_suction_cup_has_one_face() -> None:
     assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, 0.02]))
     corners = pad.window.corners @ rotation_about((0, 0, 1), 0.5)[:2, :2].T + [0.1, 0.0]
     assert (corners.min(0), corners.max(0)) == (pytest.approx([-0.01, -0.015]), pytest.approx([0.01, 0.015]))
+    (pad,) = hand_of(toy_robot({"tool": cup}, urdf=raised, opening=opening, pads=frozenset({"tool"}))).pads
+    seen = pad.window.corners @ rotation_about((0, 0, 1), 0.5)[:2, :2].T + [0.1, 0.0]
+    there = np.array([[x, y] for x in (-0.01, 0.01) for y in (-0.015, 0.015)]) @ rotation_about((0, 0, 1), 0.7)[:2, :2].T + [0.0, 0.4]
+    assert (seen.min(0), seen.max(0)) == (pytest.approx(there.min(0)), pytest.approx(there.max(0)))
+    assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, -0.18]))
     with pytest.raises(ValueError, match=r"^robot toy: the suction cup 'left' does not go with the hand frame$"):
         hand_of(toy_robot({"left": cup}, opening=opening, pads=frozenset({"left"})))

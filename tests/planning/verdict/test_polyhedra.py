@@ -234,6 +234,10 @@ def test_a_face_over_a_corner_of_the_window() -> None:
     flat = np.array([[x, y, 10.0 + up] for x in (-50, 50) for y in (-50, 50) for up in (0, 5)])
     assert seen(flat) == (10.0, [0, 0, -1])
     assert seen(np.add(flat, [48.5, 0.0, 0.0])) == (10.0, pytest.approx([0, 0, -1]))
+    narrow = np.array([[x, y, 10 + x / 8 + y / 4 + up] for x in (-1.5, 1.5) for y in (-50, 50) for up in (0, 5)])
+    z, normal = seen(narrow) or (0.0, [])  # half a metre wider than the window on either side
+    assert z == pytest.approx(9.375)
+    assert normal == pytest.approx(np.array([1 / 8, 1 / 4, -1]) / np.sqrt(1.078125))
     quarter = np.array([[x, y, 10 - x / 2 - y / 4 + up] for x in (0, 50) for y in (0, 50) for up in (0, 5)])
     z, normal = seen(quarter) or (0.0, [])  # it is over one corner of the window, at (1, 2)
     assert z == pytest.approx(9.0)

@@ -143,6 +143,7 @@ def test_where_bounds_do_not_tell() -> None:
     assert intervals(s, (0, 1)) == [(0, 2, 6)]
     assert intervals(s, (1, 0)) == [(0, 2, 6)]
     assert intervals(s, (0, 2)) == []  # half a metre beside it
+    assert open_intervals(s, np.array([0]), np.array([2]), np.array([False])) == []
     assert intervals(s, (0, 2), apart_m=0.3) == [(0, 2, 6)]
     assert intervals(s, (0, 3), (0, 1), (0, 2)) == [(1, 2, 6)]
     assert intervals(s, (0, 3), apart_m=96.5) == [(0, 2, 8)]

@@ -2,8 +2,9 @@
 
 Scenes are generated; the camera in the hand looks into each with a D435i's noise, and its frames are written without masks. Then all that
 is kept of a scene are the robot, the cabinet and x_g: `retrieve sense --from-views DIR --by geometry` finds the objects, `retrieve plan`
-plans among them. A plan is carried out on the truth with each object where it truly is in the hand; `verify` says whether anything touches
-that must not. Truth and plans are written for a stranger's replay: benchmarks/replay.py OUT/truth.jsonl OUT/carried_out_solid.jsonl URDF.
+plans among them. A plan is carried out on the truth, the fingers closing on what is there, with each object where it truly is in the hand;
+`verify` says whether anything touches that must not, the verdict whether everything is held and stands. Truth and plans are written for a
+stranger's replay: benchmarks/replay.py OUT/truth.jsonl OUT/carried_out_solid.jsonl URDF.
 
 Usage: PYTHONPATH=. python benchmarks/from_frames.py [-n 50] [--seed 61] [--spec paper] [--policy local] -o OUT. The last line is one JSON
 object. A second run into the same folder keeps the recorded frames.
@@ -30,6 +31,7 @@ from planning.plan import Plan
 from planning.sensing.survey import RECORDING
 from planning.sensing.world import SimulatedWorld
 from planning.statistics import wilson
+from planning.verdict import Settings, judge_motions
 from retrieve_cli.gen import run as gen
 from retrieve_cli.plan import run as plan
 from retrieve_cli.plan_job import Job
@@ -73,7 +75,7 @@ def planned(scenes: Path, out: Path, policy: str, unseen: str = "solid") -> list
 
 def judged(robot: Robot, known: list[Scene], seen: list[Scene], plans: list[Plan], out: Path) -> dict[str, object]:
     """How many plans there are, and what they touch when they are carried out on the truth."""
-    reasons, touched = Counter[str](), Counter[str]()
+    reasons, touched, wrong = Counter[str](), Counter[str](), Counter[str]()
     with plan_writer(out) as write:
         for scene, believed, made in zip(known, seen, plans):
             if not made.success:
@@ -86,12 +88,16 @@ def judged(robot: Robot, known: list[Scene], seen: list[Scene], plans: list[Plan
             write(done)
             touch = verify(robot, scene, done.motions)
             touched["nothing" if touch is None else f"{touch.link} {touch.body}"] += 1
+            found = judge_motions(scene, done.motions, robot, Settings(contact=False))  # contacts were judged just now
+            wrong[str(found[0]) if found else "nothing"] += 1
     share = wilson(sum(p.success for p in plans), len(plans))
     return {
         "solved": share.k,
         "interval": [round(share.low, 3), round(share.high, 3)],
         "clean_on_the_truth": touched.pop("nothing", 0),
         "touched": dict(touched),
+        "holds_on_the_truth": wrong.pop("nothing", 0),
+        "wrong": dict(wrong),
         "unsolved": dict(reasons),
     }
 

@@ -16,9 +16,9 @@ PLACE_OUT_OF_REACH = "the place is out of reach"
 """The detail that tells a place's stage "ik" from a grasp's."""
 
 SCENE = "scene"
+"""The stage of what is wrong with a scene itself: it can't be meant."""
 FREE = ("transit", "transfer", "look")
 """The stages of motions that are planned freely, from place to place."""
-"""The stage of what is wrong with a scene itself: it can't be meant."""
 
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
 

@@ -14,6 +14,7 @@ from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.finger_grasps import UPRIGHT, _Candidate, _Candidates, _is_upright, _skew, sample_grasps
 from planning.grasping.hand_poses import LEAST_BITE_M, STAY, Move, fit_box, height_of, level_hand, most_above, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
+from planning.grasping.pads import Pad
 from planning.grasping.sampling import DENSE, USUAL, Sampling
 
 X, Y, Z = np.eye(3)
@@ -147,3 +148,52 @@ def test_a_box_is_taken_nearer_to_the_hand_by_what_is_asked_for_but_no_further_t
     """5 cm from the middle to the near face; a deep hand need not go back at all."""
     for more, along in ((0.0, 0.0), (0.01, 0.01), (np.inf, 0.05 - LEAST_BITE_M)):
         assert fit_box(0.05, 0.05, 0.0, 0.04, OPENING, more, 0.005) == Move(along)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------ tips
+
+
+def test_only_what_is_lower_than_the_tips_let_it_be_is_held_by_the_pads_ends_and_only_straight_from_above() -> None:
+    """A mesh's middle, at 0, is asked about as well where the pads' own middle stays a millimetre above it."""
+    usual = [0.08, -0.01, -0.04]
+    for tips_z, more in ((-0.001, []), (0.0, []), (0.001, [0.0])):
+        down = replace(candidates(BRICK, "downward", "diagonal"), tips_z=tips_z)
+        assert down._heights("downward", np.pi / 2) == pytest.approx(usual + more)
+        assert 0.0 not in down._heights("diagonal", np.pi / 6)
+
+
+def test_boxes_are_not_raised_for_the_tips() -> None:
+    """The tips of a hand 13 mm higher would be clear of the floor; of a box that is not asked."""
+    body, long = Body("it", BOX, np.eye(4)), Pad(0.01, -0.01, 0.01, 0.09)
+    found, lines = (list(sample_grasps(body, OPENING, ["downward"], -0.05, 0.0, pad=pad)) for pad in (long, None))
+    assert found
+    assert [g.T_world_hand.tolist() for g in found] == [g.T_world_hand.tolist() for g in lines]
+
+
+def test_what_leans_by_just_a_degree_is_not_upright() -> None:
+    T = np.eye(4)
+    for T[2, 2], upright in ((UPRIGHT, False), (-UPRIGHT, False), (np.nextafter(UPRIGHT, 2), True)):
+        assert _is_upright(Body("it", CAN, T)) == upright
+
+
+# ------------------------------------------------------------------------------------------------------------- how far back a box is held
+
+
+def test_a_pitched_hand_goes_back_as_far_as_the_top_lets_it_and_then_on_a_level_as_far_as_the_near_end_does() -> None:
+    """Of the palm just one plane is known, across the approach. At 30° half a metre up goes with a metre back, 5 mm of the 2 cm above may
+    be gone up, and a centimetre along the approach stays of the 10 cm; with a deep palm less is asked for."""
+    co = np.cos(np.pi / 6)
+    at_most = 0.10 - 0.01 * co - LEAST_BITE_M * co
+    for depth, level_m in ((0.0, at_most), (0.06, 0.10 - 0.01 * co - (0.06 - 0.005 - 0.015 / 2) / co), (0.2, None)):
+        move = fit_box(0.10, 0.02, np.pi / 6, 0.05, replace(OPENING, depth_m=np.full(2, depth)), 0.0, 0.005)
+        if level_m is None:
+            assert move == STAY
+        else:
+            assert (move.along_m, move.up_m, move.level_m) == pytest.approx((0.01, 0.0, level_m))
+
+
+def test_a_hand_from_above_goes_up_and_nowhere_else() -> None:
+    """Until the pads' middle is 15 mm under the top, though more lies behind it."""
+    for depth, along in ((0.0, 0.035), (0.03, 0.025), (0.1, 0.0)):
+        move = fit_box(0.03, 0.05, np.pi / 2, 0.05, replace(OPENING, depth_m=np.full(2, depth)), 0.0, 0.005)
+        assert (move.along_m, move.up_m, move.level_m) == pytest.approx((along, 0.0, 0.0))

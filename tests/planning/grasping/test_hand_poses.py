@@ -11,7 +11,7 @@ import pytest
 from kinematics.robots.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
-from planning.grasping.hand_poses import CLEAR_M, IN_CABINET_M, LOWEST_M, hand_looking, lowest_of
+from planning.grasping.hand_poses import ALONG, CLEAR_M, IN_CABINET_M, LOWEST_M, _Planes, hand_looking, lowest_of
 
 T_BASE_HAND = transform(rotation_about((0.0, 1.0, 0.0), 0.3), [0.4, 0.1, 0.2])
 T_HAND_LINK = transform(rotation_about((1.0, 2.0, 3.0), 0.7), [0.01, -0.02, 0.03])
@@ -65,3 +65,28 @@ def test_a_hand_that_looks_straight_down_has_its_x_against_what_is_ahead() -> No
     R = hand_looking(np.array([0.0, 0.0, -1.0]), np.array([0.6, 0.8, 0.0]))
     assert np.allclose(R[:, 0], [-0.6, -0.8, 0.0])
     assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+def test_the_numbers_of_a_hand_in_the_cabinet() -> None:
+    assert (IN_CABINET_M, CLEAR_M, ALONG) == (0.08, 0.003, 1e-6)
+
+
+def test_what_is_just_as_far_behind_the_pads_as_the_cabinet_takes_is_not_in_it() -> None:
+    """In the hand's own frame, so that nothing is rounded: a flange 8 cm behind the pads' middle is twice as high as the palm."""
+    for behind, higher in ((IN_CABINET_M, False), (np.nextafter(IN_CABINET_M, 0.0), True)):
+        hulls = [("palm", [[-0.05, 0.0, -0.04], [0.02, 0.0, 0.0]]), ("flange", [[-0.10, 0.0, -behind]])]
+        hand = SimpleNamespace(
+            opening=Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.5), np.zeros(2)),
+            home=np.zeros(1), gripper_joint=0, grip="measured", hand_links=frozenset({"palm", "flange"}),
+            hulls=[SimpleNamespace(link=name, vertices=np.array(points)) for name, points in hulls],
+            link_poses=lambda q: {"hand": np.eye(4), "palm": np.eye(4), "flange": np.eye(4)},
+        )  # fmt: skip
+        lowest = lowest_of.__wrapped__(cast("Robot", hand))
+        assert lowest("horizontal", 0.0) == pytest.approx((0.10 if higher else 0.05) + CLEAR_M)
+
+
+def test_a_plane_that_hardly_gains_is_not_waited_for() -> None:
+    """Across the first a micrometre is lacking, and it gains as little a metre: too little to lead along it, by a hair or not at all."""
+    planes = _Planes(np.ones(2, bool), np.zeros(2), np.zeros(2), np.zeros(2))
+    for gain, needed in ((ALONG, 3.0), (1.5 * ALONG, 1 / 1.5)):
+        assert planes.needed(np.array([[1e-6], [3.0]]), np.array([gain, 1.0])) == pytest.approx(needed)

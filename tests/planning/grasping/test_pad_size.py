@@ -11,7 +11,7 @@ import pytest
 from kinematics.robots.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasping.pads import Pad, pad_of
+from planning.grasping.pads import PAD_FACE_M, PAD_REACH_M, Pad, pad_of
 
 T_BASE_HAND = transform(rotation_about((0.0, 1.0, 0.0), 0.3), [0.4, 0.1, 0.2])
 
@@ -20,8 +20,10 @@ class Hand:
     """Stands for a robot: links in the hand's frame, half open by 5 cm, the pads' middle 2 cm along the approach; its links stay
     where they are, however far it is open."""
 
+    T, z_m = T_BASE_HAND, (0.03, 0.01)
+
     def __init__(self, **links: Array) -> None:
-        self.opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array([0.03, 0.01]), np.full(2, 0.5), np.zeros(2))
+        self.opening = Opening(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.array(self.z_m), np.full(2, 0.5), np.zeros(2))
         self.home, self.gripper_joint, self.fingers = np.zeros(1), 0, frozenset(links) - {"palm"}
         self.hand_links = frozenset(links)
         self.asked: list[float] = []
@@ -29,7 +31,7 @@ class Hand:
 
     def link_poses(self, q: Array) -> dict[str, Array]:
         self.asked = [*self.asked, float(q[0])]
-        return {"hand": T_BASE_HAND, **{h.link: T_BASE_HAND for h in self.hulls}}
+        return {"hand": self.T, **{h.link: self.T for h in self.hulls}}
 
 
 def finger(y: float, x: tuple[float, float], z: tuple[float, float], *, wider: float = 0.0) -> Array:
@@ -86,3 +88,49 @@ def test_the_tips_reach_furthest_beyond_the_pads_middle_where_that_is_least_far(
     left, right = finger(0.025, (-0.01, 0.01), (0.01, 0.04)), finger(-0.025, (-0.01, 0.01), (0.01, 0.06))
     assert pad(left=left, right=right).tip_z_m == pytest.approx(0.05)
     assert pad(palm=finger(0.025, (-0.01, 0.01), (0.01, 0.02))).tip_z_m == pytest.approx(0.01)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- to a hair
+
+
+class Unrounded(Hand):
+    """The same with the pads' middle in the hand's origin, and that in the world's."""
+
+    T, z_m = np.eye(4), (0.0, 0.0)
+
+
+def unrounded(**links: Array) -> tuple[float, float, float]:
+    return numbers(pad_of(cast("Robot", Unrounded(**links))))
+
+
+def test_the_numbers_of_a_pad() -> None:
+    assert (PAD_FACE_M, PAD_REACH_M) == (0.001, 0.025)
+    assert Pad(0.01, -0.01, 0.01).tip_z_m == 0.0
+
+
+def test_corners_a_millimetre_behind_the_face_belong_to_it() -> None:
+    """Those of a bevel twice as wide; a hair further off they do not."""
+    face = np.array([[x, 0.025, z] for x in (-0.01, 0.01) for z in (-0.01, 0.01)])
+    for behind, half_x_m in ((0.025 + PAD_FACE_M, 0.02), (np.nextafter(0.025 + PAD_FACE_M, 1.0), 0.01)):
+        bevel = np.array([[x, behind, z] for x in (-0.02, 0.02) for z in (-0.01, 0.01)])
+        assert unrounded(left=np.concatenate([face, bevel])) == (half_x_m, -0.01, 0.01)
+
+
+def test_a_face_that_just_touches_where_pads_may_be_is_none() -> None:
+    """On the hand's middle plane, or ending where the reach does, on either side."""
+    none = (0.0, 0.0, 0.0)
+    for y, z, found in (
+        (0.0, (-0.01, 0.01), none),
+        (1e-9, (-0.01, 0.01), (0.01, -0.01, 0.01)),
+        (0.025, (PAD_REACH_M, 0.05), none),
+        (0.025, (0.0249, 0.05), (0.01, 0.0, PAD_REACH_M)),
+        (0.025, (-0.05, -PAD_REACH_M), none),
+        (0.025, (-0.05, -0.0249), (0.01, -PAD_REACH_M, 0.0)),
+    ):
+        assert unrounded(left=finger(y, (-0.01, 0.01), z)) == found
+
+
+def test_of_two_links_as_far_inside_the_first_is_the_pad() -> None:
+    wide, slim = finger(0.025, (-0.02, 0.02), (-0.01, 0.01)), finger(0.025, (-0.01, 0.01), (-0.02, 0.02))
+    assert unrounded(wide=wide, slim=slim) == (0.02, -0.01, 0.01)
+    assert unrounded(slim=slim, wide=wide) == (0.01, -0.02, 0.02)

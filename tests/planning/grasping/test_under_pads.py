@@ -120,3 +120,13 @@ def test_an_edge_along_the_pads_side_counts() -> None:
     pad = Pad(0.015625, -0.015625, 0.015625)
     for x, y in ((0.015625, 0.0625), (-0.015625, 0.0625), (0.03125, 0.046875), (-0.03125, 0.046875)):
         assert reached(ridge, (x, 0.0, 0.0), pad, np.eye(4)) == pytest.approx((-y, y), abs=1e-12)
+
+
+def test_a_tip_that_just_touches_the_pads_side_counts() -> None:
+    """All edges lead away from the pad there; a hair further off nothing of the mesh is under it."""
+    side = 0.015625
+    tip = ConvexMesh((np.array([[0.0, 0.25, 0.0], [-0.5, 0.0, 0.5], [-0.5, 0.0, -0.5], [-0.5, 0.5, 0.0]]),))
+    hit, (_, y, _) = Contact(-0.125, 0.125, -np.eye(3)[1], np.eye(3)[1]), np.eye(3)
+    for off, leave in ((0.0, 0.25), (1e-9, 0.125)):
+        point = np.array([side + off, 0.0, 0.0])
+        assert under_pads(tip, np.eye(4), hit, point, y, np.eye(3), Pad(side, -side, side)) == (-0.125, leave)

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from kinematics.robots.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasp_proposals import squareness
 from planning.grasping.cup_grasps import grasps_on
-from planning.grasping.line_contacts import GAP_M, line_contacts, line_stretches, stretch_at
+from planning.grasping.finger_grasps import (
+    MESH_FRICTION_ANGLE,
+    SPARE_M,
+    _antipodal,
+    _by_walls,
+    _Candidate,
+    _crossed,
+    _less_squarely,
+    sample_grasps,
+)
+from planning.grasping.hand_poses import level_hand
+from planning.grasping.line_contacts import GAP_M, Contact, line_contacts, line_stretches, stretch_at
 from planning.grasping.pads import Pad, under_pads
 from planning.grasping.sampling import Sampling
 from planning.verdict import judge_grasp
@@ -164,3 +177,154 @@ def test_what_has_no_hole_is_never_held_by_a_wall(ur5e: Robot) -> None:
     found = list(grasps_on(body, ur5e, APPROACHES, 0.10, 0.0))
     assert found
     assert min(g.width_m for g in found) > 0.059
+
+
+# ----------------------------------------------------------------------------------------------------------------------------- by hand
+
+
+SHALLOW = Opening(np.array([0.8, 0.4, 0.0]), np.array([0.0, 0.05, 0.10]), np.zeros(3), np.array([0.0, 0.0, 0.5]), np.zeros(3))
+"""Pads in the hand's origin; nothing may reach behind them, but for what is wider than 5 cm."""
+OPEN = replace(SHALLOW, depth_m=np.full(3, 0.5))
+
+
+def plates(*middles: float, thick: float = 0.02) -> Body:
+    """Plates across y, 6 cm along x and 10 cm high, in the world's frame."""
+    return Body("plates", ConvexMesh(tuple(box_corners(np.array([0.06, thick, 0.10]) / 2) + y * Y for y in middles)), np.eye(4))
+
+
+def level(reach: float, u: Array = Y, z: float = 0.0) -> _Candidate:
+    """A hand that looks along x and closes along u about (0, 0, z), of what reaches so far towards it."""
+    return _Candidate(0.0, z * Z, u, level_hand(np.array([u[1], -u[0], 0.0]), 0.0), (reach, 0.05, 0.0), 0.0, 0.005)
+
+
+def test_each_wall_is_held_where_the_first_share_of_the_way_back_still_meets_it() -> None:
+    """Of 4 cm, all leads out of the plates, which end 3 cm from the middle; half does not."""
+    body = plates(-0.06, 0.06)
+    found = list(_by_walls(body, SHALLOW, level(0.05), None, {}))
+    assert [g.T_world_hand[:3, 3] for g in found] == [pytest.approx([-0.02, y, 0.0]) for y in (-0.06, 0.06)]
+    assert [g.width_m for g in found] == pytest.approx([0.02, 0.02])
+    deep = list(_by_walls(body, OPEN, level(0.05), None, {}))
+    assert [g.T_world_hand[:3, 3] for g in deep] == [pytest.approx([0.0, y, 0.0]) for y in (-0.06, 0.06)]
+
+
+def test_one_stretch_is_no_wall() -> None:
+    assert list(_by_walls(plates(0.0), OPEN, level(0.05), None, {})) == []
+
+
+def test_walls_are_remembered_by_their_line() -> None:
+    """Two lines whose directions differ in one number, and two heights."""
+    ahead, body, walls = np.array([0.28, 0.96, 0.0]), plates(-0.06, 0.06), dict[tuple[float, float, float], list[Contact]]()
+    for u, z in ((ahead, 0.0), (ahead * [-1, 1, 1], 0.0), (Y, 0.0), (Y, 0.2)):
+        list(_by_walls(body, OPEN, level(0.05, u, z), None, walls))
+    assert [len(w) for w in walls.values()] == [2, 2, 2, 0]
+
+
+def test_two_parts_suffice_for_a_hole() -> None:
+    """Together they are too wide for the hand."""
+    found = list(sample_grasps(plates(-0.06, 0.06), OPEN, ["horizontal"], -0.05, 0.0))
+    across = [g for g in found if abs(g.T_world_hand[1, 1]) > 0.999]
+    assert {round(abs(float(g.T_world_hand[1, 3])), 6) for g in across} == {0.06}
+    assert all(g.width_m == pytest.approx(0.02) for g in across)
+
+
+def test_what_is_set_back_is_held_as_a_whole_unless_by_a_wall() -> None:
+    """Three plates, 8 cm over all: the middle of them is in the one in the middle."""
+    body, c = plates(-0.035, 0.0, 0.035, thick=0.01), level(0.03)
+    shallow = replace(SHALLOW, depth_m=np.full(3, 0.02))
+    whole = line_contacts(body.shape, body.T_world_body, c.point, c.u)
+    for pad in (None, Pad(0.01, -0.01, 0.01)):
+        grasp = _antipodal(body, shallow, whole, c, pad, MESH_FRICTION_ANGLE)
+        assert grasp is not None
+        assert grasp.width_m == pytest.approx(0.08)
+        assert grasp.T_world_hand[:3, 3] == pytest.approx([-0.015, 0.0, 0.0])
+        wall = _antipodal(body, shallow, whole, c, pad, MESH_FRICTION_ANGLE, wall=True)
+        assert wall is not None
+        assert wall.width_m == pytest.approx(0.01)
+
+
+def test_what_bulges_under_the_pads_must_fit_between_the_fingers_too() -> None:
+    """The line meets 9 cm, the pads a rib of 9.6 cm beside it: just as wide as a hand may take that opens by 10."""
+    for rib, some in ((0.0959, True), (0.0961, False)):
+        mesh = ConvexMesh((box_corners(np.array([0.02, 0.045, 0.05])), box_corners(np.array([0.002, rib / 2, 0.05])) + 0.006 * X))
+        body, c = Body("ribbed", mesh, np.eye(4)), level(0.02)
+        hit = line_contacts(mesh, np.eye(4), c.point, c.u)
+        assert hit is not None
+        assert (hit.leave - hit.enter, OPEN.max_m - SPARE_M) == pytest.approx((0.09, 0.096))
+        grasp = _antipodal(body, OPEN, hit, c, Pad(0.01, -0.01, 0.01), MESH_FRICTION_ANGLE)
+        assert (grasp is not None) == some
+        assert _antipodal(body, OPEN, hit, c, None, MESH_FRICTION_ANGLE) is not None
+
+
+def test_the_pads_are_raised_by_as_much_as_their_ends_still_hold() -> None:
+    body, pad = plates(0.0), Pad(0.01, -0.01, 0.015625)
+    for least_z, z in ((-0.01, 0.0), (0.01, 0.01), (0.015625, 0.015625), (0.01563, None)):
+        c = replace(level(0.03), least_z=least_z)
+        grasp = _antipodal(body, OPEN, line_contacts(body.shape, np.eye(4), c.point, c.u), c, pad, MESH_FRICTION_ANGLE)
+        assert (None if grasp is None else float(grasp.T_world_hand[2, 3])) == (None if z is None else pytest.approx(z))
+
+
+def test_a_mesh_that_is_as_skew_everywhere_is_held_in_its_middle() -> None:
+    """Its sides lean by 15°, more than is held at first and less than a mesh is."""
+    outline = [(x, 0.02 - (0.03 - x) * np.tan(np.radians(15))) for x in (0.03, -0.03)]
+    body = Body("wedge", ConvexMesh((np.array([[x, s * y, z] for x, y in outline for s in (1, -1) for z in (-0.05, 0.05)]),)), np.eye(4))
+    grasp = _less_squarely(body, OPEN, level(0.03), None, {})
+    assert grasp is not None
+    assert grasp.T_world_hand[:3, 3] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_beside_the_middle_a_mesh_reaches_less_far_towards_the_hand_or_further() -> None:
+    """It is 10 cm long and square from x = 1.2 cm on; at 2 cm it reaches 3 cm towards a hand that comes from there and 7 cm from behind.
+    The knuckles leave 2 cm of it, less 5 mm: the first is held 1.5 cm further back."""
+    outline = [(0.05, 0.03), (0.012, 0.03), (-0.05, 0.03 - 0.062 * np.tan(np.radians(25)))]
+    body = Body("spade", ConvexMesh((np.array([[x, s * y, z] for x, y in outline for s in (1, -1) for z in (-0.05, 0.05)]),)), np.eye(4))
+    shallow = replace(SHALLOW, depth_m=np.full(3, 0.02))
+    from_there = replace(level(0.05), R=level_hand(-X, 0.0))
+    grasp = _less_squarely(body, shallow, from_there, None, {})
+    assert grasp is not None
+    assert grasp.T_world_hand[:3, 3] == pytest.approx([0.035, 0.0, 0.0], abs=1e-9)
+    assert grasp.width_m == pytest.approx(0.06)
+
+
+def test_a_line_beside_a_point_is_as_high() -> None:
+    """A centimetre under the top of a plate, two beside its middle."""
+    hit = _crossed(plates(0.0), 0.04 * Z, Y, 0.02, {})
+    assert hit is not None
+    assert (hit.enter, hit.leave) == pytest.approx((-0.01, 0.01))
+
+
+def test_crossings_are_remembered_by_their_line() -> None:
+    """Two whose directions differ in one number, two heights, and two places beside the middle."""
+    body, u, hits = plates(0.0), np.array([0.28, 0.96, 0.0]), dict[tuple[float, float, float], Contact | None]()
+    asked = ((u, 0.0, 0.0), (u * [-1, 1, 1], 0.0, 0.0), (u, 0.02, 0.0), (u, 0.0, 0.01), (u, 0.0, 0.0))
+    found = [_crossed(body, z * Z, along, beside, hits) for along, z, beside in asked]
+    assert len(hits) == 4
+    assert found[4] is found[0]
+
+
+def test_a_stretch_reaches_a_gap_further_and_no_more() -> None:
+    """Both ends count, and parts that are just a gap apart are one."""
+    apart = plates(-0.06, 0.06).shape
+    near, far = line_stretches(apart, np.eye(4), np.zeros(3), Y)
+    for s, hit in ((near.leave + GAP_M, near), (far.enter - GAP_M, far), (near.enter - GAP_M, near), (far.leave + GAP_M, far)):
+        found = stretch_at(apart, np.eye(4), np.zeros(3), Y, s)
+        assert found is not None
+        assert (found.enter, found.leave) == (hit.enter, hit.leave)
+    before, after = (
+        np.array([[x, y, z] for x in xs for y in (-0.01, 0.01) for z in (-0.01, 0.01)]) for xs in ((-0.02, 0.0), (GAP_M, 0.02))
+    )
+    touching = line_stretches(ConvexMesh((before, after)), np.eye(4), np.zeros(3), X)
+    assert [(h.enter, h.leave) for h in touching] == [(-0.02, 0.02)]
+
+
+def test_where_two_parts_end_together_the_first_ones_face_counts() -> None:
+    cube = box_corners(np.full(3, 0.5))
+    leaning = np.array([[x, y, z] for x, y in ((-0.25, -0.25), (-0.25, 0.75), (0.75, -0.25)) for z in (-0.5, 0.5)])
+    (found,) = line_stretches(ConvexMesh((leaning, cube)), np.eye(4), np.zeros(3), X)
+    assert (found.enter, found.leave) == (-0.5, 0.5)
+    assert found.leave_normal == pytest.approx(X)
+
+
+def test_a_line_that_touches_an_edge_of_a_mesh_in_one_point_misses() -> None:
+    cube = ConvexMesh((box_corners(np.full(3, 0.5)),))
+    for across, hits in ((np.array([0.6, -0.8, 0.0]), 0), (np.array([0.6, 0.8, 0.0]), 1)):
+        assert len(line_stretches(cube, np.eye(4), np.array([0.5, 0.5, 0.0]), across)) == hits

@@ -259,6 +259,12 @@ def test_a_policy_that_is_choosy_has_roomy_places_tried_first(choosy: int, roomy
     assert all(ask[1] != "b" for ask in motions.asked if ask[0] == "relocate")
 
 
+def test_a_policy_is_not_choosy_unless_it_says_so() -> None:
+    motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 1)})], possible=lambda made, c: True, tight=lambda c: c[1] == 1)
+    assert plan_with(motions, ordered(a=[1, 3])).success
+    assert motions.tried == [("a", 1)]
+
+
 def test_a_move_that_is_certain_is_made_though_it_is_tight() -> None:
     motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 3)})], possible=lambda made, c: True, tight=lambda c: c[1] == 3)
     policy = Policy(lambda seen, rng: ["a"], lambda seen, name, rng: [3, 4], certain=lambda name, region: region == 3, choosy=4)

@@ -72,10 +72,28 @@ def test_where_all_places_are_tight_the_first_will_do() -> None:
         assert len(set(world.tried)) == 1 + choosy
 
 
+def test_a_search_is_choosy_for_four_tries_unless_told_otherwise() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), tight=lambda choice: choice[1] < 7)
+    assert solve(world, effort=Effort(attempts=200)) == [("a", 0)]
+    assert set(world.tried) == {("a", region) for region in range(5)}
+
+
 def test_a_tight_place_is_better_than_one_more_move() -> None:
     """Moves keep their number: where a can be put into no roomy place, it is not b that goes as well."""
     world = WrittenWorld("ab", at_first({"t": ["a", "b"], "a": [""], "b": ["a"]}), tight=lambda choice: choice[0] == "a")
     assert len(solve(world)) == 1
+
+
+def test_tight_places_that_were_found_are_used_though_the_attempts_are_used_up() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), tight=lambda choice: True)
+    assert solve(world, effort=Effort(attempts=1)) == [("a", 0)]
+
+
+def test_where_the_arm_does_not_get_to_a_target_that_is_laid_free_the_search_goes_on_from_there() -> None:
+    """b must go, too, and can't before a has gone."""
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": ["a"]}))
+    world.reached = lambda name, regions: name != "t" or regions["b"] != -1
+    assert [name for name, _ in solve(world)] == ["a", "b"]
 
 
 def test_what_must_be_moved_twice_is() -> None:
@@ -398,12 +416,19 @@ def test_two_blockers_are_not_for_a_glance() -> None:
     assert policy.outlook.least_moves is None  # one would be too few, and no number would do
 
 
-def test_the_quick_look_has_two_thirds_of_the_attempts() -> None:
-    """Nothing can be moved. Quickly sampled grasps know a way that b blocks, many more one that a blocks."""
+@pytest.mark.parametrize(("attempts", "quickly"), [(9, 6), (10, 7), (11, 7)])
+def test_the_quick_look_has_two_thirds_of_the_attempts(attempts: int, quickly: int) -> None:
+    """Rounded. Nothing can be moved. Quickly sampled grasps know a way that b blocks, many more one that a blocks."""
     world = WrittenWorld("ab", at_first({"t": ["b"], "a": ["b"], "b": [""]}), lambda choice: False)
     world.finer = at_first({"t": ["a"], "a": [""], "b": ["a"]})
+    assert asked(Lookahead(world, IN_ORDER, Effort(attempts=attempts), no_proof, most=5), world) == []
+    assert [name for name, _ in world.tried] == [*"b" * quickly, *"a" * (attempts - quickly)]
+
+
+def test_an_exhaustive_look_has_all_the_attempts_and_no_more() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": []}), can=lambda choice: False, finest=at_first({"t": ["a"], "a": [""]}))
     assert asked(Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5), world) == []
-    assert [name for name, _ in world.tried] == [*"bbbbbb", *"aaa"]
+    assert world.tried == [("a", region) for region in range(9)]
 
 
 NEAR_AND_LIKELY = replace(IN_ORDER, regions=lambda seen, name, rng: range(15, -1, -1), nearby=IN_ORDER.regions)

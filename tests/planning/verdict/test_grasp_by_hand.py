@@ -143,13 +143,19 @@ def test_no_part_of_the_hand_is_in_what_stands_still() -> None:
     assert judge_grasp(toy_robot(), scene) == "x_g can't be reached: palm would be 6.0 mm inside the mount"
 
 
-def test_all_that_goes_with_the_hand_is_looked_at_where_it_is() -> None:
-    """A tool on the palm, 40 cm along its y and 20 cm behind it, while the hand frame is 5 cm before it: at (0.285, -0.4, 0.25)."""
-    urdf = URDF.replace('<child link="hand"/>', '<child link="hand"/><origin xyz="0 0 0.05"/>')
+@pytest.mark.parametrize("quarters", [0, 1])
+def test_all_that_goes_with_the_hand_is_looked_at_where_it_is(quarters: int) -> None:
+    """A tool on the palm, 40 cm along its y and 20 cm behind it, while the hand frame is 5 cm before it: at (0.285, -0.4, 0.25).
+
+    So it is where the hand frame is turned against the palm, about the axis along which the fingers close.
+    """
+    angle = quarters * np.pi / 2
+    urdf = URDF.replace('<child link="hand"/>', f'<child link="hand"/><origin xyz="0 0 0.05" rpy="0 {angle} 0"/>')
     robot = toy_robot({**PALM, **FINGERS, "tool": solid((-0.01, 0.01), (-0.01, 0.01), (-0.01, 0.01))}, urdf=urdf)
+    T_world_hand = by(0, 0, 0.05) @ transform(rotation_about((0, 1, 0), angle))
     for y, words in ((-0.4, "x_g can't be reached: tool would be "), (-0.3, None)):
         post = Body("post", Box(np.full(3, 0.03)), transform(p=[0.285, y, 0.25]))
-        found = said(by(0, 0, 0.05), robot=robot, obstacles=(post,))
+        found = said(T_world_hand, robot=robot, obstacles=(post,))
         assert (found is None) if words is None else str(found).startswith(words) and str(found).endswith("inside post")
 
 
@@ -187,6 +193,19 @@ def test_whether_the_faces_look_the_way_they_close() -> None:
     cup = {"hand": solid((-0.01, 0.01), (-0.01, 0.01), (0.0, 0.02))}
     assert closes_askew(toy_robot()) is False
     assert closes_askew(toy_robot(cup, opening=replace(OPENING, cup_m=0.02), pads=frozenset({"hand"}))) is False
+
+
+def test_the_faces_of_fingers_whose_own_frames_are_turned_look_the_same_way() -> None:
+    """By a quarter about z, so that a finger's own x is what the hand calls y."""
+    quarter = rotation_about((0, 0, 1), np.pi / 2)
+    urdf = URDF
+    for finger in FINGERS:
+        plain = f'<child link="{finger}"/><axis xyz="0 1 0"/>'
+        assert plain in urdf
+        urdf = urdf.replace(plain, f'<child link="{finger}"/><origin rpy="0 0 {np.pi / 2}"/><axis xyz="1 0 0"/>')
+    robot = toy_robot({**PALM, **{name: corners @ quarter for name, corners in FINGERS.items()}}, urdf=urdf)
+    assert closes_askew(robot) is False
+    assert said(robot=robot) is None
 
 
 def test_hinged_fingers_are_looked_at_half_open() -> None:

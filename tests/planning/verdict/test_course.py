@@ -192,4 +192,5 @@ def test_numbers_that_nobody_meant() -> None:
     apart = np.zeros((2, 5))
     apart[1, :2] = 300.0  # two joints, each for itself
     assert refused(q=apart) is None
+    assert refused(q=np.full((3, 5), 400.0), t_s=np.arange(3.0)) is None  # far, but nothing moves
     assert refused(q=np.zeros((1, 5)), t_s=np.zeros(1)) is None

@@ -11,7 +11,7 @@ from kinematics.robots.opening import Opening
 from kinematics.scene import APPROACHES, Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasping.cup_grasps import _hands, cup_grasps, faces_of
+from planning.grasping.cup_grasps import DOWN, LEVEL, _hands, cup_grasps, faces_of
 from planning.grasping.sampling import Headings, Sampling
 
 CUP = Opening(np.array([0.0, 1.0]), np.array([0.02, 0.1]), np.zeros(2), np.zeros(2), cup_m=0.02)
@@ -159,6 +159,16 @@ def test_what_is_level_and_what_is_straight_down(degrees: float) -> None:
         assert {way[3:] for way in ways(grasps(CUBE, R=R, approaches=("diagonal",)), R)} == {(1.0, 0.0, 0.0), (0.0, 0.0, -1.0)}
 
 
+def test_what_leans_by_just_ten_degrees_is_neither_level_nor_straight_down() -> None:
+    """Nor does its other side lean over too far."""
+    R = np.array([[DOWN, 0, LEVEL], [0, 1, 0], [-LEVEL, 0, DOWN]])
+    assert {way[3:] for way in ways(grasps(CUBE, R=R, approaches=("diagonal",)), R)} == {
+        (1.0, 0.0, 0.0),
+        (-1.0, 0.0, 0.0),
+        (0.0, 0.0, -1.0),
+    }
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_face_takes_the_cup_with_a_millimetre_around_it(axis: int) -> None:
     """22 mm across: with less along one axis only the two faces across that are left."""
@@ -221,6 +231,12 @@ def test_a_can_has_a_top_and_a_wide_drum_a_side_where_the_hand_comes_from() -> N
     np.testing.assert_allclose(slanting.normal, [0.6, 0.8, 0])
     np.testing.assert_allclose(slanting.along, [[0, 0, 1], [-0.8, 0.6, 0]])
     assert not faces_of(Cylinder(0.4, 0.12), 0.01, np.array([0.0, 0.0, 1.0]))[2].normal.any()
+
+
+def test_what_is_no_wider_than_the_cup_has_no_side_for_it_however_small_both_are() -> None:
+    """The side of a needle of 0.1 mm falls away by no more than that."""
+    for radius_m, n in ((0.0001, 2), (0.00011, 3)):
+        assert len(faces_of(Cylinder(radius_m, 0.12), 0.0001, np.array([1.0, 0, 0]))) == n
 
 
 def test_a_drum_is_taken_from_its_near_side() -> None:

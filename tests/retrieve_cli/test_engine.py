@@ -166,6 +166,7 @@ def test_a_signal_ends_all_processes_at_once(number: int, group: bool, code: int
         from retrieve_cli.engine import map_ordered
         from retrieve_cli.errors import guarded
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored, as it should be
         if __name__ == "__main__":
             sys.exit(guarded(lambda: list(map_ordered(sleeps, range(9), workers=2)) and 0))
     """

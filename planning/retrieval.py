@@ -153,7 +153,7 @@ def retrieve(
                 moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, moved))
                 if not motions.picks(state, object_name)[0]:
                     out_of_reach.add(object_name)  # another region would not help
-            elif moved.tight and policy.choosy and not policy.certain(object_name, region):
+            elif moved.tight and not policy.certain(object_name, region):
                 possible.append((object_name, region, moved))
             else:
                 possible.insert(0, (object_name, region, moved))

@@ -18,7 +18,7 @@ class Room:
 
     def __init__(self, cell: Workcell) -> None:
         self.cell, self._ends_m = cell, cell.settings.clearance.ends_m
-        self._known: WeakKeyDictionary[Pick, bool] = WeakKeyDictionary()
+        self._known: WeakKeyDictionary[Pick | Place, bool] = WeakKeyDictionary()
 
     def to_pick(self, poses: Mapping[str, Array], pick: Pick) -> bool:
         """Whether approach and lift have room, among objects at the poses at which the pick was found; remembered."""
@@ -28,9 +28,11 @@ class Room:
         return self._known[pick]
 
     def to_place(self, rest: Mapping[str, Array], pick: Pick, place: Place) -> bool:
-        """Whether lowering and retreat have room; rest: the poses of the other objects."""
-        leaving = self.cell.problem({**rest, pick.held.body: place.T_world_object}, pick.gripper_open)
-        return self._has(pick.lifting, place.lower) and self._has(leaving, place.retreat)
+        """Whether lowering and retreat have room, among the other objects where they were as the place was found, rest; remembered."""
+        if place not in self._known:
+            leaving = self.cell.problem({**rest, pick.held.body: place.T_world_object}, pick.gripper_open)
+            self._known[place] = self._has(pick.lifting, place.lower) and self._has(leaving, place.retreat)
+        return self._known[place]
 
     def to_carry(self, rest: Mapping[str, Array], carry: Carry) -> bool:
         """Whether an object can be carried to its place, and be put down there, with room."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from kinematics.transforms import Array, transform
-from planning.plan import Gripper, GripperState, Motion
+from planning.plan import Motion
 from planning.verdict.hand import Hand, in_hand
 from planning.verdict.pads import touch_of
 from planning.verdict.polyhedra import Polyhedron
@@ -79,14 +79,7 @@ def with_fingers(motion: Motion, joint: int, first: float, last: float) -> Motio
         stretched = np.ones(q.shape[1])
         stretched[joint] = share
         t_s, qd, qdd = t_s * slower, qd * stretched / slower, qdd * stretched / slower**2
-    gripper = None if motion.gripper is None else _told(motion.gripper, first, last)
+    gripper = motion.gripper  # what it is told stays the same; where it is then does not
+    if gripper is not None:
+        gripper = replace(gripper, before=replace(gripper.before, value=first), after=replace(gripper.after, value=last))
     return replace(motion, q=q, t_s=t_s, qd=qd, qdd=qdd, gripper=gripper)
-
-
-def _told(gripper: Gripper, first: float, last: float) -> Gripper:
-    """What the gripper is told stays the same; where it is then does not."""
-
-    def at(state: GripperState, value: float) -> GripperState:
-        return replace(state, value=value)
-
-    return replace(gripper, before=at(gripper.before, first), after=at(gripper.after, last))

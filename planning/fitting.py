@@ -36,8 +36,9 @@ LATERAL = (-0.8, -0.4, 0.0, 0.4, 0.8)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""
 BEFORE_M, BESIDE_M = 0.05, 0.01
 """What the cabinet's front keeps from what is fixed to the arm's base, and all of it from a frame of the base that it stands in."""
-LEAST_SHARE, BOX_SHARE, BOX_YAWS = 0.2, 0.5, (0.0, 0.5)
-"""From how many of the places an arm takes a cylinder, at least; and a box, turned so, where there are to be boxes."""
+LEAST_SHARE, BOX_SHARE, BOX_YAWS = 0.2, 0.5, (0.25, 0.75)
+"""From how many of the places an arm takes a cylinder, at least; and a box, turned so, where there are to be boxes: as no arm of few joints
+has to look that is before it."""
 SLIMMER = (1.0, 0.9, 0.8, 0.65, 0.5)
 """Shares of the objects' width, of which the first is taken that the hand can hold: palm and knuckles may leave less room than fingers."""
 ROOMY = 4.0  # times as large as a spec's cabinet is one whose walls are in no hand's way

@@ -11,12 +11,14 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, angle_between, rotation_about, transform
+from planning.fitting import fit
 from planning.grasping.hand_poses import LOWEST_M, lowest_of, usual_lowest
 from planning.motion.arm import HALF_TURN, Arm, arm_at
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.picking import headings_of, sampled_grasps
 from planning.motion.waiting import places_to_wait
+from planning.scene_generation import load_spec
 from planning.verdict import judge_motions
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -138,3 +140,11 @@ def _lowest(T: Array, vertices: Array) -> float:
 
 def test_the_named_robots_keep_their_heights(ur5e: Robot) -> None:
     assert lowest_of(ur5e) is usual_lowest
+
+
+def test_a_cabinet_for_an_arm_of_five_joints_has_no_boxes(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Hardly any box has a side that looks where the arm has to."""
+    file = tmp_path_factory.mktemp("fit") / "five.urdf"
+    file.write_text(urdf(beside_m=0.0, tilt=0.0))
+    fitted = fit(load_spec("paper"), load(str(file)), RobotRef(np.eye(4), urdf=str(file)))
+    assert (fitted.alone, fitted.spec.objects_box_share) == ("cylinders", 0.0)

@@ -1,5 +1,5 @@
 """What the machine code of an entry depends on, in a hash: the code of all functions that it calls, the constants that they read, the
-fields of the records that it takes, and how functions are compiled here. It is the same on any machine."""
+fields of the records that it takes, and how functions are compiled here. It is the same on any machine, and for any version of Python."""
 
 from __future__ import annotations
 
@@ -46,13 +46,36 @@ def way_of_compiling() -> str:
 def code_of(source: str) -> str:
     """A text in Python without what does not run: comments, docstrings, and where lines are broken."""
     kept: list[tokenize.TokenInfo] = []
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+    for token in _tokens(source):
         alone = len(kept) == 1 or (len(kept) > 1 and kept[-2].type in _BETWEEN)
         if token.type == tokenize.NEWLINE and alone and kept[-1].type == tokenize.STRING:
             kept.pop()
         elif token.type not in (tokenize.COMMENT, tokenize.NL):
             kept.append(token)
     return " ".join(tokenize.tok_name[token.type] if token.type in _BETWEEN else token.string for token in kept)
+
+
+def _tokens(source: str) -> Iterator[tokenize.TokenInfo]:
+    """The tokens of a text. An f-string is one, as it was before Python 3.12."""
+    lines = source.splitlines(keepends=True)
+    opened: list[tokenize.TokenInfo] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if tokenize.tok_name[token.type] == "FSTRING_START":
+            opened.append(token)
+        elif tokenize.tok_name[token.type] == "FSTRING_END":
+            first = opened.pop()
+            if not opened:
+                yield tokenize.TokenInfo(tokenize.STRING, _between(lines, first.start, token.end), first.start, token.end, first.line)
+        elif not opened:
+            yield token
+
+
+def _between(lines: Sequence[str], start: tuple[int, int], end: tuple[int, int]) -> str:
+    """The text from one place (line from 1, column) to another."""
+    (first, left), (last, right) = start, end
+    if first == last:
+        return lines[first - 1][left:right]
+    return "".join((lines[first - 1][left:], *lines[first : last - 1], lines[last - 1][:right]))
 
 
 def _fields(value: Any) -> Any:

@@ -20,6 +20,9 @@ _FAR = np.float32(1e9)
 _NEAR = 0.02  # a voxel nearer than this to the camera's plane is not judged
 _SLACK = 5e-4  # m that a ray must go on behind a voxel
 LEVELS = 7  # windows of 1 to 64 pixels
+_LEVEL = np.array([max(n.bit_length() - 1, 0) for n in range(1 << LEVELS)])  # the windows that fit into so many pixels
+BLOCK = 4  # voxels that are judged at once where all are alike
+CLEAR, HIDDEN, UNDECIDED = 0, 1, 2
 
 
 @njit(cache=True, nogil=True)
@@ -84,49 +87,113 @@ def _half_extents(step: Array, T: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _wholly_clear(a: float, b: float, c: float, half: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float) -> bool:
-    """Whether all of a voxel's image lies on rays that are clear to beyond it: those of the rectangle around it and the pixels next to it,
-    which must be within the picture. (a, b, c): its centre in the grid's frame.
+def _image(
+    a: float, b: float, c: float, half: Array, T: Array, fx: float, fy: float, cx: float, cy: float
+) -> tuple[float, float, float, float, float]:
+    """The rectangle of pixels around the image of a voxel, or a block of them, and the pixels next to it: first and last column, first and
+    last row, whole numbers that may lie outside the picture; and its middle's depth. (a, b, c): its middle in the grid's frame. Without
+    meaning for what is nearer than `_NEAR`.
     """
-    n_levels, height, width = levels.shape
     z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
-    if z - half[2] < _NEAR:
-        return False
     x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
     y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
-    near, far = 1.0 / (z - half[2]), 1.0 / (z + half[2])
+    near, far = 1.0 / max(z - half[2], _NEAR), 1.0 / max(z + half[2], _NEAR)
     u0 = np.floor(fx * min((x - half[0]) * near, (x - half[0]) * far) + cx)
     u1 = np.ceil(fx * max((x + half[0]) * near, (x + half[0]) * far) + cx)
     v0 = np.floor(fy * min((y - half[1]) * near, (y - half[1]) * far) + cy)
     v1 = np.ceil(fy * max((y + half[1]) * near, (y + half[1]) * far) + cy)
-    if u0 < 0.0 or v0 < 0.0 or u1 > width - 1.0 or v1 > height - 1.0:
-        return False
-    n = int(max(u1 - u0, v1 - v0)) + 1
-    level = 0
-    while (2 << level) <= n:
-        level += 1
-    w = 1 << level
-    if level >= n_levels or w > width or w > height:
-        return False  # so near that the picture holds little more than this voxel
-    left, right = min(int(u0), width - w), max(int(u1) - w + 1, 0)
-    upper, lower = min(int(v0), height - w), max(int(v1) - w + 1, 0)
-    image = levels[level]
-    least = min(min(image[upper, left], image[upper, right]), min(image[lower, left], image[lower, right]))
-    return bool(least > z + half[2] + _SLACK)
+    return u0, u1, v0, v1, z
 
 
 @njit(cache=True, nogil=True)
-def mark_free(state: States, step: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float) -> None:
-    """Mark every voxel FREE that is wholly clear in a picture; levels: its `pyramid`."""
-    half = np.empty(3)
-    _half_extents(step, T, half)
-    for i in range(state.shape[0]):
-        for j in range(state.shape[1]):
-            for k in range(state.shape[2]):
+def _least(u0: float, u1: float, v0: float, v1: float, levels: Image) -> float:
+    """The least of the pixels of a rectangle, and maybe of some beside its shorter side; that of all there can be when it is too large, or
+    not wholly within the picture."""
+    n_levels, height, width = levels.shape
+    if u0 < 0.0 or v0 < 0.0 or u1 > width - 1.0 or v1 > height - 1.0:
+        return -_FAR
+    n = int(max(u1 - u0, v1 - v0)) + 1
+    if n >= 2 << (n_levels - 1):
+        return -_FAR
+    level = _LEVEL[n]
+    w = 1 << level
+    if w > width or w > height:
+        return -_FAR
+    left, right = min(int(u0), width - w), max(int(u1) - w + 1, 0)
+    upper, lower = min(int(v0), height - w), max(int(v1) - w + 1, 0)
+    image = levels[level]
+    return min(min(image[upper, left], image[upper, right]), min(image[lower, left], image[lower, right]))
+
+
+@njit(cache=True, nogil=True)
+def _wholly_clear(a: float, b: float, c: float, half: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float) -> bool:
+    """Whether all of a voxel's image lies on rays that are clear to beyond it: those of the rectangle around it and the pixels next to it,
+    which must be within the picture. (a, b, c): its centre in the grid's frame.
+    """
+    u0, u1, v0, v1, z = _image(a, b, c, half, T, fx, fy, cx, cy)
+    return z - half[2] >= _NEAR and _least(u0, u1, v0, v1, levels) > z + half[2] + _SLACK
+
+
+@njit(cache=True, nogil=True)
+def _block(
+    a: float, b: float, c: float, half: Array, T: Array, levels: Image, negated: Image, fx: float, fy: float, cx: float, cy: float
+) -> int:
+    """CLEAR or HIDDEN when each voxel of a block, `BLOCK` voxels wide, would be found so by itself; else UNDECIDED. half (3,): the block's.
+
+    A voxel's pixels are among the block's, but for those beside its shorter side: so the block asks as far around as it is wide.
+    """
+    _, height, width = levels.shape
+    u0, u1, v0, v1, z = _image(a, b, c, half, T, fx, fy, cx, cy)
+    if z + half[2] < _NEAR:
+        return HIDDEN
+    if z - half[2] < _NEAR:
+        return UNDECIDED
+    if u1 < 0.0 or v1 < 0.0 or u0 > width - 1.0 or v0 > height - 1.0:
+        return HIDDEN
+    most = -_least(max(u0, 0.0), min(u1, width - 1.0), max(v0, 0.0), min(v1, height - 1.0), negated)
+    if most <= z - half[2]:
+        return HIDDEN
+    n = max(u1 - u0, v1 - v0) + 1.0
+    return CLEAR if _least(u0 - n, u1 + n, v0 - n, v1 + n, levels) > z + half[2] + _SLACK else UNDECIDED
+
+
+@njit(cache=True, nogil=True)
+def _asked(state: States, i0: int, j0: int, k0: int) -> bool:
+    """Whether any voxel of the block that begins at (i0, j0, k0) is not FREE yet."""
+    X, Y, Z = state.shape
+    for i in range(i0, min(i0 + BLOCK, X)):
+        for j in range(j0, min(j0 + BLOCK, Y)):
+            for k in range(k0, min(k0 + BLOCK, Z)):
                 if state[i, j, k] != FREE:
-                    a, b, c = (i + 0.5) * step[0], (j + 0.5) * step[1], (k + 0.5) * step[2]
-                    if _wholly_clear(a, b, c, half, T, levels, fx, fy, cx, cy):
-                        state[i, j, k] = FREE
+                    return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def mark_free(state: States, step: Array, T: Array, levels: Image, negated: Image, fx: float, fy: float, cx: float, cy: float) -> None:
+    """Mark every voxel FREE that is wholly clear in a picture; levels: its `pyramid`; negated: that of the negated picture."""
+    half, block = np.empty(3), np.empty(3)
+    _half_extents(step, T, half)
+    block[:] = BLOCK * half
+    X, Y, Z = state.shape
+    for i0 in range(0, X, BLOCK):
+        for j0 in range(0, Y, BLOCK):
+            for k0 in range(0, Z, BLOCK):
+                if not _asked(state, i0, j0, k0):
+                    continue
+                a, b, c = (i0 + 0.5 * BLOCK) * step[0], (j0 + 0.5 * BLOCK) * step[1], (k0 + 0.5 * BLOCK) * step[2]
+                said = _block(a, b, c, block, T, levels, negated, fx, fy, cx, cy)
+                if said == HIDDEN:
+                    continue
+                for i in range(i0, min(i0 + BLOCK, X)):
+                    for j in range(j0, min(j0 + BLOCK, Y)):
+                        for k in range(k0, min(k0 + BLOCK, Z)):
+                            if said == UNDECIDED and state[i, j, k] != FREE:
+                                a, b, c = (i + 0.5) * step[0], (j + 0.5) * step[1], (k + 0.5) * step[2]
+                                if _wholly_clear(a, b, c, half, T, levels, fx, fy, cx, cy):
+                                    state[i, j, k] = FREE
+                            elif said == CLEAR:
+                                state[i, j, k] = FREE
 
 
 @njit(cache=True, nogil=True)
@@ -145,6 +212,37 @@ def mark_occupied(state: States, step: Array, clear: Image, fx: float, fy: float
             k = int(np.floor((eye[2] + z * (R[2, 0] * x + R[2, 1] * y + R[2, 2])) / step[2]))
             if 0 <= i < state.shape[0] and 0 <= j < state.shape[1] and 0 <= k < state.shape[2]:
                 state[i, j, k] = OCCUPIED
+
+
+@njit(cache=True, nogil=True)
+def hidden_layers(state: States, step: Array, T_grid_world: Array, low: Array, high: Array, axis: int, side: int, most: int) -> int:
+    """How many layers of voxels, `most` at most, beside one face of a box of the world hide what is in them; 0 for two or fewer.
+
+    low, high (3,): the box's corners. The face is that across `axis` at its low or high end, side -1 or 1. A layer hides nothing when it
+    leaves the grid, when a fifth of it is FREE, or, beyond the first, when half of it is OCCUPIED. T_grid_world (4, 4).
+    """
+    thickness, T = max(step[0], step[1], step[2]), T_grid_world
+    p, q = (axis + 1) % 3, (axis + 2) % 3
+    n_p = max(int(np.ceil(2 * (high[p] - low[p]) / thickness)), 3)
+    n_q = max(int(np.ceil(2 * (high[q] - low[q]) / thickness)), 3)
+    x, v = np.empty(3), np.empty(3, np.int64)
+    for layer in range(max(most, 3)):
+        x[axis] = (high[axis] if side > 0 else low[axis]) + side * (layer + 0.5) * thickness
+        free, occupied, inside = 0, 0, True
+        for i in range(1, n_p):
+            x[p] = low[p] + i * ((high[p] - low[p]) / n_p)
+            for j in range(1, n_q):
+                x[q] = low[q] + j * ((high[q] - low[q]) / n_q)
+                for r in range(3):
+                    v[r] = int(np.floor((T[r, 0] * x[0] + T[r, 1] * x[1] + T[r, 2] * x[2] + T[r, 3]) / step[r]))
+                    inside = inside and 0 <= v[r] < state.shape[r]
+                if inside:
+                    free += state[v[0], v[1], v[2]] == FREE
+                    occupied += state[v[0], v[1], v[2]] == OCCUPIED
+        total = (n_p - 1) * (n_q - 1)
+        if not inside or free / total >= 0.2 or (layer > 0 and occupied / total >= 0.5):
+            return layer if layer > 2 else 0
+    return most
 
 
 @njit(cache=True, nogil=True)

@@ -128,10 +128,11 @@ class Voxels:
     def after(self, rays: ClearRays) -> Voxels:
         """The map after what one depth image says."""
         state, (R, eye) = self.state.copy(), (np.ascontiguousarray(rays.T_grid_camera[:3, :3]), rays.T_grid_camera[:3, 3].copy())
-        levels = np.empty((grid.LEVELS, *rays.clear.shape), np.float32)
-        levels[0] = rays.clear
+        levels, negated = (np.empty((grid.LEVELS, *rays.clear.shape), np.float32) for _ in range(2))
+        levels[0], negated[0] = rays.clear, -rays.clear
         grid.pyramid(levels)
-        grid.mark_free(state, self.step, np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), levels, *rays.camera)
+        grid.pyramid(negated)
+        grid.mark_free(state, self.step, np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), levels, negated, *rays.camera)
         grid.mark_occupied(state, self.step, rays.ends, *rays.camera, R, eye)
         return replace(self, state=state)
 

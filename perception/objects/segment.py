@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from kinematics.scene import Body, Cabinet, object_box
-from kinematics.transforms import Array
+from kinematics.transforms import Array, inverse
 from perception.frames import Frame
+from perception.mapping.grid import hidden_layers
 from perception.objects.clustering import CELL_M, cluster_instances
 from perception.objects.fit import standing_solids
 from perception.objects.prepared_frames import PreparedFrames, prepare
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 Int = NDArray[np.int64]
 FEWEST_PIXELS = 20
 """What fewer pixels show is no object but noise."""
+GROWN_M = 0.06
+"""A box grows into hidden space until it is as large as that, or as the longer of its seen sides."""
 
 
 def segment(
@@ -116,7 +119,7 @@ def standing_box(points: Array, cabinet: Cabinet, base_m: float = 0.0) -> Array:
     return np.concatenate([(low + high) / 2, high - low])
 
 
-def grown(box: Array, voxels: Voxels, usual_m: float = 0.06) -> Array:
+def grown(box: Array, voxels: Voxels, usual_m: float = GROWN_M) -> Array:
     """A box (6,) of the world, extended into the unknown space beside and above it.
 
     A side gives way layer by layer, a voxel each, until a fifth of the layer is free, half of it is somebody else's surface, or a wall
@@ -126,34 +129,18 @@ def grown(box: Array, voxels: Voxels, usual_m: float = 0.06) -> Array:
     """
     low, high = box[:3] - box[3:] / 2, box[:3] + box[3:] / 2
     step = float(voxels.step.max())
-    widest = max(float(box[3:5].max()), usual_m)
+    widest, T_grid_world = max(float(box[3:5].max()), usual_m), inverse(voxels.T_world_grid)
     for axis in range(3):
         room = widest - box[3 + axis] if axis < 2 else usual_m
         layers = int(np.ceil(max(room, 0.0) / step))
-        runs = [0.0 if axis == 2 and side < 0 else step * _hidden_layers(low, high, axis, side, layers, voxels) for side in (-1, 1)]
+        runs = [
+            0.0 if axis == 2 and side < 0 else step * hidden_layers(voxels.state, voxels.step, T_grid_world, low, high, axis, side, layers)
+            for side in (-1, 1)
+        ]
         first = min(runs[0], max(room / 2, room - runs[1]))
         low[axis] -= max(first, 0.0)
         high[axis] += max(min(runs[1], room - first), 0.0)
     return np.concatenate([(low + high) / 2, high - low])
-
-
-def _hidden_layers(low: Array, high: Array, axis: int, side: int, most: int, voxels: Voxels) -> int:
-    """How many layers of voxels beside one face of a box hide what is in them; 0 for two or fewer."""
-    from perception.mapping.voxels import FREE, OCCUPIED
-
-    step = float(voxels.step.max())
-    sides = [np.linspace(low[k], high[k], max(int(np.ceil(2 * (high[k] - low[k]) / step)), 3) + 1)[1:-1] for k in range(3) if k != axis]
-    a, b = (g.ravel() for g in np.meshgrid(*sides, indexing="ij"))
-    points = np.insert(np.stack([a, b], -1), axis, 0.0, axis=1)
-    for layer in range(max(most, 3)):
-        points[:, axis] = (high if side > 0 else low)[axis] + side * (layer + 0.5) * step
-        index = voxels.index(points)
-        if not ((index >= 0) & (index < voxels.state.shape)).all():
-            return layer if layer > 2 else 0
-        state = voxels.state[tuple(index.T)]
-        if np.mean(state == FREE) >= 0.2 or (layer > 0 and np.mean(state == OCCUPIED) >= 0.5):
-            return layer if layer > 2 else 0
-    return most
 
 
 def iou(a: Array, b: Array) -> float:

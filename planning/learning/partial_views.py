@@ -10,10 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from kinematics.scene import State
-from kinematics.transforms import Array, inverse
-from perception.belief import believe, observation
+from kinematics.shapes import Box, bounds
+from kinematics.transforms import Array, inverse, transform
+from perception.belief import FLAG_HEIGHT_M, believe, observation
 from perception.mapping.next_best_view import sample_poses
-from perception.mapping.voxels import unknown_voxels
+from perception.mapping.voxels import FREE, Voxels, unknown_voxels
+from perception.objects.segment import GROWN_M
 from perception.observation import Observation, boxes_in
 from perception.rendering.synthetic_camera import DEFAULT, synthetic_camera
 from planning.learning.labels import Row, movable
@@ -52,13 +54,29 @@ def _look(motions: Motions, state: State, views: int, rng: np.random.Generator) 
     scene, robot = motions.scene, motions.robot
     empty_scene = replace(scene, objects=(), observation=None)
     camera = synthetic_camera(robot, scene, state.poses, intrinsics=COARSELY)
-    voxels, frames = unknown_voxels(scene.cabinet), []
+    voxels, frames = _to_be_asked(motions, state), []
     for q in _stands(motions, state, views, rng):
         full = robot.with_arm(q, float(state.q[robot.gripper_joint]))
         frame = camera(scene.robot.T_world_base @ robot.link_poses(full)["camera"], full)
         voxels = voxels.fuse(frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm)
         frames.append(frame)
     return observation(empty_scene, state.q, believe(empty_scene, frames, voxels))
+
+
+def _to_be_asked(motions: Motions, state: State) -> Voxels:
+    """A map in which only that is unknown of which boxes and flags are made: the floor's air, and what is around the objects, whose seen
+    boxes grow by no more than they are wide (see `segment.grown`)."""
+    scene, voxels = motions.scene, unknown_voxels(motions.scene.cabinet)
+    asked, slack = np.zeros(voxels.state.shape, bool), 2 * float(voxels.step.max())
+    asked[:, :, : int(np.ceil(FLAG_HEIGHT_M / voxels.step[2])) + 1] = True
+    for name, pose in state.poses.items():
+        low, high = bounds(scene.body(name).shape, pose)
+        wide = max(float((high - low)[:2].max()), GROWN_M) + slack
+        size, up = high - low + [2 * wide, 2 * wide, 0.0], np.array([0.0, 0.0, GROWN_M + slack])
+        low, high = bounds(Box(size + up), inverse(voxels.T_world_grid) @ transform(p=(low + high + up) / 2))
+        first, last = np.clip(np.floor(low / voxels.step), 0, None).astype(int), np.ceil(high / voxels.step).astype(int)
+        asked[first[0] : last[0], first[1] : last[1], first[2] : last[2]] = True
+    return voxels.marked(~asked, FREE)
 
 
 def _stands(motions: Motions, state: State, views: int, rng: np.random.Generator) -> list[Array]:

@@ -11,7 +11,8 @@ from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import apply, inverse, rotation_about, transform
 from perception.camera import DepthNoise, cloud, look_at, realsense_d435i
-from perception.mapping.voxels import FREE, OCCUPIED, UNKNOWN, Voxels, unknown_voxels
+from perception.mapping import grid
+from perception.mapping.voxels import FREE, OCCUPIED, UNKNOWN, Voxels, clear_rays, unknown_voxels
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
 
@@ -73,6 +74,25 @@ def test_no_free_voxel_holds_any_part_of_an_object(seed: int, n: int, views: int
     free = points_of_free(voxels)
     for body in bodies:
         assert depth_inside(body, free).max(initial=-1.0) < DEEPEST_M
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1), voxel_m=st.floats(0.008, 0.03))
+def test_a_block_of_voxels_is_judged_as_each_of_them_would_be(seed: int, voxel_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    T, voxels = camera_pose(rng), unknown_voxels(CABINET, voxel_m)
+    rays = clear_rays(CABINET, view(bodies_in(CABINET, rng, 6), T), CAMERA, T)
+    pyramids = np.empty((2, grid.LEVELS, *rays.clear.shape), np.float32)
+    pyramids[:, 0] = rays.clear, -rays.clear
+    for levels in pyramids:
+        grid.pyramid(levels)
+    T_camera_grid, together = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), voxels.state.copy()
+    grid.mark_free(together, voxels.step, T_camera_grid, *pyramids, *rays.camera)
+    rows, alone = np.arange(voxels.state.size), np.ones(voxels.state.size, np.uint8)
+    middles = (np.argwhere(voxels.state == UNKNOWN) + 0.5) * voxels.step
+    grid.revealed(rows, middles, voxels.step, T_camera_grid, pyramids[0], *rays.camera, alone)
+    assert 0 < alone.sum() < alone.size
+    assert np.array_equal(together.ravel() == FREE, alone == 1)
 
 
 @settings(max_examples=10)

@@ -110,19 +110,20 @@ def _least(u0: float, u1: float, v0: float, v1: float, levels: Image) -> float:
     """The least of the pixels of a rectangle, and maybe of some beside its shorter side; that of all there can be when it is too large, or
     not wholly within the picture."""
     n_levels, height, width = levels.shape
+    nothing = -float(_FAR)
     if u0 < 0.0 or v0 < 0.0 or u1 > width - 1.0 or v1 > height - 1.0:
-        return -_FAR
+        return nothing
     n = int(max(u1 - u0, v1 - v0)) + 1
     if n >= 2 << (n_levels - 1):
-        return -_FAR
+        return nothing
     level = _LEVEL[n]
     w = 1 << level
     if w > width or w > height:
-        return -_FAR
+        return nothing
     left, right = min(int(u0), width - w), max(int(u1) - w + 1, 0)
     upper, lower = min(int(v0), height - w), max(int(v1) - w + 1, 0)
     image = levels[level]
-    return min(min(image[upper, left], image[upper, right]), min(image[lower, left], image[lower, right]))
+    return float(min(min(image[upper, left], image[upper, right]), min(image[lower, left], image[lower, right])))
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +132,7 @@ def _wholly_clear(a: float, b: float, c: float, half: Array, T: Array, levels: I
     which must be within the picture. (a, b, c): its centre in the grid's frame.
     """
     u0, u1, v0, v1, z = _image(a, b, c, half, T, fx, fy, cx, cy)
-    return z - half[2] >= _NEAR and _least(u0, u1, v0, v1, levels) > z + half[2] + _SLACK
+    return bool(z - half[2] >= _NEAR and _least(u0, u1, v0, v1, levels) > z + half[2] + _SLACK)
 
 
 @njit(cache=True, nogil=True)

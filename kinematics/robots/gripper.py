@@ -9,22 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from kinematics.chain import Int
-from kinematics.robots.opening import ROOM_M, SLICES, TILTS, Opening
+from kinematics.robots.free_depth import free_depth, free_depths
+from kinematics.robots.hull_sections import HEIGHTS_M, Sections
+from kinematics.robots.opening import Opening
 from kinematics.robots.tree import FIXED, TURNS, LinkHull, Tree
 from kinematics.transforms import Array, inverse
 
 PAD_M = 0.008  # a finger link that stays within 8 mm of being the innermost one is a pad
-_Z = np.linspace(-0.12, 0.04, 161)  # where the fingers are looked at, along the hand's z
 _STEP_M = 0.001
 MOST_SLANT = np.radians(20)
 """Where fingers that turn touch what is round further from the way they close, it slips: friction of 0.5 holds 26.6°."""
-SLIVER_M = 1e-6
-"""Triangles that are no higher than that say nothing about a hull's faces."""
 ROWS, ASIDE_M = 13, 0.08
 """In how many rows, and how far from the middle at most, hands of three fingers are looked at along the hand's x."""
 ACROSS_M = (-0.012, -0.006, 0.0, 0.006, 0.012)
 """Where a jaw and what it closes on are looked at, along the hand's x."""
-_BETWEEN = np.abs(_Z) <= 0.015  # the hand frame's origin lies between the pads
+_BETWEEN = np.abs(HEIGHTS_M) <= 0.015  # the hand frame's origin lies between the pads
 
 
 def measure(
@@ -37,7 +36,7 @@ def measure(
     mover = max(i for i in tree.path(tree.index["hand"]) if tree.kind[i] != FIXED)
     hand = [hull for hull in hulls if mover in tree.path(tree.index[hull.link])]
     values = np.linspace(*limits, 33)
-    places = [_placed(tree, hand, rest, gripper, value) for value in values]
+    places = _placed(tree, hand, rest, gripper, values)
     jaw = _jaw_side(tree, gripper, places, fingers)
     looked = _look(tree, places, fingers, gripper, jaw)
     profiles, widths, middles, usable, hinged = looked.profiles, looked.widths, looked.middles, looked.usable, looked.hinged
@@ -59,7 +58,7 @@ def measure(
         inner = [p.links for p in profiles]
         pads = frozenset(f for f in fingers if max(np.min(inner[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
     pad_z = [0.0 if hinged else _pad_z(profiles[i], widths[i], jaw) for i in usable]
-    depth = [_free_depth(_centred(places[i], middles[i]), pads, widths[i], z) for i, z in zip(usable, pad_z)]
+    depth = [free_depth(_centred(places[i], middles[i]), pads, widths[i], z) for i, z in zip(usable, pad_z)]
     there = [_width_at_origin(profiles[i]) for i in usable]
     if min(depth) < SHALLOW_M and all(z < 0.0 and w - widths[i] < TAPER_M for i, z, w in zip(usable, pad_z, there)):
         depth, pad_z = [deep - z for deep, z in zip(depth, pad_z)], [0.0] * len(usable)  # nearer to the tips, at the hand frame
@@ -70,7 +69,7 @@ def measure(
     kept = np.concatenate([[True], np.diff(table[1]) > 1e-6])
     value, width, z, deep, y = table[:, kept]
     at = [(usable[k], pad_z[k]) for k in order[kept]]
-    tilted = np.array([_free_depths(_centred(places[i], middles[i]), pads, widths[i], middle) for i, middle in at])
+    tilted = np.array([free_depths(_centred(places[i], middles[i]), pads, widths[i], middle) for i, middle in at])
     return Opening(value, width, z, deep, y, jaw, hinged, tilted_m=tilted), pads
 
 
@@ -89,29 +88,41 @@ class NotClosing(ValueError):
         self.fingers = fingers
 
 
-def _placed(tree: Tree, hand: Sequence[LinkHull], rest: Array, gripper: int, value: float) -> _Placed:
-    """The hand's hulls in its frame with the gripper's joint at a value."""
-    q = rest.copy()
-    q[gripper] = value
-    poses = tree.poses(q)
-    T_hand = inverse(poses[tree.index["hand"]])
-    return [(h.link, h.vertices @ T[:3, :3].T + T[:3, 3], h.faces) for h in hand for T in [T_hand @ poses[tree.index[h.link]]]]
+def _placed(tree: Tree, hand: Sequence[LinkHull], rest: Array, gripper: int, values: Array) -> list[_Placed]:
+    """The hand's hulls in its frame with the gripper's joint at each of some values.
+
+    Of those that stand still there are the same arrays each time.
+    """
+    known, places = dict[tuple[int, bytes], Array](), list[_Placed]()
+    for value in values:
+        q = rest.copy()
+        q[gripper] = value
+        poses = tree.poses(q)
+        T_hand = inverse(poses[tree.index["hand"]])
+        placed: _Placed = []
+        for i, hull in enumerate(hand):
+            T = T_hand @ poses[tree.index[hull.link]]
+            if (i, T.tobytes()) not in known:
+                known[i, T.tobytes()] = hull.vertices @ T[:3, :3].T + T[:3, 3]
+            placed.append((hull.link, known[i, T.tobytes()], hull.faces))
+        places.append(placed)
+    return places
 
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """What the line x = 0 crosses at each of the heights _Z (Z,). links: how near to y = 0 each link comes, inf where it is not crossed;
+    """What the line x = 0 crosses at each of HEIGHTS_M (Z,). links: how near to y = 0 each link comes, inf where it is not crossed;
     sides: the nearest of the fingers on either side. Of a jaw that moves alone both are signed: what lies behind y = 0 is negative."""
 
     links: dict[str, Array]
     sides: dict[int, Array]
 
 
-def _profile(placed: _Placed, fingers: frozenset[str], across: Sequence[float] = (0.0,)) -> _Profile:
+def _profile(placed: _Placed, fingers: frozenset[str], sections: Sections, across: Sequence[float] = (0.0,)) -> _Profile:
     """across: where the lines are along x, besides x = 0 as well."""
-    links, sides = dict[str, Array](), {side: np.full(len(_Z), np.inf) for side in (1, -1)}
+    links, sides = dict[str, Array](), {side: np.full(len(HEIGHTS_M), np.inf) for side in (1, -1)}
     for (link, vertices, faces), x in itertools.product(placed, across):
-        low, high = cross_section(vertices if x == 0.0 else vertices - [x, 0.0, 0.0], faces, _Z)
+        low, high = sections.at(vertices, faces, x)
         gap = np.where(np.isnan(low), np.inf, np.maximum(0.0, np.maximum(low, -high)))
         links[link] = np.minimum(links.get(link, np.inf), gap)
         if link in fingers and np.isfinite(low).any():
@@ -134,16 +145,17 @@ class _Look:
 
 def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], gripper: int, jaw: int) -> _Look:
     """places (V): the hand's hulls at each value; jaw: see `_jaw_side`."""
-    profiles = [_profile(placed, fingers) for placed in places]
+    sections = Sections()
+    profiles = [_profile(placed, fingers, sections) for placed in places]
     unmet = any(all(np.isinf(p.sides[side]).all() for p in profiles) for side in (1, -1))
     split = not jaw and (unmet or _stand_in_three(tree, gripper, places[0]))
     if split:  # of three fingers two are beside the middle
         wide_m = max(float(np.abs(v[:, 0]).max()) for link, v, _ in places[0] if link in fingers)
         across = [float(x) for x in np.linspace(-min(wide_m, ASIDE_M), min(wide_m, ASIDE_M), ROWS)]
-        profiles = [_profile(placed, fingers, across) for placed in places]
+        profiles = [_profile(placed, fingers, sections, across) for placed in places]
     if jaw:
         furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
-        profiles = [_jaw_profile(placed, fingers, jaw, furthest) for placed in places]
+        profiles = [_jaw_profile(placed, fingers, jaw, furthest, sections) for placed in places]
     turns = any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
     swings = turns and not jaw and (split or not all(np.isfinite(_width(p, jaw)[0]) for p in profiles))
     hinged = swings or (turns and bool(jaw))
@@ -182,13 +194,13 @@ def _jaw_side(tree: Tree, gripper: int, places: Sequence[_Placed], fingers: froz
     return 1 if furthest > 0 else -1
 
 
-def _jaw_profile(placed: _Placed, fingers: frozenset[str], jaw: int, furthest: float) -> _Profile:
+def _jaw_profile(placed: _Placed, fingers: frozenset[str], jaw: int, furthest: float, sections: Sections) -> _Profile:
     """The same for a jaw that moves alone, never further than that from y = 0: the other side is what it closes on, and stands still."""
-    links, sides = dict[str, Array](), {side: np.full(len(_Z), np.inf) for side in (1, -1)}
+    links, sides = dict[str, Array](), {side: np.full(len(HEIGHTS_M), np.inf) for side in (1, -1)}
     for link, vertices, faces in placed:
         side = jaw if link in fingers else -jaw
         for x in ACROSS_M:  # what is round stands upright between them, whatever ribs they have
-            low, high = cross_section(vertices - [x, 0.0, 0.0], faces, _Z)
+            low, high = sections.at(vertices, faces, x)
             inner = np.where(np.isnan(low), np.inf, low if side > 0 else -high)
             if link not in fingers:
                 inner = np.where(-inner < furthest, inner, np.inf)  # what lies beyond the jaw is not what it closes on
@@ -204,8 +216,8 @@ def _round_width(profile: _Profile, jaw: int) -> tuple[float, float]:
 
     def room(radius: float) -> tuple[float, float]:
         """From where to where along the jaw's side the cylinder's axis may be."""
-        thick = np.sqrt(np.maximum(radius**2 - _Z**2, 0.0))
-        over = np.abs(_Z) < radius
+        thick = np.sqrt(np.maximum(radius**2 - HEIGHTS_M**2, 0.0))
+        over = np.abs(HEIGHTS_M) < radius
         fixed, moving = profile.sides[-jaw][over], profile.sides[jaw][over]
         return float((thick[over] - fixed).max(initial=-np.inf)), float((moving - thick[over]).min(initial=np.inf))
 
@@ -219,15 +231,15 @@ def _round_width(profile: _Profile, jaw: int) -> tuple[float, float]:
 
 
 def _off_round(gaps: Array, width: float) -> float:
-    """How far what is so near to y = 0 at the heights _Z (Z,) is from an upright cylinder of this width about the hand's x."""
-    over = np.abs(_Z) < width / 2
-    return float(np.min(gaps[over] - np.sqrt((width / 2) ** 2 - _Z[over] ** 2), initial=np.inf))
+    """How far what is so near to y = 0 at the heights HEIGHTS_M (Z,) is from an upright cylinder of this width about the hand's x."""
+    over = np.abs(HEIGHTS_M) < width / 2
+    return float(np.min(gaps[over] - np.sqrt((width / 2) ** 2 - HEIGHTS_M[over] ** 2), initial=np.inf))
 
 
 def _slant(profile: _Profile, width: float, middle: float) -> float:
     """How far, in rad, from the y axis the sides touch an upright cylinder of this width, its axis at y = middle; the larger of both."""
-    over = np.abs(_Z) < width / 2
-    z, out = _Z[over], np.sqrt((width / 2) ** 2 - _Z[over] ** 2)
+    over = np.abs(HEIGHTS_M) < width / 2
+    z, out = HEIGHTS_M[over], np.sqrt((width / 2) ** 2 - HEIGHTS_M[over] ** 2)
     at = [z[int(np.argmin(profile.sides[side][over] - side * middle - out))] for side in (1, -1)]
     return float(np.arcsin(max(0.0, max(np.abs(at)) - _STEP_M) / (width / 2)))
 
@@ -244,13 +256,13 @@ def _width(profile: _Profile, jaw: int) -> tuple[float, float]:
 
 def _pad_z(profile: _Profile, width: float, jaw: int) -> float:
     """The middle of the pads along the hand's z."""
-    z = _Z[(np.abs(profile.sides[1] + profile.sides[-1] - width) <= 0.0005) & (_Z > -0.04)]
+    z = HEIGHTS_M[(np.abs(profile.sides[1] + profile.sides[-1] - width) <= 0.0005) & (HEIGHTS_M > -0.04)]
     return float(z[np.abs(z) <= 0.015].mean() if jaw else z.mean())
 
 
 def _width_at_origin(profile: _Profile) -> float:
     """How far the pads are apart where the hand frame is; inf where they don't reach."""
-    return float((profile.sides[1] + profile.sides[-1])[np.argmin(np.abs(_Z))])
+    return float((profile.sides[1] + profile.sides[-1])[np.argmin(np.abs(HEIGHTS_M))])
 
 
 def _inmost(profiles: Sequence[_Profile], links: frozenset[str], side: int, wide: Sequence[int]) -> frozenset[str]:
@@ -267,89 +279,3 @@ def _centred(placed: _Placed, middle: float) -> _Placed:
     if middle == 0.0:
         return placed
     return [(link, vertices - [0.0, middle, 0.0], faces) for link, vertices, faces in placed]
-
-
-def _free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> float:
-    """How far behind pad_z an object of this width may reach, however high it is, plus ROOM_M: an object that ends ROOM_M before this depth
-    keeps ROOM_M from all other links, beside it as well as behind it.
-
-    placed: hulls in the hand's frame, (link, vertices, faces).
-    """
-    nearest = float(_Z[0])
-    steps = np.linspace(0.0, ROOM_M, 11)
-    for link, vertices, faces in placed:
-        if link not in pads:
-            reach = _furthest(vertices, faces, width / 2 + steps[1:])
-            for inner, z in zip(steps, reach):  # what is that far beside it has to be so far behind it
-                if z < pad_z:
-                    nearest = max(nearest, float(z) - ROOM_M + float(np.sqrt(ROOM_M**2 - inner**2)))
-    return pad_z - nearest
-
-
-def _furthest(vertices: Array, faces: Int, half: Array) -> Array:
-    """The largest z of a convex hull where |y| ≤ half (N,), for each (N,); -inf where it has nothing there."""
-    a, b = (np.concatenate([vertices[faces[:, i]] for i in order]) for order in ((0, 1, 2), (1, 2, 0)))
-    best = np.where(np.abs(a[:, 1]) <= half[:, None], a[:, 2], -np.inf).max(1, initial=-np.inf)
-    for y in (-half[:, None], half[:, None]):
-        crosses = (a[:, 1] - y) * (b[:, 1] - y) < 0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z = a[:, 2] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 2] - a[:, 2])
-        best = np.maximum(best, np.where(crosses, z, -np.inf).max(1, initial=-np.inf))
-    return np.asarray(best)
-
-
-def _free_depths(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> Array:
-    """The same along each of TILTS, for each of SLICES of an object of this width: (T, S); of links behind the pads alone, so of no camera
-    that looks past them."""
-    half, along = width / 2, np.stack([np.sin(TILTS), np.cos(TILTS)])
-    steps = np.linspace(0.0, ROOM_M, 6)
-    starts, forward = half * SLICES, np.full((len(TILTS), len(SLICES)), float(_Z[0]))
-    straight = int(np.argmin(np.abs(TILTS)))
-    for link, vertices, faces in placed:
-        if link in pads or not vertices[:, 0].min() < 0.0 < vertices[:, 0].max():
-            continue
-        beside, ahead = np.abs(vertices[:, 1]), (vertices[:, ::2] - [0.0, pad_z]) @ along
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        edges = edges[edges[:, 0] < edges[:, 1]]
-        slices = [(s, low, high, 0.0) for s, (low, high) in enumerate(zip(starts, [*starts[1:], half + steps[1]]))]
-        more = [(len(starts) - 1, half, half + outer, inner) for inner, outer in itertools.pairwise(steps[1:])]
-        for s, low, high, inner in [*slices, *more]:  # what is beside it has to be less far behind it
-            reach = _forward(vertices[:, 1], beside, ahead, edges, low, high)
-            if reach[straight] < 0.0:
-                forward[:, s] = np.maximum(forward[:, s], reach - ROOM_M + np.sqrt(ROOM_M**2 - inner**2))
-    return -forward
-
-
-def _forward(y: Array, beside: Array, ahead: Array, edges: Int, low: float, high: float) -> Array:
-    """The largest of each column of `ahead` (V, T) that a convex hull has where low ≤ |y| ≤ high: (T,), -inf where it has nothing there.
-
-    beside (V,): |y| of its vertices.
-    """
-    best = ahead[(beside >= low) & (beside <= high)].max(0, initial=-np.inf)
-    for plane in (-high, -low, low, high):
-        a, b = y[edges[:, 0]] - plane, y[edges[:, 1]] - plane
-        crosses = a * b < 0
-        i, j = edges[crosses].T
-        share = (a[crosses] / (a[crosses] - b[crosses]))[:, None]
-        best = np.maximum(best, (ahead[i] + share * (ahead[j] - ahead[i])).max(0, initial=-np.inf))
-    return np.asarray(best)
-
-
-def cross_section(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:
-    """Where the lines x = 0 at heights z (Z,) cross a convex hull: least and greatest y (Z,), nan where they miss."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    longest = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)
-    wide = np.linalg.norm(normal, axis=1) > SLIVER_M * longest  # a sliver's normal is rounding; its neighbours speak for it
-    a, normal = a[wide], normal[wide]
-    normal *= np.sign(np.einsum("ij,ij->i", normal, a - vertices.mean(0)))[:, None]
-    d = np.einsum("ij,ij->i", normal, a)
-    rhs = d[:, None] - normal[:, 2:3] * z  # n_y · y <= rhs
-    n_y = normal[:, 1:2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bound = rhs / n_y
-    flat = np.abs(n_y) < 1e-12
-    low = np.where((n_y < 0) & ~flat, bound, -np.inf).max(0)
-    high = np.where((n_y > 0) & ~flat, bound, np.inf).min(0)
-    miss = (low > high) | (flat & (rhs < 0)).any(0)
-    return np.where(miss, np.nan, low), np.where(miss, np.nan, high)

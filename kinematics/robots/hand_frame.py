@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from kinematics.robots.find_gripper import THREE, Motors, rigid
-from kinematics.robots.gripper import cross_section
 from kinematics.robots.hand_model import Model, NoGripper
+from kinematics.robots.hull_sections import cross_section
 from kinematics.robots.tree import FIXED, SLIDES
 from kinematics.transforms import Array, inverse, transform
 

@@ -10,7 +10,7 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -33,7 +33,7 @@ FRAME_FILLS = 0.25
 """A mesh that fills less of its hull is a frame or a sheet, and needs more parts."""
 SMALL_M3 = 2e-6
 PATIENCE_S = 20.0
-"""How long V-HACD may take for one mesh."""
+"""How long V-HACD may take for a mesh."""
 EDGE_M = 0.02  # triangles are cut so fine before they are given to parts, so that parts don't grow along large ones
 MOST_TRIANGLES = 60_000
 
@@ -124,16 +124,27 @@ def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
 def _mesh_parts(file: Path, scale: tuple[float, float, float], at_hand: bool) -> tuple[tuple[Array, ...], tuple[str, ...]]:
     """The points (P, 3) of convex parts that contain a mesh, and notes."""
     mesh = read_mesh(file, scale)
-    fills = HAND_FILLS if at_hand else FILLS
-    if mesh.hull_volume < SMALL_M3 or mesh.volume >= fills * mesh.hull_volume:
+    most = _parts_wanted(mesh, at_hand)
+    if most == 1:
         return (mesh.points,), ()
-    parts = _taken_apart(mesh, FRAME_PARTS if mesh.volume < FRAME_FILLS * mesh.hull_volume else HAND_PARTS if at_hand else PARTS)
+    parts = _kept(mesh, most) or _taken_apart([(mesh, most)])[0]
     if parts is None:
         share = 100 * mesh.volume / mesh.hull_volume
         return (mesh.points,), (f"{file.name} fills {share:.0f} % of its convex hull and can't be taken apart: its hull stands for it",)
-    if _volume(parts) >= fills * mesh.hull_volume:  # hollow, but convex as seen from outside
+    if _volume(parts) >= _fills(at_hand) * mesh.hull_volume:  # hollow, but convex as seen from outside
         return (mesh.points,), ()
     return parts, ()
+
+
+def _fills(at_hand: bool) -> float:
+    return HAND_FILLS if at_hand else FILLS
+
+
+def _parts_wanted(mesh: MeshSolid, at_hand: bool) -> int:
+    """Of how many convex parts a mesh may be made; 1 where its hull will do."""
+    if mesh.hull_volume < SMALL_M3 or mesh.volume >= _fills(at_hand) * mesh.hull_volume:
+        return 1
+    return FRAME_PARTS if mesh.volume < FRAME_FILLS * mesh.hull_volume else HAND_PARTS if at_hand else PARTS
 
 
 def _volume(parts: tuple[Array, ...]) -> float:
@@ -143,48 +154,73 @@ def _volume(parts: tuple[Array, ...]) -> float:
 
 
 def take_apart(links: Iterable[Any], at_hand: Collection[str]) -> None:
-    """Take apart the concave meshes of yourdfpy's links, several at a time, before `link_hulls` asks for each."""
+    """Take apart the concave meshes of yourdfpy's links, a process for each processor, before `link_hulls` asks for each mesh."""
     meshes = ((c.geometry.mesh, link.name in at_hand) for link in links for c in link.collisions or [])
     asked = dict.fromkeys((Path(mesh.filename), _scale(mesh), is_at_hand) for mesh, is_at_hand in meshes if mesh is not None)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        list(pool.map(lambda key: _mesh_parts(*key), asked))
+    read = ((read_mesh(file, scale), is_at_hand) for file, scale, is_at_hand in asked)
+    concave = [(mesh, most) for mesh, is_at_hand in read if (most := _parts_wanted(mesh, is_at_hand)) > 1 and _kept(mesh, most) is None]
+    wanted, processes = list({_name_of(*each): each for each in concave}.values()), os.cpu_count() or 1
+    with ThreadPoolExecutor(processes) as pool:
+        list(pool.map(_taken_apart, (some for k in range(processes) if (some := wanted[k::processes]))))
 
 
-def _taken_apart(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
-    """Convex parts, of which each triangle lies in one; None when V-HACD does not come to an end, or can't do it. They are kept on disk by
-    the mesh's content: a changed URDF has the same meshes, and so have arms with the same gripper."""
-    name = f"parts-1-{cache.key(mesh.vertices.tobytes(), mesh.faces.tobytes(), str(most))}"
-    if (kept := cache.load(name)) is not None:
-        return tuple(np.asarray(kept[str(i)], float) for i in range(len(kept)))
-    parts = _by_vhacd(mesh, most)
-    if parts is None:
-        return None
-    cache.store(name, {str(i): part for i, part in enumerate(parts)})
-    return parts
+def _name_of(mesh: MeshSolid, most: int) -> str:
+    """Parts are kept on disk by the mesh's content: a changed URDF has the same meshes, and so have arms with the same gripper."""
+    return f"parts-2-{cache.key(mesh.vertices.tobytes(), mesh.faces.tobytes(), str(most))}"
 
 
-def _by_vhacd(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
+def _kept(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
+    kept = cache.load(_name_of(mesh, most))
+    return None if kept is None else tuple(np.asarray(kept[str(i)], float) for i in range(len(kept)))
+
+
+def _taken_apart(wanted: Sequence[tuple[MeshSolid, int]]) -> list[tuple[Array, ...] | None]:
+    """Convex parts of meshes, each of so many at most, of which each triangle lies in one; None where V-HACD does not come to an end, or
+    can't do it, and for those behind it. One process takes all: V-HACD may crash."""
     given = io.BytesIO()
-    np.savez(given, points=mesh.vertices, faces=mesh.faces, most=most)
+    arrays = {f"{what}{k}": a for k, (mesh, most) in enumerate(wanted) for what, a in zip("pfm", (mesh.vertices, mesh.faces, most))}
+    np.savez(given, **arrays)  # type: ignore[arg-type]
+    command, patience = [sys.executable, "-P", "-c", _TAKE_APART], PATIENCE_S * len(wanted)
     try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", _TAKE_APART], input=given.getvalue(), capture_output=True, check=True, timeout=PATIENCE_S
-        )
-        with np.load(io.BytesIO(done.stdout)) as found:
-            parts = [np.asarray(found[name], float) for name in found.files]
-    except (subprocess.SubprocessError, OSError, ValueError):
-        return None
-    return _containing(mesh, parts) if parts else None
+        done = subprocess.run(command, input=given.getvalue(), capture_output=True, timeout=patience, check=False)
+        written = io.BytesIO(done.stdout)
+    except subprocess.TimeoutExpired as e:
+        written = io.BytesIO(e.stdout or b"")
+    except OSError:
+        written = io.BytesIO()
+    found = list[tuple[Array, ...] | None]()
+    for mesh, most in wanted:
+        pieces = _next_written(written)
+        parts = _containing(mesh, pieces) if pieces else None
+        if parts is not None:
+            cache.store(_name_of(mesh, most), {str(i): part for i, part in enumerate(parts)})
+        found.append(parts)
+    return found
+
+
+def _next_written(stream: io.BytesIO) -> list[Array]:
+    """The parts of the next mesh that the other process wrote; none where it wrote no more, or failed."""
+    size = int.from_bytes(stream.read(8), "little")
+    data = stream.read(size)
+    if not size or len(data) < size:
+        return []
+    with np.load(io.BytesIO(data)) as found:
+        return [np.asarray(found[name], float) for name in found.files]
 
 
 _TAKE_APART = """
 import io, sys
 import numpy as np
 import vhacdx
-mesh = np.load(io.BytesIO(sys.stdin.buffer.read()))
-faces = np.c_[np.full(len(mesh["faces"]), 3), mesh["faces"]].ravel().astype(np.uint32)
-pieces = vhacdx.compute_vhacd(mesh["points"], faces, maxConvexHulls=int(mesh["most"]), resolution=30000, maxNumVerticesPerCH=32)
-np.savez(sys.stdout.buffer, *(np.asarray(vertices, float) for vertices, _ in pieces))
+given = np.load(io.BytesIO(sys.stdin.buffer.read()))
+for k in range(len(given.files) // 3):
+    points, faces, most = (given[f"{what}{k}"] for what in "pfm")
+    faces = np.c_[np.full(len(faces), 3), faces].ravel().astype(np.uint32)
+    out = io.BytesIO()
+    how = dict(resolution=30000, maxNumVerticesPerCH=32, maxRecursionDepth=7, asyncACD=False)
+    np.savez(out, *(np.asarray(vertices, float) for vertices, _ in vhacdx.compute_vhacd(points, faces, maxConvexHulls=int(most), **how)))
+    sys.stdout.buffer.write(len(out.getvalue()).to_bytes(8, "little") + out.getvalue())
+    sys.stdout.buffer.flush()
 """
 
 

@@ -320,6 +320,22 @@ def test_a_frame_is_taken_apart_once_and_every_triangle_lies_in_a_part(tmp_path:
     assert all(np.array_equal(a.vertices, b.vertices) for a, b in zip(found, again, strict=True)), "from the disk"
 
 
+def test_a_mesh_that_the_process_for_several_did_not_come_to_is_taken_apart_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(link_geometry, "_TAKE_APART", link_geometry._TAKE_APART.replace("len(given.files) // 3", "1"))
+    frames = [trimesh.creation.box((size, size, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0))) for size in (0.9, 0.92)]
+    for k, frame in enumerate(frames):
+        write_mesh(tmp_path / f"frame{k}.stl", frame)
+    meshes = [link_geometry.read_mesh(tmp_path / f"frame{k}.stl", (1.0, 1.0, 1.0)) for k in range(2)]
+    first, second = link_geometry._taken_apart([(mesh, link_geometry.PARTS) for mesh in meshes])
+    assert first is not None
+    assert second is None
+    (parts, notes), (kept, _) = (link_geometry._mesh_parts(tmp_path / f"frame{k}.stl", (1.0, 1.0, 1.0), False) for k in (1, 0))
+    assert len(parts) >= 4
+    assert notes == ()
+    assert all(np.array_equal(a, b) for a, b in zip(first, kept, strict=True)), "from the disk"
+
+
 def test_where_nothing_can_be_taken_apart_a_note_says_how_much_the_hull_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frame = trimesh.creation.box((0.9, 0.9, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0)))
     write_mesh(tmp_path / "frame.stl", frame)

@@ -112,11 +112,12 @@ def _standing(name: str, shape: Shape, place: tuple[float, float, float], keys: 
     """A body with the middle of its box over x, y and its bottom at z."""
     R = rotation_about(UP, float(np.radians(_number(keys.get("yaw", "0"), f"{where}: yaw"))))
     if isinstance(shape, ConvexMesh) or "up" in keys:
-        axis = keys.get("up") or (upright_axis(shape) if isinstance(shape, ConvexMesh) else "z")
+        axis, stands = (keys.get("up", "z"), True) if "up" in keys or not isinstance(shape, ConvexMesh) else upright_axis(shape)
         if axis not in AXES:
             raise InputError(f"{where}: up={axis}: the axes are {', '.join(AXES)}")
         if "up" not in keys:
-            say(f"{name}: its {axis} axis is taken to point up (say up={'-' if axis == 'z' else ''}z or another axis to turn it)")
+            falls = "" if stands else "; it does not stand surely on any side: level the mesh in its file"
+            say(f"{name}: its {axis} axis is taken to point up (say up={'-' if axis == 'z' else ''}z or another axis to turn it){falls}")
         R = R @ turned_up(np.array(AXES[axis], float))
     low, high = bounds(shape, transform(R))
     middle = (low + high) / 2

@@ -1,4 +1,4 @@
-"""Which way up a mesh stands: the side that it rests on most surely."""
+"""Which way up a mesh stands: the side that it rests on surely, where its file's own upright axis would let it fall."""
 
 from __future__ import annotations
 
@@ -9,41 +9,47 @@ from scipy.spatial import ConvexHull, QhullError
 
 from kinematics.shapes import ConvexMesh, convex_parts
 from kinematics.transforms import Array
+from planning.verdict.polyhedra import centre_of_mass, polyhedra
 
 AXES: Mapping[str, tuple[float, float, float]] = {
     "z": (0, 0, 1), "y": (0, 1, 0), "x": (1, 0, 0), "-z": (0, 0, -1), "-y": (0, -1, 0), "-x": (-1, 0, 0),
 }  # fmt: skip
-SKIN = 0.02
-"""What lies within this share of a shape's height of its lowest point is what it rests on."""
-HABIT = 0.5
-"""z is taken for the upright axis, as most files have it, where a shape rests on half as much that way as on its best side."""
+USUAL = ("z", "y")
+"""Files have one of them up, as a rule: a bowl whose z is up stands on its foot, though its rim were the surer base."""
+SKINS = (0.005, 0.02)
+"""What lies within this share of a shape's height of its lowest point is what it rests on; the second for scans that lean a little."""
+SURELY = np.radians(9.0)
+"""It stands surely if it may be tilted so far. A can that lies on its side rests, by the first skin, on a strip that allows 8 degrees."""
 
 
-def upright_axis(shape: ConvexMesh) -> str:
-    """The axis of a mesh's own frame that points up when it stands: z where it stands well that way, else the one with the largest base.
+def upright_axis(shape: ConvexMesh) -> tuple[str, bool]:
+    """The axis of a mesh's own frame that points up when it stands, and whether it stands surely that way.
 
-    A base is as good as the area of its hull, and worth nothing where the middle of the shape is not above it.
+    z, or else y, where the shape stands surely on it; else the axis with which it may be tilted furthest before it falls over.
     """
-    points = np.concatenate(convex_parts(shape))
-    bases = {name: base_area(points, np.array(axis, float)) for name, axis in AXES.items()}
-    best = max(bases.values())
-    if bases["z"] > 0 and bases["z"] >= HABIT * best:
-        return "z"
-    return max(bases, key=lambda name: bases[name])
+    points, middle = np.concatenate(convex_parts(shape)), centre_of_mass(polyhedra(shape))
+    for skin in SKINS:
+        tilts = {name: largest_tilt(points, middle, np.array(axis, float), skin) for name, axis in AXES.items()}
+        best = next((name for name in USUAL if tilts[name] >= SURELY), max(tilts, key=lambda name: tilts[name]))
+        if tilts[best] >= SURELY:
+            return best, True
+    return best, False
 
 
-def base_area(points: Array, up: Array) -> float:
-    """The area (m²) that points (V, 3) rest on with `up` (3,) pointing up; 0 where their middle would tip over."""
+def largest_tilt(points: Array, middle: Array, up: Array, skin: float) -> float:
+    """How far (rad) points (V, 3) with their centre of mass at `middle` (3,) may be tilted before they fall, `up` (3,) pointing up.
+
+    Negative where they fall as they are, -pi/2 where they rest on no area at all. skin: as in `SKINS`.
+    """
     height = points @ up
     low, tall = float(height.min()), float(np.ptp(height))
-    flat = points @ turned_up(up).T
-    base = flat[height <= low + SKIN * tall, :2]
+    R = turned_up(up)
     try:
-        hull = ConvexHull(base)
+        base = ConvexHull((points @ R.T)[height <= low + skin * tall, :2])
     except (QhullError, ValueError):
-        return 0.0
-    middle = (flat[:, :2].min(0) + flat[:, :2].max(0)) / 2
-    return float(hull.volume) if (hull.equations[:, :2] @ middle + hull.equations[:, 2] <= 0).all() else 0.0
+        return -np.pi / 2
+    beside = -(base.equations[:, :2] @ (R @ middle)[:2] + base.equations[:, 2]).max()
+    return float(np.arctan2(beside, float(middle @ up) - low))
 
 
 def turned_up(up: Array) -> Array:

@@ -142,9 +142,14 @@ def _with_grasp(where: str, scene: Scene) -> Scene:
     from planning.grasp_proposals import propose, with_grasps
     from retrieve_cli.grasp import tell
 
-    found = propose(from_ref(scene.robot, on_step=say), scene)
+    robot = from_ref(scene.robot, on_step=say)
+    found = propose(robot, scene)
     if not found.grasps:
-        say(f"{where}: no grasp of {scene.target} can be used ({found}); the scene is written without one")
+        say(
+            f"{where}: no grasp of {scene.target} can be used ({found}), and the scene is written without one: two of its sides have to "
+            f"face each other, at most {1000 * robot.opening.max_m:.0f} mm apart, where the hand gets to; turn it (up=…, yaw=…), or give "
+            "grasps (retrieve grasp --from FILE)"
+        )
         return scene
     tell(where, scene, found)
     return with_grasps(scene, found)

@@ -94,7 +94,7 @@ def _check_size(file: Path, extent_m: float, scale: float) -> None:
     factor = min((0.001, 0.0254, 0.01, 10.0, 100.0, 1000.0), key=lambda f: abs(np.log(extent_m * f / 0.15)) if extent_m else f)
     raise ValueError(
         f"mesh file {file} is {extent_m:.4g} m large at scale {scale:g}, and {SMALLEST_M:g} to {LARGEST_M:g} m can be meant; is it "
-        f'{"in millimetres" if factor == 0.001 else "in other units"}? then "scale": {scale * factor:g}'
+        f"{'in millimetres' if factor == 0.001 else 'in other units'}? then its scale is {scale * factor:g}"
     )
 
 

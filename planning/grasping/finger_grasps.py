@@ -1,8 +1,7 @@
 """Grasps of two fingers: antipodal pairs of points on a shape, approached horizontally, diagonally or from above.
 
 A line through the shape along the closing direction gives two contact points; it is a grasp when both surface normals lie within the
-friction cone about the line and the gripper opens wide enough. The closing direction is always horizontal, so that an object keeps its
-upright pose when the hand holds it.
+friction cone about the line and the gripper opens wide enough. The closing direction is horizontal, but where a wall leans.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 from kinematics.robots.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
-from kinematics.transforms import Array, transform
+from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.hand_poses import (
     CLEAR_M,
     STAY,
@@ -41,6 +40,8 @@ MESH_FRICTION_ANGLE = np.radians(20)  # smooth meshes face the fingers in no lin
 SET_BACKS = (1.0, 0.5, 0.0)  # shares of how far a mesh, taken for a box, is set back: the first that holds; what is round needs less
 BESIDE = (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)  # where meshes are crossed beside their middle: shares of how far they reach there
 MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
+BELOW_RIM_M = 0.006  # so far below a rim it is seen how its wall leans, and so much further down the pads reach
+MOST_LEAN = np.radians(50)  # of a hand that leans as a wall does
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
 UPRIGHT = np.cos(np.radians(1))
 SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
@@ -74,7 +75,8 @@ def sample_grasps(
     pad: how large the pads are, so that they close on what of a mesh they meet first; without it they are lines. headings: how an arm of
     few joints looks at what has no faces, besides the yaws that are sampled. lowest: how low the pads may be.
     On a mesh those follow that meet it less squarely, or beside its middle, or that are set back less than its box would be: the pads may
-    meet an edge there, or the palm the mesh. At last come those that hold it by a wall, one finger in a hole of it.
+    meet an edge there, or the palm the mesh. At last come those that hold it by a wall, one finger in a hole of it, and by a rim
+    that leans outwards.
     The hand's x points up, or for downward grasps out of the cabinet, so that a camera on that side sees over the object.
     """
     if opening.round_only and not isinstance(body.shape, Cylinder):
@@ -101,6 +103,8 @@ def sample_grasps(
         walls = dict[tuple[float, float, float], list[Contact]]()
         for c in ranked:
             yield from _by_walls(body, opening, c, pad, walls)
+        if pad is not None:
+            yield from _by_rims(body, opening, ranked, pad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +256,32 @@ def _by_walls(
         shares = SET_BACKS if c.fit(body, hit.leave - hit.enter, opening) != STAY else SET_BACKS[:1]
         found = (_antipodal(body, opening, hit, c, pad, MESH_FRICTION_ANGLE, share, wall=True) for share in shares)
         yield from islice((grasp for grasp in found if grasp is not None), 1)
+
+
+def _by_rims(body: Body, opening: Opening, candidates: Sequence[_Candidate], pad: Pad) -> Iterator[Grasp]:
+    """A mesh's grasps from above by walls that lean outwards, as a bowl's do: the hand leans as the wall does, and the pads' ends close on
+    its rim."""
+    top = float(bounds(body.shape, body.T_world_body)[1][2]) - BELOW_RIM_M
+    asked = set[tuple[float, ...]]()
+    for c in (c for c in candidates if c.extent[2] > STEEP):
+        if (key := (*c.u.tolist(), *c.R[:, 0].tolist())) in asked:
+            continue
+        asked.add(key)
+        rims = line_stretches(body.shape, body.T_world_body, np.array([*c.point[:2], top]), c.u)
+        for rim in rims if len(rims) > 1 else []:
+            across = rim.leave_normal - rim.enter_normal
+            lean = float(np.arctan2(across[2], across @ c.u))
+            if not MESH_FRICTION_ANGLE / 4 < abs(lean) < MOST_LEAN:
+                continue
+            turn = rotation_about((c.u[1], -c.u[0], 0.0), lean)
+            point, u, R = np.array([*c.point[:2], top]) + (rim.enter + rim.leave) / 2 * c.u, turn @ c.u, turn @ c.R
+            hit = stretch_at(body.shape, body.T_world_body, point, u)
+            if hit is None or _skew(hit, u) > MESH_FRICTION_ANGLE:
+                continue
+            point = point - (pad.high_z_m - BELOW_RIM_M) * R[:, 2]
+            enter, leave = under_pads(body.shape, body.T_world_body, hit, point, u, R, pad, wall=True)
+            if (width := leave - enter) + SPARE_M <= opening.max_m:
+                yield Grasp(transform(R, opening.hand_position(point + 0.5 * (enter + leave) * u, R, width)), float(width))
 
 
 def _crossed(body: Body, point: Array, u: Array, beside: float, hits: dict[tuple[float, float, float], Contact | None]) -> Contact | None:

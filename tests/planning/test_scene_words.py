@@ -82,7 +82,22 @@ def test_every_axis_can_be_turned_up() -> None:
     cone = ConvexMesh((np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 6, 20)] + [[0, 0, 2.0]]),))
     for name, axis in AXES.items():
         turned = ConvexMesh((cone.parts[0] @ turned_up(np.array(axis, float)),))
-        assert upright_axis(turned) == name
+        assert upright_axis(turned) == (name, True)
+
+
+def test_what_stands_on_a_foot_is_not_turned_on_its_wider_rim() -> None:
+    """A bowl, and a drill whose heavy end is over its battery but not the middle of its box; and a ball, which stands surely on no side."""
+    ring = [(r * np.cos(a), r * np.sin(a), z) for r, z in ((0.025, 0.0), (0.06, 0.05)) for a in np.linspace(0, 6, 20)]
+    battery, body, nose = (
+        np.array([[x, y, z] for x in xs for y in (-0.03, 0.03) for z in zs])
+        for xs, zs in (((-0.08, 0.02), (0.0, 0.1)), ((-0.08, 0.02), (0.1, 0.2)), ((0.02, 0.2), (0.18, 0.2)))
+    )
+    assert upright_axis(ConvexMesh((battery, body, nose))) == ("z", True)
+    for axis in ("z", "y"):
+        assert upright_axis(ConvexMesh((np.array(ring) @ turned_up(np.array(AXES[axis], float)),))) == (axis, True)
+    lens = np.random.default_rng(0).normal(size=(200, 3))
+    ball = ConvexMesh((lens / np.linalg.norm(lens, axis=1, keepdims=True),))
+    assert not upright_axis(ball)[1]
 
 
 WRONG = [

@@ -104,7 +104,7 @@ def sample_grasps(
         for c in ranked:
             yield from _by_walls(body, opening, c, pad, walls)
         if pad is not None:
-            yield from _by_rims(body, opening, ranked, pad)
+            yield from _by_rims(body.shape, body.T_world_body, opening, ranked, pad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,16 +258,16 @@ def _by_walls(
         yield from islice((grasp for grasp in found if grasp is not None), 1)
 
 
-def _by_rims(body: Body, opening: Opening, candidates: Sequence[_Candidate], pad: Pad) -> Iterator[Grasp]:
-    """A mesh's grasps from above by walls that lean outwards, as a bowl's do: the hand leans as the wall does, and the pads' ends close on
-    its rim."""
-    top = float(bounds(body.shape, body.T_world_body)[1][2]) - BELOW_RIM_M
+def _by_rims(shape: ConvexMesh, T: Array, opening: Opening, candidates: Sequence[_Candidate], pad: Pad) -> Iterator[Grasp]:
+    """Grasps of a mesh at pose T (4, 4) from above, by walls that lean outwards, as a bowl's do: the hand leans as the wall does, and the
+    pads' ends close on its rim."""
+    top = float(bounds(shape, T)[1][2]) - BELOW_RIM_M
     asked = set[tuple[float, ...]]()
     for c in (c for c in candidates if c.extent[2] > STEEP):
         if (key := (*c.u.tolist(), *c.R[:, 0].tolist())) in asked:
             continue
         asked.add(key)
-        rims = line_stretches(body.shape, body.T_world_body, np.array([*c.point[:2], top]), c.u)
+        rims = line_stretches(shape, T, np.array([*c.point[:2], top]), c.u)
         for rim in rims if len(rims) > 1 else []:
             across = rim.leave_normal - rim.enter_normal
             lean = float(np.arctan2(across[2], across @ c.u))
@@ -275,11 +275,11 @@ def _by_rims(body: Body, opening: Opening, candidates: Sequence[_Candidate], pad
                 continue
             turn = rotation_about((c.u[1], -c.u[0], 0.0), lean)
             point, u, R = np.array([*c.point[:2], top]) + (rim.enter + rim.leave) / 2 * c.u, turn @ c.u, turn @ c.R
-            hit = stretch_at(body.shape, body.T_world_body, point, u)
+            hit = stretch_at(shape, T, point, u)
             if hit is None or _skew(hit, u) > MESH_FRICTION_ANGLE:
                 continue
             point = point - (pad.high_z_m - BELOW_RIM_M) * R[:, 2]
-            enter, leave = under_pads(body.shape, body.T_world_body, hit, point, u, R, pad, wall=True)
+            enter, leave = under_pads(shape, T, hit, point, u, R, pad, wall=True)
             if (width := leave - enter) + SPARE_M <= opening.max_m:
                 yield Grasp(transform(R, opening.hand_position(point + 0.5 * (enter + leave) * u, R, width)), float(width))
 

@@ -73,6 +73,7 @@ class _Checker:
         self.links = link_solids(robot)
         self.at = [self.arm.links[s.name] for s in self.links]
         fixed, objects = (standing_still(scene), scene.objects) if settings.contact else ((), ())  # else the robot is alone
+        self.mounts = frozenset((MOUNT, *(b.name for b in scene.obstacles)))  # the base stands on or beside them, however deep in its hull
         self.fixed = [(s, w.T_world_body) for w in fixed for s in shape_solids(w.name, w.shape)]
         self.objects = {b.name: shape_solids(b.name, b.shape) for b in objects}
         pairs = pairs_of(robot)
@@ -93,8 +94,8 @@ class _Checker:
         movers = n + len(grip)
         against, around_all = np.divmod(np.arange(movers * len(around)), max(1, len(around)))
         holding, held_all = np.divmod(np.arange(len(grip) * n), n)
-        stands_on = np.array([s.name == MOUNT for s, _ in around], np.bool_)
-        apart = ~(stands_on[around_all] & (carrier[against] == 0))  # what is fixed to the world stands on the mount
+        stands_on = np.array([s.name in self.mounts for s, _ in around], np.bool_)
+        apart = ~(stands_on[around_all] & (carrier[against] == 0))
         tables = [np.stack([holding + n, held_all], -1), np.stack([against, around_all + movers], -1)[apart]]
         pairs = np.concatenate([self.pairs.checked, self.pairs.switched_off, *tables])
         still = self._still(course, carrier, pairs)
@@ -180,7 +181,7 @@ class _Checker:
             elif b in self.rests.get(a, ()):  # a is held: nothing else that is no link moves
                 return self.settings.depth_m
         if a_is_link and self.arm.links[a][0] == 0:  # the base stands on something
-            return np.inf if b == MOUNT else self.settings.depth_m
+            return self.settings.depth_m
         return TOUCH_M
 
     def _arm_stands(self, course: Course) -> bool:

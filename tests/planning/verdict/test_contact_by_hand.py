@@ -230,17 +230,22 @@ def test_what_is_held_may_rest_on_what_it_stood_on_or_will() -> None:
 
 
 def test_what_the_base_stands_on() -> None:
-    """It may be sunk into things by a millimetre, and into the mount as deep as may be, which nothing that moves may touch."""
+    """It may be sunk into objects by a millimetre, into the mount and obstacles as deep as may be, which nothing that moves may touch: a
+    UR5e's hull reaches 6 cm below the plane that it stands on, and a declared table is there."""
     based = {"base": solid((-0.1, 0.1), (-0.1, 0.1), (-1.0, -0.9)), **PALM, **FINGERS}
     for sunk, well in ((0.0009, True), (0.0011, False)):
         table = block("table", (-0.5, 0.5), (-0.5, 0.5), (-2.0, -1.0 + sunk))
-        faults, _ = looked_at([course((0,), (0.1,))], obstacles=[table], robot=toy_robot(based))
+        assert looked_at([course((0,), (0.1,))], obstacles=[table], robot=toy_robot(based)) == ([], [])
+        faults, _ = looked_at([course((0,), (0.1,))], table, robot=toy_robot(based))
         assert said(faults) == ([] if well else [("transit", ("base", "table"), f"motion 0: base is {1000 * sunk:.2f} mm inside table")])
     mounted = RobotRef(transform(p=[0, 0, 0.0]), urdf="toy", mount=True)
     above = {"base": solid((-0.1, 0.1), (-0.1, 0.1), (-0.2, 0.2)), "palm": solid((0.4, 0.5), (-0.06, 0.06), (0.01, 0.05))}
     high, deep = ({name: corners + np.array([0.45, 0.0, z]) for name, corners in FINGERS.items()} for z in (0.02, 0.0))
     robot = toy_robot({**above, **high})
     assert looked_at([course((0,), (0.1,))], robot=robot, ref=mounted) == ([], [])
+    table = block("table", (-0.1, 0.6), (-0.5, 0.5), (-0.5, 0.02))
+    found = looked_at([course((0,), (0.1,))], robot=robot, obstacles=[table])[0]
+    assert {f.bodies for f in found} == {("palm", "table"), ("left", "table"), ("right", "table")}
     low = looked_at([course((0,), (0.1,))], robot=toy_robot({**above, **deep}), ref=mounted)[0]
     assert {f.bodies for f in low} == {("left", MOUNT), ("right", MOUNT)}  # a centimetre of each
     low_rail = {"rail": solid((-0.1, 0.1), (-0.1, 0.1), (-0.01, 0.2)), **above, **high}

@@ -23,6 +23,10 @@ def transform(R: Array | None = None, p: Array | tuple[float, float, float] | li
 
 def inverse(T: Array) -> Array:
     """The inverse of rigid transforms (..., 4, 4)."""
+    if np.shape(T) == (4, 4):  # a single one is turned round most often, and quicker in plain numbers
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = np.asarray(T, float).tolist()
+        p = -(0.0 + a * x + d * y + g * z), -(0.0 + b * x + e * y + h * z), -(0.0 + c * x + f * y + i * z)
+        return np.array([[a, d, g, p[0]], [b, e, h, p[1]], [c, f, i, p[2]], [0.0, 0.0, 0.0, 1.0]])
     R_t, out = np.swapaxes(T[..., :3, :3], -1, -2), np.zeros(np.shape(T))
     out[..., :3, :3] = R_t
     out[..., :3, 3] = -np.einsum("...ij,...j->...i", R_t, T[..., :3, 3])

@@ -100,6 +100,26 @@ def pose(chain: Chain, posed: PosedGeometry, solids: Solids, query: Query, margi
     return problem
 
 
+def last_parts_elsewhere(problem: Problem, before: PosedGeometry, last: PosedGeometry) -> Problem:
+    """The problem that `pose` makes with the last parts of its posed geometry elsewhere in the frame, or the frames, that carry them.
+
+    before: all parts before those, as they are in the problem; last: the last ones. No part before them is in a frame beyond theirs.
+    """
+    chain, P, frames = problem.chain, len(before.frame), len(problem.chain.q_index) + 1
+    boxes, vertices, groups, reach = (a.copy() for a in (problem.boxes, problem.vertices, problem.groups, problem.reach))
+    boxes[P : P + len(last.frame)] = last.boxes
+    for all_, some, first in ((vertices, last.vertices, before.vertices.shape[1]), (groups, last.groups, before.groups.shape[1])):
+        all_[:, first : first + some.shape[1]] = some
+    rows = np.flatnonzero(problem.pairs[:, 0] >= P)
+    part, other, k = problem.pairs[rows, 0] - P, problem.pairs[rows, 3, None], np.arange(frames - 1)
+    moves = (k < last.frame[part, None]) & ((other >= frames) | (k >= other))
+    reach[rows] = np.where(moves, last.reach[:, part].T, 0.0)
+    weight = np.zeros(len(chain.lower))
+    np.add.at(weight, chain.q_index, np.maximum(before.reach.max(1), last.reach.max(1)) * np.abs(chain.scale))
+    weight = np.maximum(weight, max(1e-9, 0.02 * float(weight.max())))
+    return problem._replace(boxes=boxes, vertices=vertices, groups=groups, reach=reach, weight=weight)
+
+
 def pose_all(chain: Chain, posed: PosedGeometry, solids: Solids, queries: Queries) -> tuple[Problem, Int]:
     """Pack the pairs of several queries about the same bodies as one problem, and where the pairs of each begin (S + 1,): for distances at
     configurations. It has no reach, so no edges can be asked about."""

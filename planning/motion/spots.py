@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Iterable
+from functools import lru_cache, reduce
+from operator import or_
 from typing import NamedTuple
 
 import numpy as np
@@ -26,11 +27,13 @@ WayProblems = tuple[Problem, Problem, Problem]
 
 
 class _Asked(NamedTuple):
-    """A question about some spots: flags that are 0 for their solids, their bytes, and which rows of solids go where for each spot."""
+    """A question about some spots: flags that are 0 for their solids, which rows of solids go where, and those rows one by one, with the
+    spot of each."""
 
     flags: Flags
-    before: bytes
-    placed: list[tuple[int, list[int], Array]]
+    placed: list[tuple[list[int], Array]]
+    rows: list[int]
+    spots: list[int]
 
 
 class Spots:
@@ -80,24 +83,24 @@ class SpotQueries:
     def ask(self, spots: int) -> Flags:
         """Flags of a question about some spots, whose objects are put there."""
         if spots not in self._asked:
-            found = self._spots.members(spots)
-            flags = np.ones(len(self.solids.T) + 1, np.uint8)
-            rows = [self._rows[name] for _, name, _ in found]
-            flags[[i for at in rows for i in at]] = 0
-            self._asked[spots] = _Asked(flags, flags.tobytes(), [(spot, at, T) for (spot, _, T), at in zip(found, rows)])
-        flags, _, placed = self._asked[spots]
+            found = [(spot, self._rows[name], T) for spot, name, T in self._spots.members(spots)]
+            flags, rows = np.ones(len(self.solids.T) + 1, np.uint8), [i for _, at, _ in found for i in at]
+            flags[rows] = 0
+            self._asked[spots] = _Asked(flags, [(at, T) for _, at, T in found], rows, [spot for spot, at, _ in found for _ in at])
+        asked = self._asked[spots]
         if spots != self._placed:
-            for _, at, T in placed:
+            for at, T in asked.placed:
                 self.solids.T[at] = T
             self._placed = spots
-        return flags.copy()
+        return asked.flags.copy()
 
-    def met(self, spots: int, flags: Flags) -> int:
-        """The spots that were met."""
-        _, before, placed = self._asked[spots]
-        if flags.tobytes() == before:
-            return 0
-        return sum(spot for spot, rows, _ in placed if any(flags[i] for i in rows))
+    def met(self, spots: int, flags: Flags) -> list[int]:
+        """For each of the answers (N, B + 1) to a question about some spots, those that were met."""
+        asked = self._asked[spots]
+        touched = flags[:, asked.rows]
+        if not touched.any():
+            return [0] * len(flags)
+        return [_together(spot for spot, hit in zip(asked.spots, row) if hit) for row in touched.tolist()]
 
     def clear_of(self, problems: WayProblems, approach: Array, lift: Array, name: str, T: Array) -> NDArray[np.bool_]:
         """Whether a way is clear of an object at each of poses T (R, 4, 4): (R,). See `contacts.clear_of`."""
@@ -135,16 +138,20 @@ class SpotQueries:
         """An object in the closed hand; it may touch the pads and the floor."""
 
         def make() -> Problem:
-            links = self.arm.links
-            held_object = self.arm.in_hand(bare_geometry(self.cell.scene.body(name).shape), T_hand_body)
-            posed, P = join_posed(self.arm.posed(closed), held_object), len(links)
-            check = np.ones((len(posed.frame), len(self.solids.T)), np.uint8)
-            check[P:, self._rows["floor"]] = 0
-            others = [i for i, link in enumerate(links) if link not in self.cell.robot.pads]
-            held = np.array([(h, i) for h in range(P, len(posed.frame)) for i in others], np.int64).reshape(-1, 2)
-            return self._pose(posed, np.concatenate([self.arm.self_pairs, held]), check)
+            posed, held = self.arm.posed(closed), self.arm.in_hand(bare_geometry(self.cell.scene.body(name).shape), T_hand_body)
+            alike = self._made(("held", name, closed), lambda: self._held(posed, held))  # but for where it sits in the hand
+            return edge_problem.last_parts_elsewhere(alike, posed, held)
 
         return self._made(("lifting", name, closed, T_hand_body.tobytes()), make)
+
+    def _held(self, arm: PosedGeometry, held: PosedGeometry) -> Problem:
+        """An object in the closed hand."""
+        posed, P = join_posed(arm, held), len(arm.frame)
+        check = np.ones((len(posed.frame), len(self.solids.T)), np.uint8)
+        check[P:, self._rows["floor"]] = 0
+        others = [i for i, link in enumerate(self.arm.links) if link not in self.cell.robot.pads]
+        own = np.array([(h, i) for h in range(P, len(posed.frame)) for i in others], np.int64).reshape(-1, 2)
+        return self._pose(posed, np.concatenate([self.arm.self_pairs, own]), check)
 
     def _pose(self, posed: PosedGeometry, pairs: Int, check: Flags | None = None) -> Problem:
         check = np.ones((len(posed.frame), len(self.solids.T)), np.uint8) if check is None else check
@@ -155,6 +162,11 @@ class SpotQueries:
         if key not in self._memo:
             self._memo[key] = make()
         return self._memo[key]
+
+
+def _together(spots: Iterable[int]) -> int:
+    """All of some spots as a set."""
+    return reduce(or_, spots, 0)
 
 
 @lru_cache(maxsize=8)

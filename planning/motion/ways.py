@@ -42,7 +42,7 @@ class FreeWay:
     problems: WayProblems
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Way:
     """A way as far as it was looked at. met: the spots that are known to block it; known: those that were held against it.
 
@@ -136,7 +136,7 @@ class Reach:
                 flags = self.queries.ask(spots)[None].repeat(len(solutions), 0)
                 meet_at(grip.reach, solutions, self.cell.memory.exact, flags)
                 self.cell.forget()
-                said[spots] = [self.queries.met(spots, row) for row in flags]
+                said[spots] = self.queries.met(spots, flags)
             return said[spots][i]
 
         return (Way(GRASP, partial(test, i=i), partial(self._way_in, grip, q)) for i, q in enumerate(solutions))
@@ -181,6 +181,6 @@ class Reach:
             flags = self.queries.ask(spots)
             test(flags)
             self.cell.forget()
-            return self.queries.met(spots, flags)
+            return self.queries.met(spots, flags[None])[0]
 
         return ask

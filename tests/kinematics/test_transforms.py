@@ -40,6 +40,14 @@ def test_inverse(seed: int) -> None:
     np.testing.assert_allclose(inverse(T), np.linalg.inv(T), atol=1e-12)
 
 
+@given(seed=st.integers(0, 2**32 - 1), zeros=st.lists(st.booleans(), min_size=3, max_size=3))
+def test_one_is_inverted_as_it_would_be_among_many(seed: int, zeros: list[bool]) -> None:
+    rng = np.random.default_rng(seed)
+    T = random_T(seed) if rng.random() < 0.5 else transform(np.eye(3)[rng.permutation(3)])
+    T[:3, 3] = np.where(zeros, 0.0, rng.normal(size=3))
+    assert inverse(T).tobytes() == inverse(T[None])[0].tobytes()
+
+
 def test_batches_come_first() -> None:
     T = random_T(1, 6).reshape(2, 3, 4, 4)
     np.testing.assert_allclose(inverse(T) @ T, np.broadcast_to(np.eye(4), T.shape), atol=1e-12)

@@ -15,6 +15,7 @@ from kinematics.transforms import rotation_about, transform
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.picking import THOROUGH, Picking
+from planning.motion.spots import SpotQueries, Spots
 from planning.policies.unsolvable import Prover
 from planning.relaxed_plan import relaxed_plan, stuck_set
 from planning.scene_generation import generate, load_spec
@@ -63,6 +64,19 @@ def test_blockers_are_the_smallest_sets_without_which_it_is_free(ur5e: Robot) ->
             assert view.free(scene.target_name, standing - blockers)
             assert all(not view.free(scene.target_name, standing - (blockers - {name})) for name in blockers)
             assert not any(other < blockers for other in sets)
+
+
+def test_an_object_elsewhere_in_the_hand_is_packed_as_if_for_the_first_time(ur5e: Robot) -> None:
+    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 0)
+    cell, (name, *_) = Motions(ur5e, scene).cell, scene.poses()
+    closed = ur5e.opening.closing_value(0.05)
+    grips = [transform(rotation_about((0.3, 0.5, 0.8), turn), [0.0, 0.01 * turn, 0.02]) for turn in (0.0, 1.0, 2.5)]
+    queries = SpotQueries(cell, Spots())
+    for T in grips:
+        again, first = queries.lifting(name, closed, T), SpotQueries(cell, Spots()).lifting(name, closed, T)
+        for a, b in zip(again[1:], first[1:], strict=True):
+            assert np.array_equal(a, b)
+    assert not np.array_equal(queries.lifting(name, closed, grips[0]).reach, queries.lifting(name, closed, grips[1]).reach)
 
 
 def shelf(*objects: Body, approaches: Sequence[str] = ("horizontal",)) -> Scene:

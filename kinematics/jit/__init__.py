@@ -22,7 +22,8 @@ from numba what it does not promise to keep:
 **`trampoline.py` and `machine_code.py`: to call it.** Machine code is kept in files of our own and loaded with llvmlite's documented parts.
 The way in is ours too, since numba's own needs numba: a builtin function, in LLVM's form, that takes its arguments apart by numpy's ABI. It
 calls what numba compiled by `call_conv.call_function`. It takes as long as numba's, 0.4 µs for four arguments. `numpy_abi.py` says where
-arrays and dtypes have what.
+arrays and dtypes have what, `builtin.py` has what is the same for all builtin functions. `record_table.py` is one more of them: it writes
+what compiled code is handed of a record, in 2 µs instead of 12.
 
 **`ship.py` and `shipped.py`: to compile before the first run.** What the entries of the core come to, in LLVM's optimised form, ships with
 the package: a first run makes machine code of it for its own CPU, in 4 s instead of 50, by llvmlite's documented parts and without numba.

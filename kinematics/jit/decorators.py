@@ -15,14 +15,16 @@ from typing import Any, TypeVar, cast
 
 from numpy.typing import NDArray
 
-from kinematics.jit import machine_code
+from kinematics.jit import machine_code, record_table
 from kinematics.jit.description import Description
+from kinematics.jit.record import written_by
 from kinematics.jit.support import PLAIN
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 PLAIN_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
 ENTRY_OPTIONS = {**PLAIN_OPTIONS, "_nrt": False, "no_cfunc_wrapper": True}
 _lock = threading.RLock()
+written_by(record_table.writer)
 
 
 class Deferred(Description):

@@ -20,7 +20,7 @@ from kinematics.jit.description import Description
 from kinematics.jit.record import Record
 
 _COMPILING = (
-    "compiler", "decorators", "fingerprint", "machine_code", "numpy_abi", "pipeline", "record", "record_type", "simd_lowering",
+    "builtin", "compiler", "decorators", "fingerprint", "machine_code", "numpy_abi", "pipeline", "record", "record_type", "simd_lowering",
     "trampoline",
 )  # fmt: skip
 _BETWEEN = (tokenize.INDENT, tokenize.DEDENT, tokenize.NEWLINE)

@@ -12,8 +12,9 @@ returned to Python, for nothing would keep its memory alive.
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
 from ctypes import c_void_p
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from struct import pack, unpack
 from typing import Any, TypeVar, cast
@@ -23,10 +24,18 @@ import numpy as np
 from kinematics.jit.numpy_abi import DATA
 
 Class = TypeVar("Class", bound=type)
+Write = Callable[[Any, int], Any]
+"""What writes a record's table, given the record and where the table is, and answers with a number that tells kinds of records apart."""
+_brought: list[Callable[[], Write | None]] = []
 
 _pointer = c_void_p.from_address
 _SCALARS: dict[type, str] = {np.int64: "int", np.float64: "float", np.bool_: "bool"}
 _KINDS: dict[tuple[Any, ...], int] = {}
+ROOM = 128
+"""Words of the longest table that `record_table` writes."""
+_BLANK = array("q", bytes(8 * ROOM))
+_TOLD: dict[tuple[type, int], int] = {}
+"""The kinds of records, by what `record_table` says of them."""
 
 
 def record(cls: Class) -> Class:
@@ -45,6 +54,24 @@ class Record:
     def address(self) -> int:
         """Where the table starts. Its first word is the record's kind; then for an array its address and its shape, a word each; a number;
         another record's address."""
+        write = _writer()
+        if write is None:
+            return self._written()
+        table = _BLANK[:]
+        at = table.buffer_info()[0]
+        told = write(self, at)
+        if told is NotImplemented:
+            return self._written()
+        kind = _TOLD.get((type(self), told))
+        if kind is None:
+            self._written()
+            kind = _TOLD[type(self), told] = self.__dict__["type_hash"]
+        table[0] = self.__dict__["type_hash"] = kind
+        self.__dict__["table"] = table
+        return at
+
+    def _written(self) -> int:
+        """The same in Python."""
         words, kinds = [0], list[Any]()
         for name, value in zip(cast(Any, self)._fields, cast(Any, self)):
             if isinstance(value, np.ndarray):
@@ -68,6 +95,20 @@ class Record:
         """A number that tells apart what compiled code has to tell apart: the class, and the types of all fields."""
         self.address  # noqa: B018  # which sets it
         return cast(int, self.__dict__["type_hash"])
+
+
+def written_by(bring: Callable[[], Write | None]) -> None:
+    """From now on tables are written by the function that `bring` has when the first one is asked for, see `record_table.writer`."""
+    _brought.append(bring)
+
+
+def _writer() -> Write | None:
+    return _bring(_brought[-1]) if _brought else None
+
+
+@lru_cache(maxsize=1)
+def _bring(bring: Callable[[], Write | None]) -> Write | None:
+    return bring()
 
 
 def _hash_of(cls: type, fields: tuple[Any, ...]) -> int:

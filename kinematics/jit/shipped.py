@@ -55,6 +55,12 @@ def emit(bitcode: bytes) -> bytes:
     return emitted
 
 
+def emit_module(text: str) -> bytes:
+    """An object file of a module in LLVM's assembly, for this machine's CPU."""
+    emitted: bytes = _machine().emit_object(binding.parse_assembly(text))
+    return emitted
+
+
 def unusable(about: Mapping[str, Any], environment: Mapping[str, str] = os.environ) -> str | None:
     """Why what ships can't be used here, in words."""
     if PLAIN:

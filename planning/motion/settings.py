@@ -73,7 +73,7 @@ class QuickestSettings:
 
     looks: int = 500
     planned: int = 20
-    again: int = 6
+    again: int = 4
     patience: int = 2
     gain_s: float = 0.05
     iterations: int = 400

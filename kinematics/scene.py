@@ -176,7 +176,8 @@ class Scene:
     def x_g(self) -> Grasp:
         """The grasp that takes the target out. Raises InputError when the scene has none."""
         if self.grasp is None:
-            raise InputError(f"scene {self.id} has no grasp for its target: retrieve grasp proposes one, or takes one from a file")
+            how = "retrieve grasp proposes one, or takes one from a file; plan --grasp any needs none"
+            raise InputError(f"scene {self.id} has no grasp for its target: {how}")
         return self.grasp
 
     def fixtures(self) -> tuple[Body, ...]:

@@ -28,6 +28,7 @@ MOST_SAMPLED = 60
 """So many of the sampled grasps are looked at, the most natural first; on a mesh, where many may not hold, so many of those that do."""
 SQUARE, REACH, FREE = 0.4, 0.3, 0.3
 """What the parts of a score weigh."""
+OUT_OF_REACH, IN_A_WALL = "out of the arm's reach", "with the hand in a wall"
 AHEAD_M = (0.0, 0.01, 0.02)
 """How far before the hand frame the pads' closing is looked at: they hold what is low by their ends."""
 
@@ -38,6 +39,11 @@ class Proposals:
 
     grasps: tuple[tuple[Grasp, float], ...]
     dropped: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def beyond_reach(self) -> bool:
+        """Whether some would hold the target, but the arm, or the hand among the walls, gets to none of them."""
+        return not self.grasps and any(why in (OUT_OF_REACH, IN_A_WALL) for why, _ in self.dropped)
 
     def __str__(self) -> str:
         said = [f"{n} {why}" for why, n in self.dropped]
@@ -85,7 +91,7 @@ def rank(
         start = replace(begin)  # a state of its own: what was found for one grasp is not what is found for another
         picks, _ = alone.picks(start, target.name, [grasp])
         if not picks:
-            dropped["out of the arm's reach"] += 1
+            dropped[OUT_OF_REACH] += 1
             continue
         free = bool(among.picks(replace(crowded), target.name, [grasp])[0])
         square = squareness(target, grasp, cup=bool(robot.opening.cup_m)) if quality is None else quality[i]
@@ -135,7 +141,7 @@ def _in_short(wrong: str) -> str:
         ("the gripper closes", "too narrow for the gripper"),
         ("would touch the target", "with a part of the hand in the target"),
         ("does not hold", "that don't hold the target"),
-        ("can't be reached", "with the hand in a wall"),
+        ("can't be reached", IN_A_WALL),
     ):
         if words in wrong:
             return kind

@@ -50,6 +50,7 @@ def run(
             with blame(where):
                 done = _with_grasp(where, scene) if grasp and scene.grasp is None and scene.target is not None else scene
             _describe(where, done)
+            _tell_start(where, done)
             write(done)
             first = first or done
     if png is not None and first is not None:
@@ -145,14 +146,28 @@ def _with_grasp(where: str, scene: Scene) -> Scene:
     robot = from_ref(scene.robot, on_step=say)
     found = propose(robot, scene)
     if not found.grasps:
+        sides = f"two of its sides have to face each other, at most {1000 * robot.opening.max_m:.0f} mm apart"
+        why = "an obstacle, a wall or the distance keeps the arm from it" if found.beyond_reach else f"{sides}; turn it (up=…, yaw=…)"
         say(
-            f"{where}: no grasp of {scene.target} can be used ({found}), and the scene is written without one: two of its sides have to "
-            f"face each other, at most {1000 * robot.opening.max_m:.0f} mm apart, where the hand gets to; turn it (up=…, yaw=…), or give "
-            "grasps (retrieve grasp --from FILE)"
+            f"{where}: no grasp of {scene.target} can be used ({found}), and the scene is written without one: {why}; "
+            "retrieve grasp --from FILE takes grasps from elsewhere"
         )
         return scene
     tell(where, scene, found)
     return with_grasps(scene, found)
+
+
+def _tell_start(where: str, scene: Scene) -> None:
+    """Say it when no plan can begin where the scene's robot is."""
+    if scene.robot.q_start is None:
+        return
+    from kinematics.robots.load import from_ref
+    from planning.motion.pick_place import Motions
+
+    with blame(where):
+        blocked = Motions(from_ref(scene.robot), scene, target_grasps=()).start_blocked()
+    if blocked is not None:
+        say(f"{where}: no plan can begin where the arm is: {blocked.in_words()}")
 
 
 def _describe(where: str, scene: Scene) -> None:

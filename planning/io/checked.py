@@ -177,6 +177,9 @@ def parse_json(text: str, where: str) -> Node:
         value = json.loads(text, object_pairs_hook=fields)
     except json.JSONDecodeError as e:
         hint = "; one document a line is expected: `jq -c .` joins the lines" if text.strip() in ("{", "[") else ""
+        file = where.rpartition(":")[0]
+        if file.lower().endswith((".yaml", ".yml")):
+            hint = f"; from a YAML of words, `retrieve scene {file} -o cell.jsonl` makes a scene"
         raise InputError(f"{where}: broken JSON at column {e.colno}: {e.msg}{hint}") from e
     except (RecursionError, ValueError) as e:  # nested too deeply, or an integer of thousands of digits
         raise InputError(f"{where}: broken JSON: {' '.join(str(e).split())}") from e

@@ -29,10 +29,8 @@ class ClearanceSettings:
     def __post_init__(self) -> None:
         """Raises ValueError for lengths that are no clearances, or a least one above the wanted one."""
         if not 0 <= self.least_m <= self.wanted_m <= MOST_WANTED_M:
-            raise ValueError(
-                f"clearances must rise from 0 to at most {1000 * MOST_WANTED_M:.0f} mm, and the least ({1000 * self.least_m:g} mm) "
-                f"may not exceed the wanted one ({1000 * self.wanted_m:g} mm)"
-            )
+            most, least, wanted = (1000 * m for m in (MOST_WANTED_M, self.least_m, self.wanted_m))
+            raise ValueError(f"the wanted clearance, {wanted:g} mm, must lie between the least, {least:g} mm, and {most:g} mm")
 
     @cached_property
     def levels_m(self) -> tuple[float, ...]:

@@ -47,6 +47,11 @@ def test_from_words_to_a_plan(retrieve: Callable[..., Spoken], tmp_path: Path) -
     code, out, _ = retrieve("plan", file, "--policy", "local")
     (plan,) = lines(out)
     assert (code, plan["success"], plan["verified"]) == (0, True, True)
+    (tmp_path / "plans.jsonl").write_text(out)
+    assert retrieve("verify", file, tmp_path / "plans.jsonl")[0] == 0  # though the base stands on a table that is declared
+    code, _, err = retrieve("plan", tmp_path / "cell.yaml")
+    assert code == 2
+    assert f"from a YAML of words, `retrieve scene {tmp_path / 'cell.yaml'} -o cell.jsonl` makes a scene" in err
 
 
 def test_words_say_where_the_arm_is(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
@@ -57,6 +62,19 @@ def test_words_say_where_the_arm_is(retrieve: Callable[..., Spoken], tmp_path: P
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"objects": [CAN], "q_start": start}))
     assert retrieve("scene", tmp_path / "cell.yaml", "--no-grasp")[1] == out
     jsonschema.validate({"q_start": start}, json.loads((documents.SCHEMAS / "words.schema.json").read_text()))
+
+
+def test_what_will_keep_a_plan_from_its_beginning_is_said_at_once(retrieve: Callable[..., Spoken]) -> None:
+    """An arm beyond its limits, or in its mount; a door that keeps it from every grasp, or a target without sides that face each other."""
+    begin, alone = "scene: no plan can begin where the arm is: ", ("scene", "--object", CAN)
+    assert f"{begin}transit (at the start, joint elbow_joint is at 9, outside" in retrieve(*alone, "--q-start", "elbow_joint=9")[2]
+    assert f"{begin}camera would touch mount" in retrieve(*alone, "--q-start", "elbow_joint=2.2,shoulder_lift_joint=-0.9")[2]
+    assert begin not in retrieve(*alone, "--q-start", "elbow_joint=1.5")[2]
+    door = "door:box:0.02x0.86x0.5@0.33,0,0.1"
+    assert (
+        "an obstacle, a wall or the distance keeps the arm from it; retrieve grasp --from FILE" in retrieve(*alone, "--obstacle", door)[2]
+    )
+    assert "two of its sides have to face each other, at most 86 mm apart" in retrieve("scene", "--object", "can:0.06x0.06@0.6,0")[2]
 
 
 def test_wrong_words_are_one_line(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
 from planning.learning.brief_look import BriefLook
-from planning.learning.labels import PATHS, Row, label, movable, paths_to_target
+from planning.learning.labels import ENOUGH_PATHS, PATHS, Row, label, movable, paths_to_target
 from planning.learning.partial_views import glimpsed
 from planning.motion.pick_place import Motions
 from planning.scene_generation import Spec, generate
@@ -81,7 +81,7 @@ def rows(
         look = BriefLook(motions, state, rng)
         if look.target_free():
             return
-        ways = ways or paths_to_target(motions, state, rng, paths)
+        ways = ways or paths_to_target(motions, state, rng, paths, enough=ENOUGH_PATHS)
         row = label(look, ways, objects=objects, number=number)
         yield row
         if looks.random() < partly_seen and (part := glimpsed(motions, state, row, looks)) is not None:

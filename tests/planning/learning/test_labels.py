@@ -17,7 +17,7 @@ from kinematics.chain import forward
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box
-from kinematics.transforms import inverse, rotation_about, transform
+from kinematics.transforms import Array, inverse, rotation_about, transform
 from perception.mapping.voxels import unknown_voxels
 from planning.io.results import scene_writer
 from planning.learning import partial_views, shards
@@ -29,6 +29,7 @@ from planning.learning.swept import CELL_M, SAMPLE_M, arm_balls, footprint, meet
 from planning.motion import waiting
 from planning.motion.carry import Done
 from planning.motion.pick_place import Motions
+from planning.motion.workcell import Workcell
 from planning.plan import Blocked
 from planning.relaxed_plan import relaxed_plan
 from planning.scene_generation import generate, load_spec
@@ -257,6 +258,21 @@ def test_ways_are_all_there_and_end_at_the_grasp(ur5e: Robot, scene: Scene, moti
     for path in ways.paths:
         assert np.allclose(path[0], ur5e.arm_q(waiting.home(motions.cell)))
         assert np.allclose(motions.cell.arm.hand_pose(path[-1]), scene.grasp.T_world_hand, atol=1e-4)
+
+
+def test_where_searches_fail_a_few_ways_are_enough(motions: Motions, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every third search fails: with enough ways found, the next that does is the last."""
+    asked: list[int] = []
+
+    def way(_: Workcell, query: object, start: Array, goals: Array, *args: object, **kws: object) -> Array | None:
+        asked.append(len(asked))
+        return np.stack([start, start + 0.01, goals[0]]) if len(asked) % 3 else None
+
+    monkeypatch.setattr(Workcell, "way", way)
+    for enough, searches, found in ((None, 10, 7), (1, 3, 2), (2, 3, 2), (3, 6, 4), (7, 10, 7)):
+        asked.clear()
+        ways = paths_to_target(motions, motions.start(), np.random.default_rng(5), 10, enough=enough)
+        assert (len(asked), int(ways.times.sum())) == (searches, found), enough
 
 
 def test_without_ways_nothing_blocks(motions: Motions, scene: Scene) -> None:

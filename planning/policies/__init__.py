@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from planning.learning.model import FORMS, Model, shipped
@@ -19,6 +19,8 @@ from planning.retrieval import MAX_MOVES, Policy
 
 QUICK, PATIENT = Effort(attempts=300), Effort(attempts=3000)
 """How many moves a policy that looks ahead may try, and how many the ceiling."""
+QUICK_FIRST = replace(QUICK, last=1000)
+"""Where that has not done and there is hope, a third of what the ceiling may."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ def _look_ahead(setup: Setup, preferences: Preferences = NEAREST, effort: Effort
 
 
 def _neural(setup: Setup) -> Policy:
-    return _look_ahead(setup, make_neural_preferences(CachedEncoding(setup.network())), glance=True)
+    return _look_ahead(setup, make_neural_preferences(CachedEncoding(setup.network())), QUICK_FIRST, glance=True)
 
 
 def _neural_greedy(setup: Setup, form: str | None = None) -> Policy:

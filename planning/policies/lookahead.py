@@ -122,7 +122,7 @@ class Lookahead:
 
     def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
         """The moves that a search finds: with the grasps that are quick to sample; where these don't do, with many more, and where none of
-        them holds out any hope, with as many as can be; and at last not to near regions but to the likeliest."""
+        them holds out any hope, with as many as can be; and at last in other orders."""
         assert self._state is not None
         left, attempts = self.most - self._made, self.effort.attempts
         hopeful: World | None = None
@@ -141,11 +141,19 @@ class Lookahead:
             if found := search.run(self._state):
                 return found
             attempts -= search.tried
-        if hopeful is not None and self.preferences.nearby is not None:
-            likeliest, effort = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
-            return Search(hopeful, likeliest, replace(self.effort, attempts=effort), left, rng).run(self._state)
+        if hopeful is not None:
+            return self._searched_at_last(hopeful, self._state, left, rng)
         if plan is None:
             self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
+        return []
+
+    def _searched_at_last(self, world: World, state: State, left: int, rng: np.random.Generator) -> list[Step]:
+        """The moves to the likeliest regions, not the near ones first; and if there are none of them, those that the ceiling finds."""
+        likeliest, few = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
+        many = 0 if world.partly_unseen else self.effort.last
+        for preferences, attempts in ((likeliest, few if self.preferences.nearby else 0), (NEAREST, many)):
+            if attempts and (found := Search(world, preferences, replace(self.effort, attempts=attempts), left, rng).run(state)):
+                return found
         return []
 
     def _needed(self, moves: int) -> None:

@@ -50,11 +50,13 @@ class World(Protocol):
 class Effort:
     """How hard a search tries. attempts: moves that are tried at most, feasible or not. step_back: by how much a state's rank grows with
     each of its moves that was tried: after 1 / step_back of them one more move elsewhere looks as good. choosy: after so many more of them
-    a move that can be carried out, but comes near to something, looks as good as one that does not."""
+    a move that can be carried out, but comes near to something, looks as good as one that does not. last: attempts of a last search, to
+    near places, where others have found nothing and yet there is hope."""
 
     attempts: int
     step_back: float = 0.02
     choosy: int = 4
+    last: int = 0
 
 
 RegionOrder = Callable[[Observation, str, np.random.Generator], Sequence[int]]

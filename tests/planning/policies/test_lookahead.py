@@ -450,6 +450,23 @@ def test_the_likeliest_places_are_tried_by_the_look_that_held_out_hope() -> None
     assert asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9), no_proof, most=1), world) == [("a", 12)]
 
 
+def test_at_last_all_free_regions_are_tried_if_so_many_attempts_are_left() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
+    patient = Effort(attempts=9, last=16)
+    assert asked(Lookahead(world, NEAR_AND_LIKELY, patient, no_proof, most=1), world) == []
+    at_last = [region for _, region in world.tried[6 + 3 + 4 :]]
+    assert len(at_last) == len(set(at_last)) == 14  # but the two where a and the target stand
+    world.can, world.tried[:] = lambda choice: choice[1] == 9, []  # neither among the first six nor the last four
+    assert asked(Lookahead(world, NEAR_AND_LIKELY, patient, no_proof, most=1), world) == [("a", 9)]
+
+
+def test_where_space_is_unseen_a_look_is_better_than_the_last_search() -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
+    world.partly_unseen = True
+    asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9, last=16), no_proof, most=1), world)
+    assert len(world.tried) == 6 + 3 + 4
+
+
 def test_with_no_other_order_of_regions_nothing_is_tried_once_more() -> None:
     world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
     assert asked(Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5), world) == []

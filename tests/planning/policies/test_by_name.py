@@ -66,19 +66,19 @@ def test_the_rrt_baseline_counts_paths_once_for_both_halves() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "preferences", "attempts", "glance"),
+    ("name", "preferences", "effort", "glance"),
     [
-        ("lookahead", NEAREST, 300, False),
-        ("search", NEAREST, 3000, False),
-        ("neural", ("make_neural_preferences", ("CachedEncoding", "objects networks of ur5e")), 300, True),
+        ("lookahead", NEAREST, Effort(attempts=300), False),
+        ("search", NEAREST, Effort(attempts=3000), False),
+        ("neural", ("make_neural_preferences", ("CachedEncoding", "objects networks of ur5e")), Effort(attempts=300, last=1000), True),
     ],
 )
-def test_what_looks_ahead(name: str, preferences: Any, attempts: int, glance: bool) -> None:
+def test_what_looks_ahead(name: str, preferences: Any, effort: Effort, glance: bool) -> None:
     """One look for both halves, and for what is known of the scene in the end; a proof may come to it; so many moves are allowed."""
     for given, most in (({}, 5), ({"max_moves": 3}, 3)):
         policy = make_policy(name, MOTIONS, **given)  # type: ignore[arg-type]
         ahead: Any = policy.select.__self__  # type: ignore[attr-defined]
-        assert ahead.made_of == (MOTIONS, preferences, Effort(attempts=attempts), ("Prover", MOTIONS))
+        assert ahead.made_of == (MOTIONS, preferences, effort, ("Prover", MOTIONS))
         assert ahead.options == {"most": most, "glance": glance}
         assert (policy.select, policy.place) == (ahead.select, ahead.place)
         ahead.outlook = "the outlook later"

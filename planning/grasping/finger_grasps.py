@@ -43,6 +43,7 @@ MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling'
 BELOW_RIM_M = 0.006  # so far below a rim it is seen how its wall leans, and so much further down the pads reach
 MOST_LEAN = np.radians(50)  # of a hand that leans as a wall does
 CLEARANCE_M = 0.010  # the open fingers' distance to the object on each side, before they close
+OPEN_STEP_M = 0.0025  # in such steps do they open, rather less than more
 UPRIGHT = np.cos(np.radians(1))
 SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
 
@@ -345,5 +346,6 @@ def _antipodal(
 
 
 def open_width(width_m: float, opening: Opening) -> float:
-    """How wide the fingers are before they close on an object of this width."""
-    return float(min(width_m + 2 * CLEARANCE_M, opening.max_m))
+    """How wide the fingers are before they close on an object of this width: one of few widths, so that what is packed of them serves many
+    objects."""
+    return float(min(np.floor((width_m + 2 * CLEARANCE_M) / OPEN_STEP_M + 1e-6) * OPEN_STEP_M, opening.max_m))

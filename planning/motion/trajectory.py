@@ -170,7 +170,8 @@ class _Drive:
 
     def _straight(self, q: Array) -> float:
         """The length in metres of the hand's way when waypoints q (K, A) stand evenly on a straight line of it, else 0."""
-        at = np.array([self.cell.arm.hand_pose(x)[:3, 3] for x in q])
+        at, arm = np.empty((len(q), 3)), self.cell.arm
+        hand_points(arm.chain, arm.T_frame_hand, q, self.frames, at)
         even = at[0] + np.linspace(0, 1, len(q))[:, None] * (at[-1] - at[0])
         length = float(np.linalg.norm(at[-1] - at[0]))
         return length if np.linalg.norm(at - even, axis=1).max() < STRAIGHT_M else 0.0

@@ -138,14 +138,18 @@ def pulled_out(cell: Workcell, carrying: PlanningQuery, held: Held, q: Array) ->
     for along in (-T_hand[:3, 2], out):
         if along @ out > LEAST_OUTWARD:
             there = transform(T_hand[:3, :3], T_hand[:3, 3] + max(0.0, inmost + OUTSIDE_M) / float(along @ out) * along)
-            solutions = (
-                cell.arm.headed(np.eye(4), there, q, PULL_TRIES) if cell.arm.few_joints else cell.ik(there, near=q, tries=PULL_TRIES)
-            )
-            for goal in solutions[:1]:
+            followed = None if cell.arm.few_joints else cell.follow(there, q)
+            for goal in _pulled(cell, there, q)[:1] if followed is None else [followed]:
                 upright = is_upright(carrying.task.exact.chain, carrying.task.upright, goal, cell.memory.exact)
                 if upright and cell.touch(carrying, goal) is None:
                     goals.append(goal)
     return np.array(goals).reshape(-1, len(q))
+
+
+def _pulled(cell: Workcell, T_world_hand: Array, q: Array) -> Array:
+    """Arm configurations (S, A) with the hand pulled to a pose (4, 4), the nearest to q (A,) first."""
+    arm = cell.arm
+    return arm.headed(np.eye(4), T_world_hand, q, PULL_TRIES) if arm.few_joints else cell.ik(T_world_hand, near=q, tries=PULL_TRIES)
 
 
 def _looks(cell: Workcell, upright: Upright, held: Held) -> Array:

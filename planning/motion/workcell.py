@@ -136,6 +136,12 @@ class Workcell(PackedCell):
             self._solutions[key] = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
         return self._solutions[key]
 
+    def follow(self, T_world_hand: Array, q: Array) -> Array | None:
+        """The arm's configuration (A,) with the hand at a pose (4, 4) that inverse kinematics comes to from q (A,); None if to none."""
+        out, hand = q.copy(), self.hand
+        arrived = inverse.descend(hand.chain, hand.T_frame_hand, T_world_hand, out, hand.frames, hand.work, inverse.PATIENT)
+        return out if arrived else None
+
     @contextmanager
     def within_budget(self) -> Iterator[None]:
         """All that is sought inside shares one time budget, if there is one: the paper's second for the whole indicator."""

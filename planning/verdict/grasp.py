@@ -21,7 +21,7 @@ from planning.verdict.polyhedra import polyhedra
 
 MOST_M = 1000.0  # no grasp is further away
 PARALLEL = np.cos(np.radians(1))  # faces that look this much the way they close are parallel
-_STEPS, _ROUNDS = 65, 2
+_STEPS = 65
 
 
 def judge_grasp(
@@ -93,12 +93,9 @@ def _askew(hand: Hand) -> bool:
 
 def closing_value(hand: Hand, width_m: float) -> float:
     """The gripper joint's value at which the pads are so far apart, to a micrometre; the nearest it can do."""
-    values, widths = hand.values, hand.widths
-    for _ in range(_ROUNDS):
-        k = int(np.clip(np.searchsorted(widths, width_m), 1, len(widths) - 1))
-        values = np.linspace(values[k - 1], values[k], _STEPS)
-        widths = hand.width(values)
-    return float(np.interp(width_m, widths, values))
+    k = int(np.clip(np.searchsorted(hand.widths, width_m), 1, len(hand.widths) - 1))
+    values = np.linspace(hand.values[k - 1], hand.values[k], _STEPS)
+    return float(np.interp(width_m, hand.width(values), values))
 
 
 def _touching(robot: Robot, hand: Hand, frames: dict[int, Array], bodies: Sequence[Body]) -> Iterator[tuple[str, str, float]]:

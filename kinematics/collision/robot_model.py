@@ -32,10 +32,10 @@ def _link_pieces(robot: Robot) -> GeometryModel:
 
 
 @lru_cache(maxsize=16)
-def _finger_pieces(robot: Robot, times: int) -> GeometryModel:
+def _finger_pieces(robot: Robot, times: int, covered: bool) -> GeometryModel:
     """The hulls that move with the gripper's joint, so many times: each time they may stand elsewhere."""
     own = [i for i, hull in enumerate(robot.hulls) if hull.link in robot.fingers] * times
-    return make_geometry_model([robot.hulls[i].vertices for i in own], [link_covers(robot)[i] for i in own])
+    return make_geometry_model([robot.hulls[i].vertices for i in own], [link_covers(robot)[i] for i in own] if covered else [])
 
 
 def shape_covers(shape: Shape) -> tuple[Levels, ...]:
@@ -99,10 +99,10 @@ class RobotCollisionModel:
             known[gripper] = posed, posed_sphere_model(self.chain, posed)
         return known[gripper]
 
-    def posed_fingers(self, openings: Sequence[float]) -> PosedGeometry:
-        """The fingers alone, at each of some gripper values, one after the other."""
+    def posed_fingers(self, openings: Sequence[float], *, covered: bool = True) -> PosedGeometry:
+        """The fingers alone, at each of some gripper values, one after the other. covered: with their covers."""
         frames, T = zip(*(self._carried(gripper) for gripper in openings), strict=True)
-        own, pieces = self._link[self.fingers], _finger_pieces(self.robot, len(openings))
+        own, pieces = self._link[self.fingers], _finger_pieces(self.robot, len(openings), covered)
         return pose_geometry(self.chain, pieces, np.concatenate([f[own] for f in frames]), np.concatenate([t[own] for t in T]))
 
     def in_hand(self, pieces: GeometryModel, T_hand_body: Array) -> PosedGeometry:

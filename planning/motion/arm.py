@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kinematics import inverse
 from kinematics.chain import Int, forward
-from kinematics.collision.posed_geometry import PosedGeometry, join_posed
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed, without_covers
 from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, robot_collision_model
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
@@ -55,18 +55,19 @@ class Arm(RobotCollisionModel):
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
         self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
+        self._known_times: dict[int, tuple[tuple[str, ...], Int, NDArray[np.bool_]]] = {}
         self._any_opening: dict[tuple[float, float], AnyOpening | None] = {}
 
     def moving_fingers(self, opened: float, closed: float) -> tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]:
-        """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: the posed geometry, its links,
-        the pairs (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
+        """The arm with its fingers at several gripper values on the way from `opened` to `closed` at once: without covers, its links, the
+        pairs (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
         key = (opened, closed)
         if key not in self._moving:
             if len(self._moving) == OPENINGS:
                 self._moving.pop(next(iter(self._moving)))  # the oldest
             values = [opened + share * (closed - opened) for share in FINGERS_AT]
-            posed, links, pairs = self._at_all(values if len(self.fingers) else values[-1:])
-            self._moving[key] = posed, links, pairs, np.isin(links, sorted(self.robot.fingers))
+            posed, links, pairs, moving = self._at_all(values if len(self.fingers) else values[-1:], covered=False)
+            self._moving[key] = posed, links, pairs, moving
         return self._moving[key]
 
     def any_opening(self, first: float, last: float) -> AnyOpening | None:
@@ -80,32 +81,39 @@ class Arm(RobotCollisionModel):
 
     def _between(self, first: float, last: float) -> AnyOpening | None:
         if not len(self.fingers):  # a suction cup
-            posed, links, _ = self._at_all([last])
+            posed, links, *_ = self._at_all([last])
             return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, self.self_pairs, 0.0)
         fingers = self.posed_fingers(np.linspace(first, last, MOST_OPENINGS).tolist()).vertices.reshape(3, MOST_OPENINGS, -1)
         steps = np.linalg.norm(np.diff(fingers, axis=1), axis=0).max(1).tolist()
         parts = int(np.ceil(sum(steps) / APART_M))
         if parts >= MOST_OPENINGS:
             return None
-        posed, links, pairs = self._at_all(np.linspace(first, last, parts + 1).tolist())
+        posed, links, pairs, _ = self._at_all(np.linspace(first, last, parts + 1).tolist())
         own = self.self_pairs[~np.isin(self.self_pairs, self.fingers).any(1)]
         within_m = BENDS / 2 * max(steps) * (MOST_OPENINGS - 1) / parts
         return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, np.concatenate([own, pairs]), within_m)
 
-    def _at_all(self, openings: Sequence[float]) -> tuple[PosedGeometry, tuple[str, ...], Int]:
-        """The arm with its fingers at several gripper values at once: the posed geometry, with the last of them first, its links, and the
-        pairs (S, 2) in which a finger takes part."""
+    def _at_all(self, openings: Sequence[float], *, covered: bool = True) -> tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]:
+        """The arm with its fingers at several gripper values at once: the posed geometry, with the last of them first, and what `_times`
+        says of it."""
         *others, last = openings
-        own, posed, links = self.fingers, self.posed(last), self.links
-        pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
+        posed = self.posed(last) if covered else without_covers(self.posed(last))
         if others:
-            posed = join_posed(posed, self.posed_fingers(others))
-        for _ in others:
-            copies = np.arange(len(self.links))
-            copies[own] = len(links) + np.arange(len(own))
-            links += tuple(self.links[i] for i in own)
-            pairs.append(copies[pairs[0]])
-        return posed, links, np.concatenate(pairs)
+            posed = join_posed(posed, self.posed_fingers(others, covered=covered))
+        return posed, *self._times(len(others))
+
+    def _times(self, more: int) -> tuple[tuple[str, ...], Int, NDArray[np.bool_]]:
+        """The links, with the fingers so many times more, the pairs (S, 2) in which a finger takes part, and which of the links (P,) are
+        fingers."""
+        if more not in self._known_times:
+            own, links, copies = self.fingers, self.links, np.arange(len(self.links))
+            pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
+            for _ in range(more):
+                copies[own] = len(links) + np.arange(len(own))
+                links += tuple(self.links[i] for i in own)
+                pairs.append(copies[pairs[0]])
+            self._known_times[more] = links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
+        return self._known_times[more]
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""

@@ -14,7 +14,7 @@ from kinematics.chain import Int
 from kinematics.collision import edge_problem
 from kinematics.collision.edge_problem import MARGIN_M, Problem
 from kinematics.collision.geometry import Query, make_solids
-from kinematics.collision.posed_geometry import PosedGeometry, join_posed
+from kinematics.collision.posed_geometry import PosedGeometry, join_posed, without_covers
 from kinematics.collision.robot_model import bare_geometry
 from kinematics.transforms import Array
 from planning.motion.arm import FINGERS_AT, Arm
@@ -138,7 +138,8 @@ class SpotQueries:
         """An object in the closed hand; it may touch the pads and the floor."""
 
         def make() -> Problem:
-            posed, held = self.arm.posed(closed), self.arm.in_hand(bare_geometry(self.cell.scene.body(name).shape), T_hand_body)
+            posed = without_covers(self.arm.posed(closed))
+            held = self.arm.in_hand(bare_geometry(self.cell.scene.body(name).shape), T_hand_body)
             alike = self._made(("held", name, closed), lambda: self._held(posed, held))  # but for where it sits in the hand
             return edge_problem.last_parts_elsewhere(alike, posed, held)
 

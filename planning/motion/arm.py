@@ -54,6 +54,8 @@ class Arm(RobotCollisionModel):
         self._posed = robot_collision_model(robot, T_world_base)._posed  # what the final check packs is what the planner has packed
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs()
+        by_fingers = np.isin(self.self_pairs, self.fingers).any(1)
+        self._finger_pairs, self._own_pairs = self.self_pairs[by_fingers], self.self_pairs[~by_fingers]
         self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}
         self._known_times: dict[int, tuple[tuple[str, ...], Int, NDArray[np.bool_]]] = {}
         self._any_opening: dict[tuple[float, float], AnyOpening | None] = {}
@@ -89,7 +91,7 @@ class Arm(RobotCollisionModel):
         if parts >= MOST_OPENINGS:
             return None
         posed, links, pairs, _ = self._at_all(np.linspace(first, last, parts + 1).tolist())
-        own = self.self_pairs[~np.isin(self.self_pairs, self.fingers).any(1)]
+        own = self._own_pairs
         within_m = BENDS / 2 * max(steps) * (MOST_OPENINGS - 1) / parts
         return AnyOpening(posed, posed_sphere_model(self.chain, posed), links, np.concatenate([own, pairs]), within_m)
 
@@ -107,7 +109,7 @@ class Arm(RobotCollisionModel):
         fingers."""
         if more not in self._known_times:
             own, links, copies = self.fingers, self.links, np.arange(len(self.links))
-            pairs = [self.self_pairs[np.isin(self.self_pairs, own).any(1)]]
+            pairs = [self._finger_pairs]
             for _ in range(more):
                 copies[own] = len(links) + np.arange(len(own))
                 links += tuple(self.links[i] for i in own)

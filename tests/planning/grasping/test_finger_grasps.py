@@ -14,7 +14,15 @@ from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.grasping import finger_grasps, hand_poses
-from planning.grasping.finger_grasps import CLEARANCE_M, FRICTION_ANGLE, MESH_FRICTION_ANGLE, closing_directions, open_width, sample_grasps
+from planning.grasping.finger_grasps import (
+    CLEARANCE_M,
+    FRICTION_ANGLE,
+    MESH_FRICTION_ANGLE,
+    OPEN_STEP_M,
+    closing_directions,
+    open_width,
+    sample_grasps,
+)
 from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, MOST_BESIDE_M, set_back, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, pad_of
@@ -256,6 +264,10 @@ def test_the_fingers_open_by_a_clearance_on_each_side_if_they_can() -> None:
     assert open_width(0.05, PLAIN) == pytest.approx(0.05 + 2 * CLEARANCE_M)
     assert open_width(0.08, PLAIN) == pytest.approx(0.10)
     assert open_width(0.095, PLAIN) == pytest.approx(0.10)
+    for width in np.linspace(0.02, 0.0799, 40):
+        steps, spare = open_width(width, PLAIN) / OPEN_STEP_M, width + 2 * CLEARANCE_M - open_width(width, PLAIN)
+        assert steps == pytest.approx(round(steps), abs=1e-9)
+        assert -1e-8 < spare < OPEN_STEP_M
     assert type(open_width(0.05, PLAIN)) is float
 
 

@@ -253,3 +253,17 @@ def test_a_target_is_pulled_straight_out_wholly_and_no_further_than_needed(found
         assert motions.cell.touch(query, q) is None
         T = np.linalg.inv(scene.cabinet.T_world_cabinet) @ motions.cell.arm.hand_pose(q) @ out.held.T_hand_body
         assert bounds(scene.body(out.held.body).shape, T)[1][0] == pytest.approx(-waiting.OUTSIDE_M, abs=2e-3)
+
+
+def test_an_arm_follows_its_hand_on_the_branch_that_it_is_on(found: tuple[Motions, Done], ur5e: Robot) -> None:
+    motions, done = found
+    cell, q = motions.cell, ur5e.arm_q(done.motions[-1].q[0])
+    T = cell.arm.hand_pose(q)
+    T[:3, 3] -= 0.05 * T[:3, 2]
+    followed = cell.follow(T, q)
+    assert followed is not None
+    np.testing.assert_allclose(cell.arm.hand_pose(followed), T, atol=1e-5)
+    np.testing.assert_allclose(followed, cell.ik(T, near=q)[0], atol=1e-4)
+    assert np.array_equal(q, ur5e.arm_q(done.motions[-1].q[0]))
+    T[:3, 3] -= 5.0 * T[:3, 2]
+    assert cell.follow(T, q) is None

@@ -68,11 +68,12 @@ def object_pixels(views: PreparedFrames) -> dict[str, tuple[Array, Int]]:
     for i, (frame, inside, points) in enumerate(zip(views.frames, views.inside, views.points)):
         if frame.instance is None:
             raise ValueError(f"frame {i} has no mask: objects can't be told apart by masks, only by geometry")
-        shown = np.where(inside, frame.instance, -1)
-        order = np.argsort(shown, axis=None, kind="stable")
-        ids, starts = np.unique(shown.reshape(-1)[order], return_index=True)
-        for k, rows in zip(ids, np.split(order, starts[1:])):
-            if 0 <= k < len(frame.names):
+        mine = np.flatnonzero(inside & (frame.instance >= 0))
+        shown = frame.instance.reshape(-1)[mine]
+        order = np.argsort(shown, kind="stable")
+        ids, starts = np.unique(shown[order], return_index=True)
+        for k, rows in zip(ids, np.split(mine[order], starts[1:])):
+            if k < len(frame.names):
                 source = np.stack([np.full(len(rows), i), rows], -1)
                 found.setdefault(frame.names[k], []).append((points.reshape(-1, 3)[rows].astype(float), source))
     out = {}

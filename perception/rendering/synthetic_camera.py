@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ Camera = Callable[[Array, Array], Frame]
 
 RANGE_M = (0.17, 3.0)  # a D435i measures nothing nearer or further
 ARM_SLACK_M = 0.01
+ROUNDING_M = 1e-6
 DEFAULT = realsense_d435i(640, 360)
 
 
@@ -66,10 +68,13 @@ def robot_surfaces(robot: Robot, T_world_base: Array, q: Array, T_world_camera: 
 
     Most links are behind the camera in the hand or beside what it sees, and those take longest to draw: so they are left out beforehand.
     """
-    poses = robot.link_poses(q)
+    poses, links = robot.link_poses(q), _packed(robot)
     T_camera_base = inverse(T_world_camera) @ T_world_base
     out = []
-    for packed, link in _packed(robot):
+    balls = np.array([ball for _, _, ball in links])
+    middles = (T_camera_base @ np.array([poses[link] for _, link, _ in links]) @ balls[:, [0, 1, 2, 3], None])[:, :3, 0]
+    near = (middles @ _sides(intrinsics).T + balls[:, 4:] * np.linalg.norm(_sides(intrinsics), axis=1) > -ROUNDING_M).all(1)
+    for packed, link, _ in compress(links, near):
         if _may_show(apply(T_camera_base @ poses[link], packed.vertices), intrinsics):
             out.append(moved(packed, (T_world_base @ poses[link])[None]))
     return out
@@ -77,10 +82,13 @@ def robot_surfaces(robot: Robot, T_world_base: Array, q: Array, T_world_camera: 
 
 def _may_show(points: Array, camera: Intrinsics) -> bool:
     """Whether the hull of points (N, 3) of the camera's frame may be in its picture: not all are beyond one side of what it sees."""
-    x, y, z = camera.fx * points[:, 0], camera.fy * points[:, 1], points[:, 2]
-    left, right = x + (camera.cx + 1) * z, (camera.width - camera.cx) * z - x
-    above, below = y + (camera.cy + 1) * z, (camera.height - camera.cy) * z - y
-    return all(bool((side > 0).any()) for side in (z, left, right, above, below))
+    return bool((_sides(camera) @ points.T > 0).any(1).all())
+
+
+def _sides(camera: Intrinsics) -> Array:
+    """What a camera sees, in its frame: the points whose products with these (5, 3) are above 0."""
+    left, right, above, below = camera.cx + 1, camera.width - camera.cx, camera.cy + 1, camera.height - camera.cy
+    return np.array([[0, 0, 1], [camera.fx, 0, left], [-camera.fx, 0, right], [0, camera.fy, above], [0, -camera.fy, below]], float)
 
 
 def robot_depth(robot: Robot, T_world_base: Array, q: Array, T_world_camera: Array, intrinsics: Intrinsics) -> NDArray[np.float32]:
@@ -119,6 +127,12 @@ def marked(robot: Robot, T_world_base: Array, frames: Sequence[Frame]) -> tuple[
 
 
 @lru_cache(maxsize=8)
-def _packed(robot: Robot) -> tuple[tuple[Surfaces, str], ...]:
-    """Each link hull by itself, and its link."""
-    return tuple((surfaces([hull.vertices], np.eye(4)[None]), hull.link) for hull in robot.hulls if hull.link != "camera")
+def _packed(robot: Robot) -> tuple[tuple[Surfaces, str, Array], ...]:
+    """Each link hull by itself, its link, and a ball around it: its middle as (x, y, z, 1) in the link's frame, and its radius."""
+    out = []
+    for hull in robot.hulls:
+        if hull.link != "camera":
+            middle = (hull.vertices.min(0) + hull.vertices.max(0)) / 2
+            reach = float(np.linalg.norm(hull.vertices - middle, axis=1).max())
+            out.append((surfaces([hull.vertices], np.eye(4)[None]), hull.link, np.array([*middle, 1.0, reach])))
+    return tuple(out)

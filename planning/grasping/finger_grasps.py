@@ -7,9 +7,10 @@ friction cone about the line and the gripper opens wide enough. The closing dire
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -108,8 +109,7 @@ def sample_grasps(
             yield from _by_rims(body.shape, body.T_world_body, opening, ranked, pad)
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
+class _Candidate(NamedTuple):
     """A hand that may close. rank: the smaller the more natural; point (3,): between the pads; u (3,): along which; R (3, 3): the
     hand's; extent: the body's, see `hand_poses.fit_box`; back_m: how much nearer to the hand than it must be; room_m: see `Sampling`;
     least_z: the pads' middle is no lower, though what they close on is."""
@@ -188,12 +188,23 @@ class _Candidates:
 
     def _hand(self, R: Array, turned: tuple[float, float], u: Array, pitch: float, order: int, z: float) -> Iterator[_Candidate]:
         """A hand R (3, 3), turned as `_turned` says, that closes along u (3,), as deep as is asked for."""
-        (low, high), (turn, reach) = self.bounds, turned
-        middle = (low + high) / 2
-        point, extent = np.array([middle[0], middle[1], z]), (reach, float(high[2] - z), pitch)
+        (_, high), (turn, reach) = self.bounds, turned
+        point, extent = self._point(z), (reach, float(high[2] - z), pitch)
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
             least_z = self.tips_z if pitch > STEEP else -np.inf
             yield _Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back, self.room_m, least_z)
+
+    def _point(self, z: float) -> Array:
+        """The body's middle (3,), at a height."""
+        if z not in self._points:
+            low, high = self.bounds
+            middle = (low + high) / 2
+            self._points[z] = np.array([middle[0], middle[1], z])
+        return self._points[z]
+
+    @cached_property
+    def _points(self) -> dict[float, Array]:
+        return {}
 
     def _heights(self, kind: str, pitch: float) -> list[float]:
         """Heights of the pads, world."""
@@ -239,7 +250,7 @@ def _less_squarely(
     lines = [(beside, _crossed(body, c.point, c.u, beside, hits)) for beside in (share * wide for share in (0.0, *BESIDE))]
     for (beside, hit), share in product(sorted(lines, key=lambda line: _skew(line[1], c.u)), SET_BACKS):
         around = (reach + beside * float(np.sign(level @ c.R[:, 2])), above, pitch)
-        there = replace(c, point=c.point + beside * level, extent=around)
+        there = c._replace(point=c.point + beside * level, extent=around)
         grasp = _antipodal(body, opening, hit, there, pad, MESH_FRICTION_ANGLE, share)
         if grasp is not None:
             return grasp

@@ -258,7 +258,7 @@ def test_what_bulges_under_the_pads_must_fit_between_the_fingers_too() -> None:
 def test_the_pads_are_raised_by_as_much_as_their_ends_still_hold() -> None:
     body, pad = plates(0.0), Pad(0.01, -0.01, 0.015625)
     for least_z, z in ((-0.01, 0.0), (0.01, 0.01), (0.015625, 0.015625), (0.01563, None)):
-        c = replace(level(0.03), least_z=least_z)
+        c = level(0.03)._replace(least_z=least_z)
         grasp = _antipodal(body, OPEN, line_contacts(body.shape, np.eye(4), c.point, c.u), c, pad, MESH_FRICTION_ANGLE)
         assert (None if grasp is None else float(grasp.T_world_hand[2, 3])) == (None if z is None else pytest.approx(z))
 
@@ -278,7 +278,7 @@ def test_beside_the_middle_a_mesh_reaches_less_far_towards_the_hand_or_further()
     outline = [(0.05, 0.03), (0.012, 0.03), (-0.05, 0.03 - 0.062 * np.tan(np.radians(25)))]
     body = Body("spade", ConvexMesh((np.array([[x, s * y, z] for x, y in outline for s in (1, -1) for z in (-0.05, 0.05)]),)), np.eye(4))
     shallow = replace(SHALLOW, depth_m=np.full(3, 0.02))
-    from_there = replace(level(0.05), R=level_hand(-X, 0.0))
+    from_there = level(0.05)._replace(R=level_hand(-X, 0.0))
     grasp = _less_squarely(body, shallow, from_there, None, {})
     assert grasp is not None
     assert grasp.T_world_hand[:3, 3] == pytest.approx([0.035, 0.0, 0.0], abs=1e-9)

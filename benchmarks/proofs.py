@@ -5,9 +5,10 @@
 
 A proof names a set of objects of which none can be picked while the others of them stand, and which keeps the target in. Half of the time
 goes to that claim, where it is easiest to break: with all other objects gone, grasps on each of the set are drawn at random (directions,
-heights, pitches, depths; ten times as many of the arm's solutions), and the target is tried with as many solutions for x_g. The planner's
-picks judge them, which share no code with the obstructions that the proof rests on. The other half is a search without any guidance in the
-whole scene: any object that can be picked goes anywhere, and the target is tried after each move, from the start again after MOST_MOVES.
+heights, pitches, depths, by an edge; ten times as many of the arm's solutions), and the target is tried with as many solutions for x_g. The
+planner's picks judge them, which share no code with the obstructions that the proof rests on. The other half is a search without any
+guidance in the whole scene: any object that can be picked goes anywhere, and the target is tried after each move, from the start again
+after MOST_MOVES.
 
 Both look for more than plans ever try, but they are no proof themselves: what was not found may still be there. A line for each proof goes
 to `-o`, where a run goes on that was stopped; the line on stdout has the totals. Exit code 1 when a proof was broken.
@@ -109,11 +110,13 @@ def _attack_claim(robot: Robot, scene: Scene, poses: Any, line: dict[str, Any], 
 def _random_grasps(robot: Robot, scene: Scene, name: str, T: Any, rng: np.random.Generator) -> Iterator[Grasp]:
     """Some grasps on an object, from a sampling that is drawn at random within what the scene's approaches mean."""
     diagonal = tuple(rng.uniform(np.pi / 6, np.pi / 3, 2))
+    steps = tuple(rng.uniform(0.004, 0.02, 2))
     sampling = Sampling(
         yaws=int(rng.integers(5, 40)),
         backs_m=(0.0, *rng.uniform(0.0, 0.03, 2)),
         heights=tuple(rng.uniform(0.1, 1.0, 3)),
         pitches={**PITCHES, "diagonal": diagonal},
+        steps_m=(float(steps[0]), float(steps[1])),
     )
     return sampled_grasps(robot, scene, name, T, sampling=sampling)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform
 from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.hand_poses import Lowest, hand_looking, lowest_of, usual_lowest
+from planning.grasping.marginal_grasps import marginal_grasps
 from planning.grasping.pads import pad_of
 from planning.grasping.sampling import USUAL, Headings, Sampling
 
@@ -48,7 +50,8 @@ def grasps_on(
     """The grasps of a robot's hand on a body, be it fingers (`finger_grasps.sample_grasps`) or a cup; the most natural first."""
     if robot.opening.cup_m:
         return cup_grasps(body, robot.opening, approaches, floor_z, toward, sampling, headings, lowest_of(robot))
-    return sample_grasps(body, robot.opening, approaches, floor_z, toward, sampling, pad_of(robot), headings, lowest_of(robot))
+    natural = sample_grasps(body, robot.opening, approaches, floor_z, toward, sampling, pad_of(robot), headings, lowest_of(robot))
+    return chain(natural, marginal_grasps(body, robot.opening, approaches, toward, sampling, pad_of(robot), headings))
 
 
 def cup_grasps(

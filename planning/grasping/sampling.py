@@ -21,13 +21,15 @@ class Sampling:
     """How many grasps are sampled. yaws: closing directions within half a turn, on what has no faces. backs_m: how much nearer to the hand
     than the middle, or than the gripper's depth lets it, a box may be taken; inf: as near as the pads still hold it. heights: of the pads,
     in shares of the object's; 0 and 1: as low, and as high, as they can be. pitches: by approach, in rad. rooms_m: what pitched hands keep
-    between what they hold and what lies behind their pads, if they can; those with the first come before all others."""
+    between what they hold and what lies behind their pads, if they can; those with the first come before all others. steps_m: how far
+    apart, ahead and up, those are that hold upright boxes and cans by however little (`marginal_grasps`), after all others; None: none."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
     heights: tuple[float, ...] = (0.6, 0.85)
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
     rooms_m: tuple[float, ...] = (ROOM_M,)
+    steps_m: tuple[float, float] | None = None
 
 
 USUAL = Sampling()
@@ -46,6 +48,8 @@ DENSEST = Sampling(
     heights=(*np.linspace(0.0, 1.0, 61), *DENSE.heights),
     pitches={**PITCHES, "diagonal": tuple(np.radians((30, 37.5, 45, 52.5, 60)))},
     rooms_m=DENSE.rooms_m,
+    steps_m=(0.010, 0.006),
 )
-"""Ten times as many again, with heights 2 or 3 mm apart: before it is said that nothing helps. Between what the arm would touch further
-down and further up there are gaps of 3 mm in which a pick is possible."""
+"""Ten times as many again, with heights 2 or 3 mm apart, and all that hold by an edge: before it is said that nothing helps. Between what
+the arm would touch further down and further up there are gaps of 3 mm in which a pick is possible, and some objects that no natural grasp
+takes are taken by an edge."""

@@ -28,7 +28,7 @@ from planning.motion.carry import Carry, Done, carried, opening_blocked
 from planning.motion.lazy_list import LazyList
 from planning.motion.obstruction import Obstruction, View
 from planning.motion.patience import Patience
-from planning.motion.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
+from planning.motion.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
 from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.quickest import Choices, quickest
 from planning.motion.reaching import place_on_floor
@@ -251,7 +251,7 @@ class Motions:
         if name not in known:
             poses, rest, q = state.poses, self.without(state, name), self.robot.arm_q(state.q)
             known[name] = []
-            if can_be_exhaustive(self.robot, self.scene):
+            if can_be_exhaustive(self.robot, self.scene) and not self.cell.arm.few_joints:
                 known[name] = self._picking_wider.some(poses, rest, name, q, lambda pick: self._room.to_pick(poses, pick))
         yield from known[name]
 
@@ -328,10 +328,18 @@ class Motions:
         costly to sample, the thorough look is all."""
         return self.thorough if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene) else self._with(EXHAUSTIVE)
 
+    @cached_property
+    def finest(self) -> Motions | None:
+        """The same with finer steps yet: only to ask whether something is stuck, for a plan would take long with so many. None where no
+        look is fine enough for that: with meshes, and with a hand of one's own whose pads are askew, where each grasp has to be judged."""
+        if self.partly_unseen:
+            return self.thorough
+        return self._with(FINEST) if can_be_exhaustive(self.robot, self.scene) else None
+
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)
         other._picking, other._memories = Picking(self.cell, settings), deque(maxlen=KEPT)
-        for found in ("_obstruction", "target_grasps", "thorough", "exhaustive"):
+        for found in ("_obstruction", "target_grasps", "thorough", "exhaustive", "finest"):
             other.__dict__.pop(found, None)
         return other
 

@@ -53,7 +53,9 @@ QUICK = PickSettings()
 THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
-"""Where a thorough look finds none, either, before that is called a proof."""
+"""Where a thorough look finds none, either."""
+FINEST = replace(THOROUGH, sampling=replace(DENSEST, steps_m=(0.005, 0.003)))
+"""Before it is called a proof that an exhaustive look finds none, either."""
 WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
 """Where the picks of a quick look leave no room to anything."""
 MOST_WIDER = 4
@@ -269,9 +271,8 @@ def sampled_grasps(
 
 
 def can_be_exhaustive(robot: Robot, scene: Scene) -> bool:
-    """Whether grasps cost little to sample: none is judged by itself, and none is sought with the arm's joints."""
-    meshes = any(isinstance(body.shape, ConvexMesh) for body in scene.objects)
-    return not meshes and not _is_askew(robot) and not arm_at(robot, scene.robot.T_world_base).few_joints
+    """Whether grasps cost little to sample: none is judged by itself."""
+    return not any(isinstance(body.shape, ConvexMesh) for body in scene.objects) and not _is_askew(robot)
 
 
 def _is_askew(robot: Robot) -> bool:

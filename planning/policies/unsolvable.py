@@ -5,7 +5,9 @@ be picked would be picked while all of them, the target and perhaps others stand
 make a pick possible. So if every way to x_g is blocked by that set alone, no sequence of picks frees the target.
 
 The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them; so grasps are sampled
-far more densely for it than where moves are planned, 2 or 3 mm from one another in height. It says nothing about pushing.
+far more densely for it than where moves are planned, 2 or 3 mm from one another in height, and those are asked, too, that hold an object by
+an edge, or deeper than its middle: wherever the verdict would call it held. Of meshes, and of hands whose pads are askew, grasps can't be
+sampled as densely: there nothing is proved by what is stuck. It says nothing about pushing.
 """
 
 from __future__ import annotations
@@ -34,7 +36,16 @@ class Prover:
         stuck = self._stuck(state, approaches)
         if self._view(state, approaches).free(self.target, stuck):
             return None
+        if stuck and not self._surely(state, stuck):
+            return None
         return Unsolvable(tuple(sorted(stuck)), tuple(self._would_help(state, stuck)))
+
+    def _surely(self, state: State, stuck: Names) -> bool:
+        """Whether the finest look finds no way either to any object of a set while the others of it stand; no look may be fine enough."""
+        if self.motions.finest is None:
+            return False
+        finest = self.motions.finest.obstructions(state.poses)
+        return not any(finest.free(name, stuck - {name}) for name in sorted(stuck))
 
     def _would_help(self, state: State, stuck: Names) -> Iterator[str]:
         """What would change it, one thing at a time: another grasp of the target, other approaches, both, an object taken away by hand."""

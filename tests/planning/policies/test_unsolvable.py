@@ -36,12 +36,21 @@ class Written:
 
 
 class Cabinet:
-    """Stands for `Motions`: what blocks what in the exhaustive look, with any grasp of the target, with all approaches, with both.
+    """Stands for `Motions`: what blocks what in the exhaustive look, with any grasp of the target, with all approaches, with both, and in
+    the finest look.
 
     made: how often obstructions were built for other grasps than the exhaustive look's own.
     """
 
-    def __init__(self, usual: Ways, *, any_grasp: Ways | None = None, freely: Ways | None = None, both: Ways | None = None) -> None:
+    def __init__(
+        self,
+        usual: Ways,
+        *,
+        any_grasp: Ways | None = None,
+        freely: Ways | None = None,
+        both: Ways | None = None,
+        finest: Ways | None = None,
+    ) -> None:
         freely = freely or usual
         self.answers = {
             (("horizontal",), True): any_grasp or usual,
@@ -51,6 +60,7 @@ class Cabinet:
         self.scene = SimpleNamespace(target_name="t", approaches=("horizontal",))
         self.robot, self.cell, self.made = object(), object(), 0
         self.exhaustive = SimpleNamespace(obstructions=self._look(usual))
+        self.finest: SimpleNamespace | None = SimpleNamespace(obstructions=self._look(finest or usual))
         self.thorough = SimpleNamespace(target_grasps=("the target's own",))
 
     def _look(self, ways: Ways) -> Callable[[Mapping[str, Array]], Written]:
@@ -95,6 +105,20 @@ def test_there_is_no_proof_where_the_stuck_ones_leave_a_way() -> None:
     """Though others are in it: they can go."""
     assert proof(Cabinet({**STUCK, "t": ["a", "c"]})) is None
     assert proof(Cabinet({**STUCK, "t": [""]})) is None
+
+
+def test_nothing_is_proved_where_the_finest_look_finds_a_way_to_one_of_the_stuck() -> None:
+    """Not if only others' ways are found there."""
+    assert proof(Cabinet(STUCK, finest={**STUCK, "b": ["c"]})) is None
+    assert proof(Cabinet(STUCK, finest={**STUCK, "c": []})) == proof(Cabinet(STUCK))
+
+
+def test_nothing_is_proved_by_what_is_stuck_where_no_look_is_fine_enough() -> None:
+    """But where nothing is stuck, walls keep the hand from the target."""
+    cabinet, walled = Cabinet(STUCK), Cabinet({"t": [], "a": [""], "b": [""], "c": [""]})
+    cabinet.finest = walled.finest = None
+    assert proof(cabinet) is None
+    assert proof(walled) == Unsolvable((), ())
 
 
 def test_what_is_stuck_is_named_and_each_that_would_help_by_hand() -> None:

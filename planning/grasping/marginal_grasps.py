@@ -1,0 +1,153 @@
+"""All hands that hold an upright box or can at all, by however little of their pads: for proofs that none does.
+
+The natural grasps of `finger_grasps` hold an object about its middle, with room behind the pads. Many others hold it, too: by its uppermost
+edge, by its front alone, deeper than its middle, beside it. A hand of some pitch that closes along some direction has two ways left to be
+moved, ahead and up; both are gone through in steps, wherever the pads overlap the object's outline by a square that is wide enough for
+the verdict. What palm and fingers touch is not asked here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from kinematics.robots.opening import Opening
+from kinematics.scene import Body, Grasp
+from kinematics.shapes import Box, Cylinder
+from kinematics.transforms import Array, transform
+from planning.grasping.finger_grasps import SPARE_M
+from planning.grasping.hand_poses import STEEP, level_hand
+from planning.grasping.pads import Pad
+from planning.grasping.sampling import Headings, Sampling
+
+LEAST_M = 0.004
+"""The side of the square in which a pad and what it holds overlap; the verdict asks for 3 mm."""
+SAG_M = 0.001
+"""A pad meets what is round in a strip that is nowhere further from it."""
+UPRIGHT = np.cos(np.radians(1))
+TURNS, SAME_WAY = 4, 1e-9
+"""So often is an arm of few joints asked again how it looks at a place ahead of the object's middle, till it is ahead as the hand looks."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Outline:
+    """An upright body as pads see it: how far it reaches ahead of its middle, and up, and how thick it is; m."""
+
+    ahead_m: float
+    up_m: float
+    width_m: float
+
+
+def marginal_grasps(
+    body: Body,
+    opening: Opening,
+    approaches: Sequence[str],
+    toward: float,
+    sampling: Sampling,
+    pad: Pad,
+    headings: Headings | None = None,
+) -> Iterator[Grasp]:
+    """The grasps on an upright box or cylinder, `sampling.steps_m` apart ahead and up; none on other bodies, by a cup or a hinged jaw.
+
+    toward, headings: see `finger_grasps.sample_grasps`.
+    """
+    if sampling.steps_m is None or opening.cup_m or opening.round_only or abs(body.T_world_body[2, 2]) < UPRIGHT:
+        return
+    pitches = [pitch for kind in approaches for pitch in sampling.pitches[kind]]
+    match body.shape:
+        case Box():
+            x, y, z = map(float, body.shape.half)
+            for axis, outline in ((0, _Outline(y, z, 2 * x)), (1, _Outline(x, z, 2 * y))):
+                yield from _all_round(body, opening, outline, [body.T_world_body[:3, axis]], pitches, sampling.steps_m, pad)
+        case Cylinder(radius_m=radius, height_m=height):
+            outline = _Outline(min(float(np.sqrt(2 * radius * SAG_M)), radius), height / 2, 2 * radius)
+            if headings is not None:
+                yield from _headed(body, opening, outline, toward, pitches, sampling.steps_m, pad, headings)
+                return
+            yaws = np.arange(sampling.yaws) * np.pi / sampling.yaws
+            closing = [np.array([np.cos(yaw), np.sin(yaw), 0.0]) for yaw in yaws]
+            yield from _all_round(body, opening, outline, closing, pitches, sampling.steps_m, pad)
+
+
+def _all_round(
+    body: Body,
+    opening: Opening,
+    outline: _Outline,
+    closing: Sequence[Array],
+    pitches: Sequence[float],
+    steps: tuple[float, float],
+    pad: Pad,
+) -> Iterator[Grasp]:
+    """Grasps from both sides of each closing direction (3,), level."""
+    if outline.width_m + SPARE_M > opening.max_m:
+        return
+    for pitch in pitches:
+        offsets = _overlapping(outline, pitch, steps, pad)
+        for u, side in product(closing, (1.0, -1.0)):
+            ahead = side * np.array([-u[1], u[0], 0.0]) / np.hypot(u[0], u[1])
+            R = level_hand(ahead, pitch)
+            for middle in body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * [0.0, 0.0, 1.0]:
+                yield Grasp(transform(R, opening.hand_position(middle, R, outline.width_m)), outline.width_m)
+
+
+def _headed(
+    body: Body,
+    opening: Opening,
+    outline: _Outline,
+    toward: float,
+    pitches: Sequence[float],
+    steps: tuple[float, float],
+    pad: Pad,
+    headings: Headings,
+) -> Iterator[Grasp]:
+    """Grasps on what is round of an arm of few joints."""
+    if outline.width_m + SPARE_M > opening.max_m:
+        return
+    there = np.array([np.cos(toward), np.sin(toward), 0.0])
+    for pitch in pitches:
+        for along, up in _overlapping(outline, pitch, steps, pad):
+            at = body.T_world_body[:3, 3] + [0.0, 0.0, up]
+            for first in headings(transform(level_hand(there, pitch), at), outline.width_m):
+                R, ahead = first, _ahead(first, pitch, there)
+                for _ in range(TURNS if along else 0):
+                    again = headings(transform(R, at + along * ahead), outline.width_m)
+                    R = max(again, key=lambda other: float(np.sum(other * R)), default=R)
+                    before, ahead = ahead, _ahead(R, pitch, there)
+                    if np.abs(ahead - before).max() < SAME_WAY:
+                        break
+                middle = at + along * ahead
+                yield Grasp(transform(R, opening.hand_position(middle, R, outline.width_m)), outline.width_m)
+
+
+def _ahead(R: Array, pitch: float, there: Array) -> Array:
+    """The level direction (3,) in which a hand R (3, 3) looks; where it looks straight down, the nearer to `there` of its two."""
+    level = np.array([-R[1, 1], R[0, 1], 0.0])
+    return np.asarray(level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)))
+
+
+def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pad: Pad) -> Array:
+    """How far ahead of an outline's middle, and up from it, the pads' middle may be (N, 2): where a square with sides of LEAST_M, along the
+    pads', lies in both. The two rectangles, less half of the square, meet: no side of either parts them."""
+    co, si = np.cos(pitch), np.sin(pitch)
+    half_x, half_z = pad.half_x_m - LEAST_M / 2, (pad.high_z_m - pad.low_z_m - LEAST_M) / 2
+    less = LEAST_M / 2 * (abs(co) + abs(si))
+    ahead, up = outline.ahead_m - less, outline.up_m - less
+    if min(half_x, half_z, ahead, up) < 0.0:
+        return np.zeros((0, 2))
+    z_axis, x_axis = np.array([co, -si]), np.array([si, co])  # of the hand, in the plane of ahead and up
+    shift = (pad.high_z_m + pad.low_z_m) / 2 * z_axis  # from the pads' middle to the middle of the face
+    most = np.array([ahead + half_x * abs(si) + half_z * abs(co), up + half_x * abs(co) + half_z * abs(si)])
+    grids = [_steps(reach, step) for reach, step in zip(most, steps)]
+    faces = np.stack(np.meshgrid(*grids, indexing="ij"), -1).reshape(-1, 2)
+    meets = (np.abs(faces @ z_axis) <= half_z + ahead * abs(co) + up * abs(si)) & (
+        np.abs(faces @ x_axis) <= half_x + ahead * abs(si) + up * abs(co)
+    )
+    return np.asarray(faces[meets] - shift)
+
+
+def _steps(reach: float, step: float) -> Array:
+    """Evenly from -reach to reach, no more than a step apart."""
+    return np.linspace(-reach, reach, 2 * int(np.ceil(reach / step)) + 1)

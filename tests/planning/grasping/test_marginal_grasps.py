@@ -1,0 +1,118 @@
+"""Hands that hold by an edge: the verdict calls the object held by each but for what palm and knuckles touch; and none is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
+from kinematics.transforms import Array, rotation_about, transform
+from planning.grasping.cup_grasps import grasps_on
+from planning.grasping.hand_poses import level_hand
+from planning.grasping.marginal_grasps import LEAST_M, _Outline, _overlapping, marginal_grasps
+from planning.grasping.pads import Pad, pad_of
+from planning.grasping.sampling import DENSEST, USUAL, Sampling
+from planning.motion.picking import EXHAUSTIVE, FINEST, PickSettings
+from planning.verdict import judge_grasp
+
+CABINET = Cabinet(np.array([3.0, 3.0, 3.0]), transform(p=[-1.0, 0.0, 0.0]), 0.02)
+PAD = Pad(0.010, -0.012, 0.020)
+BOX, CAN = Box(np.array([0.05, 0.07, 0.14])), Cylinder(0.03, 0.14)
+
+
+def on_floor(shape: Shape, height_m: float = 0.14, yaw: float = 0.3) -> Body:
+    return Body("it", shape, transform(rotation_about((0, 0, 1), yaw), [0.5, 0.1, height_m / 2]))
+
+
+@pytest.mark.parametrize("shape", [BOX, CAN], ids=["box", "can"])
+def test_the_verdict_calls_it_held(shape: Shape, ur5e: Robot) -> None:
+    """Whatever it says against some is that something other than the pads is in the way: that is not asked here, but by the planner."""
+    body = on_floor(shape)
+    scene = Scene("s", RobotRef(np.eye(4), name="ur5e"), CABINET, (body,), "it", None, 5)
+    grasps = list(marginal_grasps(body, ur5e.opening, APPROACHES, 0.2, DENSEST, pad_of(ur5e)))
+    said = [judge_grasp(ur5e, scene, grasp) or "held" for grasp in grasps[:: len(grasps) // 150]]
+    assert {words for words in said if " would " not in words} == {"held"}
+    assert said.count("held") > 30
+
+
+def test_they_reach_over_the_top_and_deeper_than_the_middle_and_before_it(ur5e: Robot) -> None:
+    body = on_floor(BOX, yaw=0.0)
+    middles = []
+    for grasp in marginal_grasps(body, ur5e.opening, ("horizontal",), 0.0, DENSEST, pad_of(ur5e)):
+        if grasp.T_world_hand[0, 2] > 0.99:  # which look along x
+            middles.append((grasp.T_world_hand @ [*ur5e.opening.middle(grasp.width_m), 1.0])[:3] - body.T_world_body[:3, 3])
+    low, high = np.min(middles, axis=0), np.max(middles, axis=0)
+    assert low[0] < -0.025
+    assert high[0] > 0.025
+    assert high[2] > 0.07
+    assert np.abs([low[1], high[1]]).max() < 1e-9
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.5, 1.0, np.pi / 2])
+def test_pads_overlap_by_a_square_just_where_they_are_said_to(pitch: float) -> None:
+    """Squares all over the pad, and whether one of them lies in the outline: so it is nearly everywhere that is said, and nowhere else."""
+    outline, R = _Outline(0.03, 0.06, 0.05), level_hand(np.array([1.0, 0.0, 0.0]), pitch)
+    x_axis, z_axis = R[[0, 2]][:, 0], R[[0, 2]][:, 2]
+    xs = np.linspace(-PAD.half_x_m, PAD.half_x_m - LEAST_M, 33)
+    zs = np.linspace(PAD.low_z_m, PAD.high_z_m - LEAST_M, 57)
+    corners = np.array([i * LEAST_M * x_axis + k * LEAST_M * z_axis for i in (0, 1) for k in (0, 1)])
+    squares = np.array([x * x_axis + z * z_axis + corner for x in xs for z in zs for corner in corners]).reshape(-1, 4, 2)
+
+    def holds(at: Array, spare_m: float) -> bool:
+        return bool((np.abs(at + squares) <= np.array([outline.ahead_m, outline.up_m]) + spare_m).all((1, 2)).any())
+
+    said = _overlapping(outline, pitch, (0.004, 0.004), PAD)
+    assert all(holds(at, 1e-3) for at in said)
+    some = np.random.default_rng(1).uniform(-0.09, 0.09, (300, 2))
+    for at in some[[holds(at, 0.0) for at in some]]:
+        assert np.abs(said - at).max(1).min() <= 0.004 + 1e-9
+
+
+@pytest.mark.parametrize("settings", [EXHAUSTIVE, FINEST])
+def test_steps_are_as_fine_as_is_asked(settings: PickSettings) -> None:
+    steps = settings.sampling.steps_m
+    assert steps is not None
+    for values, step in zip(_overlapping(_Outline(0.03, 0.06, 0.05), 0.0, steps, PAD).T, steps):
+        assert step / 2 < np.diff(np.unique(np.round(values, 9))).max() <= step + 1e-9
+
+
+def test_there_are_none_on_what_lies_or_is_a_mesh_or_too_wide_nor_where_none_are_asked_for(ur5e: Robot) -> None:
+    def some(body: Body, sampling: Sampling = DENSEST) -> bool:
+        return next(marginal_grasps(body, ur5e.opening, APPROACHES, 0.0, sampling, pad_of(ur5e)), None) is not None
+
+    lying = Body("it", CAN, transform(rotation_about((1, 0, 0), np.pi / 2), [0.5, 0.0, 0.03]))
+    assert some(on_floor(CAN))
+    assert not some(lying)
+    assert not some(on_floor(ConvexMesh((box_corners(BOX.half),))))
+    assert not some(on_floor(Cylinder(0.06, 0.14)))
+    assert not some(on_floor(CAN), USUAL)
+    assert not some(on_floor(Box(np.array([0.05, 0.05, 0.002])), 0.002))
+
+
+def test_an_arm_of_few_joints_looks_as_it_has_to(ur5e: Robot) -> None:
+    """Here: straight away from the origin, whichever way it is asked for."""
+    body = on_floor(CAN)
+
+    def headings(T: Array, width_m: float) -> list[Array]:
+        at = np.array([*T[:2, 3], 0.0])
+        return [level_hand(at / np.linalg.norm(at), 0.0)]
+
+    sampling = replace(DENSEST, steps_m=(0.01, 0.03))
+    grasps = list(marginal_grasps(body, ur5e.opening, ("horizontal",), 0.0, sampling, pad_of(ur5e), headings))
+    assert len(grasps) > 10
+    for grasp in grasps:
+        R, middle = grasp.T_world_hand[:3, :3], (grasp.T_world_hand @ [*ur5e.opening.middle(grasp.width_m), 1.0])[:3]
+        assert abs(R[:, 1] @ (middle - body.T_world_body[:3, 3])) < 1e-9
+        assert R[:2, 2] @ middle[:2] == pytest.approx(np.linalg.norm(middle[:2]), abs=1e-12)
+
+
+def test_they_come_after_all_others(ur5e: Robot) -> None:
+    body = on_floor(CAN)
+    plain = [g.T_world_hand for g in grasps_on(body, ur5e, ("horizontal",), 0.0, 0.0, replace(DENSEST, steps_m=None))]
+    both = [g.T_world_hand for g in grasps_on(body, ur5e, ("horizontal",), 0.0, 0.0, DENSEST)]
+    assert len(both) > len(plain)
+    assert np.array_equal(both[: len(plain)], plain)

@@ -52,7 +52,8 @@ class Episode:
     stopped it, None for a success; kind: why it failed, one of `KINDS`, None for a success; blocked: the stages of failed attempts.
     kept_in: what keeps the target in at the end, and stopped: what stopped the attempts, in words. least_moves: a lower bound on the moves;
     proved: that no moves help, or none so few. Both where the planner looked. clearance_m, free_clearance_m: the least distance that all
-    motions, and the free ones, keep from what they may not touch; None where it was not measured.
+    motions, and the free ones, keep from what they may not touch; None where it was not measured. pushed_m: how far each object was pushed
+    by the fingers that closed on what was only seen, where the plan tells of it.
     """
 
     scene: str
@@ -76,6 +77,7 @@ class Episode:
     proved: bool
     clearance_m: float | None
     free_clearance_m: float | None
+    pushed_m: tuple[float, ...] = ()
 
     @property
     def whole_time_s(self) -> float:
@@ -107,6 +109,7 @@ class Episode:
             proved=plan.unsolvable is not None or (plan.reason is not None and plan.reason.stage == "moves"),
             clearance_m=plan.clearance_m,
             free_clearance_m=plan.free_clearance_m,
+            pushed_m=tuple(n.amount for n in plan.notes if n.stage == "grasp" and len(n.bodies) == 1 and n.amount is not None),
         )
 
 
@@ -174,7 +177,7 @@ class Row:
     many those are; at_least: how many of them were solved with no more. proved: unsolved scenes for which any planner has a proof.
     planning_s: quantiles (`SHARES`) over all scenes of the time of choosing; whole_s: over successes of the time to a verified plan;
     solved_s: that time of each success, in ascending order. clearance_m, free_clearance_m: the least distance that each success keeps, in
-    ascending order.
+    ascending order. pushed_m: how far fingers pushed objects, of all plans, ascending; pushing: how many plans tell of it.
     unverified: successes whose motions did not pass the exact check; repeated: plans for a scene that was counted before.
     """
 
@@ -198,6 +201,8 @@ class Row:
     solved_s: tuple[float, ...]
     clearance_m: tuple[float, ...]
     free_clearance_m: tuple[float, ...]
+    pushed_m: tuple[float, ...]
+    pushing: int
     unverified: int
     repeated: int
 
@@ -291,6 +296,8 @@ def _row(policy: str, rule: str, episodes: Sequence[Episode], objects: Mapping[s
         solved_s=tuple(whole_s),
         clearance_m=tuple(sorted(_values(solved, "clearance_m"))),
         free_clearance_m=tuple(sorted(_values(solved, "free_clearance_m"))),
+        pushed_m=tuple(sorted(way for e in episodes for way in e.pushed_m)),
+        pushing=sum(bool(e.pushed_m) for e in episodes),
         unverified=sum(not e.verified for e in solved),
         repeated=len(episodes) - len({e.scene for e in episodes}),
     )

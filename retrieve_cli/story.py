@@ -32,6 +32,7 @@ def story(scene: Scene, plan: Plan) -> Iterator[str]:
         if plan.target_blocked and (plan.reason is None or plan.reason.stage in ("unsolvable", "moves")):
             yield _blocked(scene.target_name, plan.target_blocked[-1].in_words(), again=bool(done))
         yield from _failure(plan, again=bool(done), target=scene.target_name)
+    yield from (f"  note: {note.detail}" for note in plan.notes)
     yield f"  planned in {plan.planning_time_s + plan.motion_time_s:.1f} s{_attempts(plan)}"
 
 

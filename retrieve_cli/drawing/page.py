@@ -238,7 +238,8 @@ def _caption(film: Film) -> str:
         rows.append(f"<li>{swatch}{escape(target)} <span>out of the cabinet</span></li>")
     tries = f"<br>{failed} attempts failed" if failed > 1 else "<br>1 attempt failed" if failed else ""
     numbers = f"{film.length_s:.1f} s of motion · hand travels {plan.hand_travel_m:.1f} m{tries}"
-    return f"{head}<p>{line}</p>{result}<ol>{''.join(rows)}</ol><p>{numbers}</p>"
+    notes = "".join(f"<br>{escape(note.detail)}" for note in plan.notes)
+    return f"{head}<p>{line}</p>{result}<ol>{''.join(rows)}</ol><p>{numbers}{notes}</p>"
 
 
 def _plots(film: Film, *, joints: bool) -> str:

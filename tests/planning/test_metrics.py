@@ -11,7 +11,7 @@ import pytest
 
 from planning import metrics
 from planning.metrics import KINDS, MEASURES, PAPER, RULES, SENSED, SHARES, Episode, failure, headlines, in_general, pairs, rows
-from planning.plan import PLACE_OUT_OF_REACH, Blocked, Motion, Move, Plan, Unsolvable
+from planning.plan import PLACE_OUT_OF_REACH, Blocked, Fault, Motion, Move, Plan, Unsolvable
 from planning.retrieval import Rule
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
 
@@ -115,6 +115,16 @@ def test_the_most_frequent_reason_comes_first() -> None:
     (row,) = rows([Episode.of(p) for p in plans])
     assert dict(row.kept_in) == {"camera would touch another object (approach)": 1}
     assert list(row.stopped.items()) == [("camera would touch another object (approach)", 2), ("ik", 1)]
+
+
+def test_what_the_fingers_pushed_is_counted_and_no_other_note() -> None:
+    """One object each, with an amount: pairs of links that an SRDF switches off, and what falls over, are notes of other kinds."""
+    notes = (
+        Fault("grasp", ("a",), "", 0.003), Fault("grasp", ("b",), "", 0.001), Fault("look", (), "", 0.04),
+        Fault("grasp", ("hand", "arm"), "", 0.002), Fault("grasp", ("c",), "falls over", None),
+    )  # fmt: skip
+    (row,) = rows([Episode.of(plan("s", notes=notes)), Episode.of(plan("t")), Episode.of(plan("u", success=False, notes=notes[:1]))])
+    assert (row.pushed_m, row.pushing) == ((0.001, 0.003, 0.003), 2)
 
 
 # ----------------------------------------------------------------------------------------------------------------------- one plan's figures

@@ -15,7 +15,7 @@ import pytest
 from kinematics.scene import Scene
 from kinematics.transforms import transform
 from planning import read_scenes
-from planning.plan import Blocked, Move, Plan, Unsolvable
+from planning.plan import Blocked, Fault, Move, Plan, Unsolvable
 from retrieve_cli.__main__ import main
 from retrieve_cli.story import story
 
@@ -50,6 +50,12 @@ def test_a_success_is_told_move_by_move(scene: Scene) -> None:
         f"  3. {scene.target} comes out; the arm moves for 0.0 s, its hand 2.0 m",
         "  planned in 0.8 s; 1 other attempt failed",
     ]
+
+
+def test_what_a_plan_notes_is_told(scene: Scene) -> None:
+    note = Fault("grasp", ("box_1",), "the fingers push box_1 by 1.4 mm as they close on it", 0.0014)
+    lines = told(scene, [move("box_1")], success=True, notes=(note,))
+    assert lines[-2:] == ["  note: the fingers push box_1 by 1.4 mm as they close on it", "  planned in 0.8 s"]
 
 
 def test_a_failure_says_what_stands_in_the_way_of_what(scene: Scene) -> None:

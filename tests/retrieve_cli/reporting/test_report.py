@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import os
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from planning.statistics import Spread, bootstrap, mcnemar, newcombe, quantiles,
 from retrieve_cli.report import collect, run
 from retrieve_cli.reporting.forms import WRITERS, to_csv, to_html, to_json
 from retrieve_cli.reporting.plots import time_axis
+from retrieve_cli.reporting.tables import Report, tables
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden"
 TINY = {"random": 4e-16, "local": 0.0}
@@ -72,6 +74,14 @@ def test_rows_by_hand() -> None:
     assert local.solved_s == pytest.approx((0.201, 0.202, 0.203, 0.204))
     assert local.planning_s[1] == pytest.approx(0.0035)
     assert (local.unverified, local.repeated) == (0, 0)
+
+
+def test_what_the_fingers_pushed_has_a_table_of_its_own() -> None:
+    first, *others = episodes()
+    assert "pushes" not in {t.key for t in tables(Report(metrics.rows([first, *others]), (), (), ()))}
+    pushed = metrics.rows([replace(first, pushed_m=(0.0032, 0.001)), *others])
+    (table,) = (t for t in tables(Report(pushed, (), (), ())) if t.key == "pushes")
+    assert sorted(row[1:] for row in table.rows) == [*[("0", "0", "–", "–")] * 2, ("1", "2", "2.1", "3.2")]
 
 
 def test_nothing_solved_is_no_error() -> None:

@@ -69,9 +69,11 @@ class _Layer:
         kinds = [(found.pick, found.pick), *((turned, pick) for pick in choices.picks for turned in pick.turned(lower, upper))]
         self.picks, self.as_found = [turned for turned, _ in kinds], [pick for _, pick in kinds]
         known_ends = {id(pick): choices.ends(pick) for pick in self.as_found}
-        ends = [_nearest_turns(known_ends[id(pick)], turned.lift[-1], lower, upper) for turned, pick in kinds]
-        self.pick_of = np.concatenate([[0], np.repeat(np.arange(len(ends)), [len(e) for e in ends])])
-        self.ends = np.concatenate([found.across[-1:], *ends])
+        ends = [known_ends[id(pick)] for pick in self.as_found]
+        of = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
+        lifted = np.array([turned.lift[-1] for turned in self.picks])
+        self.pick_of = np.append(0, of)
+        self.ends = np.concatenate([found.across[-1:], _nearest_turns(np.concatenate(ends), lifted[of], lower, upper)])
         self.solution = np.concatenate([[-1], *(np.arange(len(e)) for e in ends)]).astype(np.int64)
         self.grasp = np.array([id(pick.grasp) for pick in self.picks])[self.pick_of]
         self.leaves = self.ends.copy()
@@ -323,7 +325,7 @@ def quickest(cell: Workcell, start: Array, moves: Sequence[Choices], rng: np.ran
 
 
 def _nearest_turns(solutions: Array, near: Array, lower: Array, upper: Array) -> Array:
-    """Arm configurations (S, A), each joint by whole turns as near to `near` (A,) as limits allow."""
+    """Arm configurations (S, A), each joint by whole turns as near to `near` (S, A) as limits allow."""
     best, far = solutions.copy(), np.abs(solutions - near)
     for by in (2 * np.pi, -2 * np.pi):
         other = solutions + by

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 STAGE = 2  # this stage's word in the seeds of random generators
 BY = ("mask", "geometry")
 CLOUD = "cloud.ply"
+HARDLY = 0.1  # a recording that shows less of the cabinet than this was told wrongly, as a rule
 
 
 @dataclass(frozen=True)
@@ -163,8 +164,12 @@ def _described(job: _Job, scene: Scene, sight: _Sight) -> Scene:
     sensed = with_grasp(sight.arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
     target = "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
     say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(belief.boxes)} objects{target}; {sight.reason}")
+    if blind and voxels.known < HARDLY:
+        say(f"{scene.id}: hardly any of the cabinet was seen: are depth_scale, cam_K and the poses (world to camera, mm) right?")
     if blind and sensed.grasp is not scene.grasp:
         say(f"{scene.id}: {'the grasp is fitted to' if scene.grasp else 'a grasp is proposed for'} the target as it was seen")
+    elif blind and sensed.target is not None and sensed.grasp is None:
+        say(f"{scene.id}: no grasp of the target as it was seen can be used; retrieve grasp says why, and takes grasps from elsewhere")
     return sensed
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
-from perception.objects.footprint import DIRECTIONS, least_circle, least_rectangle, outline_of, upright_solid
+from perception.objects.footprint import DIRECTIONS, LEAST_M, least_circle, least_rectangle, outline_of, upright_solid
 from perception.objects.prepared_frames import PreparedFrames
 from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
 
@@ -155,10 +155,11 @@ def _reaching(solid: Array, pixels: Pixels) -> Array:
 
 
 def _shape(solid: Array) -> tuple[Shape, Array]:
-    height = solid[HEIGHT]
+    """A solid's shape and its pose (4, 4) above the plane z = 0: nowhere slimmer than LEAST_M, though stray pixels lie in one plane."""
+    height = max(float(solid[HEIGHT]), LEAST_M)
     if solid[KIND] == CYLINDER:
-        return Cylinder(float(solid[3]), float(height)), transform(p=[solid[1], solid[2], height / 2])
+        return Cylinder(max(float(solid[3]), LEAST_M / 2), height), transform(p=[solid[1], solid[2], height / 2])
     c, s = np.cos(solid[YAW]), np.sin(solid[YAW])
     u, v = (solid[1] + solid[2]) / 2, (solid[3] + solid[4]) / 2
-    size = np.array([solid[2] - solid[1], solid[4] - solid[3], height])
+    size = np.maximum([solid[2] - solid[1], solid[4] - solid[3], height], LEAST_M)
     return Box(size), transform(rotation_about((0.0, 0.0, 1.0), float(solid[YAW])), [c * u - s * v, s * u + c * v, height / 2])

@@ -10,8 +10,8 @@ from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, ConvexMesh, Cylinder, convex_parts
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from perception.camera import DepthNoise, look_at, ray_directions, realsense_d435i
-from perception.objects.fit import Pixels, fitted_solid, pixels_of, standing_solids
-from perception.objects.footprint import upright_solid
+from perception.objects.fit import Pixels, _shape, fitted_solid, pixels_of, standing_solids
+from perception.objects.footprint import LEAST_M, upright_solid
 from perception.objects.prepared_frames import prepare
 from perception.objects.ray_fit import BOX, CYLINDER, distance, hit, slid
 from perception.objects.segment import object_pixels
@@ -87,6 +87,15 @@ def test_what_is_no_prism_is_held_by_its_solid() -> None:
     off = reach(solid) - reach(body)
     assert off.min() > -0.004
     assert np.median(off) < 0.02
+
+
+@pytest.mark.parametrize("kind", [BOX, CYLINDER])
+def test_stray_pixels_in_a_plane_give_a_solid_that_can_be_planned_with(kind: float) -> None:
+    """Holes and flying pixels leave crumbs that are a nanometre thick, and a scene file refuses those."""
+    sides = (0.3, 0.3 + 1e-9, 0.1, 0.1) if kind == BOX else (0.3, 0.1, 1e-9, 0.0)
+    shape, T = _shape(np.array([kind, *sides, 1e-9, 0.4]))
+    assert 2 * shape.half == pytest.approx(np.full(3, LEAST_M), abs=1e-8)
+    assert T[2, 3] == pytest.approx(LEAST_M / 2)
 
 
 def test_few_pixels_give_a_solid_all_the_same() -> None:

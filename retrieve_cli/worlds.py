@@ -44,8 +44,10 @@ class OwnWorld:
         from planning.sensing.world import Stopped
 
         stopped = self._asked("execute", (Stopped, type(None)), motions)
-        if stopped is not None and not 0 <= stopped.motion < len(motions):
-            raise InputError(f"--world {self._spec}: execute: it stopped in motion {stopped.motion}, of {len(motions)}")
+        if stopped is not None and not (isinstance(stopped.motion, int) and 0 <= stopped.motion < len(motions)):
+            what = stopped.motion if isinstance(stopped.motion, int) else f"a {type(stopped.motion).__name__}"
+            how = "Stopped takes the motion's number, from 0, and why"
+            raise InputError(f"--world {self._spec}: execute: it stopped in motion {what}, of {len(motions)}; {how}")
         return stopped  # type: ignore[no-any-return]
 
     def where(self) -> Mapping[str, float]:

@@ -11,6 +11,7 @@ from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
+from planning.plan import Motion
 from planning.scene_generation import generate, load_spec
 from retrieve_cli.worlds import as_it_is, own_world
 
@@ -27,7 +28,7 @@ class Half:
 def half(scene, robot):
     return Half()
 class Odd(Half):
-    def execute(self, motions): return Stopped(3, "x")
+    def execute(self, motions): return Stopped(motions[0] if motions else 3, "x")
     def where(self): return [1.0]
 def odd(scene, robot):
     return Odd()
@@ -89,6 +90,8 @@ def test_answers_of_the_wrong_kind_are_told(ur5e: Robot, scene: Scene, module: s
         odd.where()
     with pytest.raises(InputError, match="odd: execute: it stopped in motion 3, of 0"):
         odd.execute([])
+    with pytest.raises(InputError, match="it stopped in motion a Motion, of 1; Stopped takes the motion's number, from 0, and why"):
+        odd.execute([Motion("transit", ur5e.joint_names, np.zeros((2, 7)), np.arange(2.0))])
 
 
 def test_a_module_that_is_broken_is_bad_input_of_plan(ur5e: Robot, scene: Scene, module: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -194,7 +194,9 @@ def _scene_folder(folder: Path, scene: int | None) -> Path:
     if scene is not None and f"{scene:06d}" in scenes:
         return folder / f"{scene:06d}"
     if not scenes:
-        raise ValueError(f"{folder}: holds no scene in the BOP layout; expected is {folder / '000000' / 'scene_camera.json'}")
+        deeper = next((p.parent.parent for p in sorted(folder.glob("*/*/scene_camera.json"))), None)
+        hint = "" if deeper is None else f" (did you mean {deeper}?)"
+        raise ValueError(f"{folder}: holds no scene in the BOP layout; expected is {folder / '000000' / 'scene_camera.json'}{hint}")
     missing = "holds several scenes" if scene is None else f"has no scene {scene:06d}"
     raise ValueError(f"{folder}: {missing}; there are {', '.join(scenes)}")
 

@@ -193,3 +193,12 @@ def test_objects_are_numbered_by_name_across_frames(frames: tuple[Frame, ...], t
     write_ply(tmp_path / "b.ply", [a, swapped])
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
     assert write_ply(tmp_path / "empty.ply", []) == 0
+
+
+def test_a_recording_in_a_folder_of_the_folder_is_meant(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"holds no scene in the BOP layout; expected is .*scene_camera.json$"):
+        read_frames(tmp_path)
+    (tmp_path / "views" / "000000").mkdir(parents=True)
+    (tmp_path / "views" / "000000" / "scene_camera.json").write_text("{}")
+    with pytest.raises(ValueError, match=rf"\(did you mean {tmp_path / 'views'}\?\)$"):
+        read_frames(tmp_path)

@@ -27,6 +27,8 @@ LEAST_M = 0.004
 """The side of the square in which a pad and what it holds overlap; the verdict asks for 3 mm."""
 SAG_M = 0.001
 """A pad meets what is round in a strip that is nowhere further from it."""
+LINE_M = LEAST_M * float(np.sqrt(0.5))
+"""Half the width of that strip, where the line in its middle has to be on the pad: at any pitch a square just fits."""
 UPRIGHT = np.cos(np.radians(1))
 TURNS, SAME_WAY = 4, 1e-9
 """So often is an arm of few joints asked again how it looks at a place ahead of the object's middle, till it is ahead as the hand looks."""
@@ -63,7 +65,8 @@ def marginal_grasps(
             for axis, outline in ((0, _Outline(y, z, 2 * x)), (1, _Outline(x, z, 2 * y))):
                 yield from _all_round(body, opening, outline, [body.T_world_body[:3, axis]], pitches, sampling.steps_m, pad)
         case Cylinder(radius_m=radius, height_m=height):
-            outline = _Outline(min(float(np.sqrt(2 * radius * SAG_M)), radius), height / 2, 2 * radius)
+            strip = min(float(np.sqrt(2 * radius * SAG_M)), radius) if sampling.beyond else LINE_M
+            outline = _Outline(strip, height / 2, 2 * radius)
             if headings is not None:
                 yield from _headed(body, opening, outline, toward, pitches, sampling.steps_m, pad, headings)
                 return
@@ -130,7 +133,7 @@ def _ahead(R: Array, pitch: float, there: Array) -> Array:
 
 def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pad: Pad) -> Array:
     """How far ahead of an outline's middle, and up from it, the pads' middle may be (N, 2): where a square with sides of LEAST_M, along the
-    pads', lies in both. The two rectangles, less half of the square, meet: no side of either parts them."""
+    pads', lies in both; the most overlap in front. The two rectangles, less half of the square, meet: no side of either parts them."""
     co, si = np.cos(pitch), np.sin(pitch)
     half_x, half_z = pad.half_x_m - LEAST_M / 2, (pad.high_z_m - pad.low_z_m - LEAST_M) / 2
     less = LEAST_M / 2 * (abs(co) + abs(si))
@@ -142,9 +145,15 @@ def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pa
     most = np.array([ahead + half_x * abs(si) + half_z * abs(co), up + half_x * abs(co) + half_z * abs(si)])
     grids = [_steps(reach, step) for reach, step in zip(most, steps)]
     faces = np.stack(np.meshgrid(*grids, indexing="ij"), -1).reshape(-1, 2)
-    meets = (np.abs(faces @ z_axis) <= half_z + ahead * abs(co) + up * abs(si)) & (
-        np.abs(faces @ x_axis) <= half_x + ahead * abs(si) + up * abs(co)
-    )
+    left = np.round(
+        [
+            half_z + ahead * abs(co) + up * abs(si) - np.abs(faces @ z_axis),
+            half_x + ahead * abs(si) + up * abs(co) - np.abs(faces @ x_axis),
+        ],
+        9,
+    )  # by how much more they overlap, along both axes of the hand
+    best_first = np.lexsort((-left.sum(0), -left.min(0)))
+    meets = best_first[left.min(0)[best_first] >= 0.0]
     return np.asarray(faces[meets] - shift)
 
 

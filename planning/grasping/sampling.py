@@ -22,7 +22,8 @@ class Sampling:
     than the middle, or than the gripper's depth lets it, a box may be taken; inf: as near as the pads still hold it. heights: of the pads,
     in shares of the object's; 0 and 1: as low, and as high, as they can be. pitches: by approach, in rad. rooms_m: what pitched hands keep
     between what they hold and what lies behind their pads, if they can; those with the first come before all others. steps_m: how far
-    apart, ahead and up, those are that hold upright boxes and cans by however little (`marginal_grasps`), after all others; None: none."""
+    apart, ahead and up, those are that hold upright boxes and cans by however little (`marginal_grasps`), after all others; None: none.
+    beyond: whether the line in which pads meet a can may lie a little beyond their ends, from where they may push it out: for proofs."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
@@ -30,6 +31,7 @@ class Sampling:
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
     rooms_m: tuple[float, ...] = (ROOM_M,)
     steps_m: tuple[float, float] | None = None
+    beyond: bool = False
 
 
 USUAL = Sampling()

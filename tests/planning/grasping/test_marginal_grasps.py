@@ -110,6 +110,27 @@ def test_an_arm_of_few_joints_looks_as_it_has_to(ur5e: Robot) -> None:
         assert R[:2, 2] @ middle[:2] == pytest.approx(np.linalg.norm(middle[:2]), abs=1e-12)
 
 
+@pytest.mark.parametrize(("sampling", "beyond"), [(DENSEST, False), (FINEST.sampling, True)])
+@pytest.mark.parametrize("kind", APPROACHES)
+def test_pads_meet_a_can_with_their_faces_but_for_proofs(ur5e: Robot, kind: str, sampling: Sampling, beyond: bool) -> None:
+    """A line that lies beyond the pads' ends pushes the can out of the hand: one such plan in a hundred failed in physics."""
+    pad, can, outside = pad_of(ur5e), on_floor(CAN), 0
+    for grasp in marginal_grasps(can, ur5e.opening, (kind,), 0.0, sampling, pad):
+        line = np.array(
+            [[*can.T_world_body[:2, 3], z] for z in np.linspace(*can.T_world_body[2, 3] + CAN.height_m / 2 * np.array([-1, 1]), 400)]
+        )
+        x, _, z = ((line - (grasp.T_world_hand @ [*ur5e.opening.middle(grasp.width_m), 1.0])[:3]) @ grasp.T_world_hand[:3, :3]).T
+        met = (np.abs(x) <= pad.half_x_m) & (pad.low_z_m <= z) & (z <= pad.high_z_m)
+        outside += not met.any()
+    assert (outside > 0) == beyond
+
+
+def test_the_most_overlap_comes_first() -> None:
+    at = _overlapping(_Outline(0.03, 0.06, 0.05), 0.0, (0.01, 0.006), PAD)
+    assert np.abs(at[0]).max() < 0.01
+    assert np.abs(at[-1]).max() > 0.03
+
+
 def test_they_come_after_all_others(ur5e: Robot) -> None:
     body = on_floor(CAN)
     plain = [g.T_world_hand for g in grasps_on(body, ur5e, ("horizontal",), 0.0, 0.0, replace(DENSEST, steps_m=None))]

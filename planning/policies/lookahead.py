@@ -126,6 +126,7 @@ class Lookahead:
         assert self._state is not None
         left, attempts = self.most - self._made, self.effort.attempts
         hopeful: World | None = None
+        natural = True
         looks = ((self.world, QUICKLY, False), (self.world.thorough, 1.0, False), (self.world.exhaustive, 1.0, True))
         for world, share, only_without_hope in looks:
             if hopeful is not None and only_without_hope:
@@ -136,21 +137,22 @@ class Lookahead:
             self._needed(plan.length)
             if plan.length > left:
                 continue
-            hopeful = world
+            hopeful, natural = world, not only_without_hope
             search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
             if found := search.run(self._state):
                 return found
             attempts -= search.tried
         if hopeful is not None:
-            return self._searched_at_last(hopeful, self._state, left, rng)
+            many = self.effort.last if natural and not hopeful.partly_unseen else 0
+            return self._searched_at_last(hopeful, self._state, left, many, rng)
         if plan is None:
             self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
         return []
 
-    def _searched_at_last(self, world: World, state: State, left: int, rng: np.random.Generator) -> list[Step]:
-        """The moves to the likeliest regions, not the near ones first; and if there are none of them, those that the ceiling finds."""
+    def _searched_at_last(self, world: World, state: State, left: int, many: int, rng: np.random.Generator) -> list[Step]:
+        """The moves to the likeliest regions, not the near ones first; and if there are none of them, those that many attempts find as the
+        ceiling makes them (none where only the densest grasps hold out hope: each takes its time)."""
         likeliest, few = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
-        many = 0 if world.partly_unseen else self.effort.last
         for preferences, attempts in ((likeliest, few if self.preferences.nearby else 0), (NEAREST, many)):
             if attempts and (found := Search(world, preferences, replace(self.effort, attempts=attempts), left, rng).run(state)):
                 return found

@@ -467,6 +467,13 @@ def test_where_space_is_unseen_a_look_is_better_than_the_last_search() -> None:
     assert len(world.tried) == 6 + 3 + 4
 
 
+def test_where_only_the_exhaustive_look_holds_out_hope_there_is_no_last_search() -> None:
+    can_go = at_first({"t": ["a"], "a": [""]})
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": []}), can=lambda choice: False, finest=can_go)
+    asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9, last=16), no_proof, most=1), world)
+    assert len(world.tried) == 9 + 4
+
+
 def test_with_no_other_order_of_regions_nothing_is_tried_once_more() -> None:
     world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
     assert asked(Lookahead(world, IN_ORDER, Effort(attempts=9), no_proof, most=5), world) == []

@@ -73,7 +73,8 @@ def robot_surfaces(robot: Robot, T_world_base: Array, q: Array, T_world_camera: 
     out = []
     balls = np.array([ball for _, _, ball in links])
     middles = (T_camera_base @ np.array([poses[link] for _, link, _ in links]) @ balls[:, [0, 1, 2, 3], None])[:, :3, 0]
-    near = (middles @ _sides(intrinsics).T + balls[:, 4:] * np.linalg.norm(_sides(intrinsics), axis=1) > -ROUNDING_M).all(1)
+    sides = _sides(intrinsics)
+    near = (middles @ sides.T + balls[:, 4:] * np.linalg.norm(sides, axis=1) > -ROUNDING_M).all(1)
     for packed, link, _ in compress(links, near):
         if _may_show(apply(T_camera_base @ poses[link], packed.vertices), intrinsics):
             out.append(moved(packed, (T_world_base @ poses[link])[None]))

@@ -1,4 +1,5 @@
-"""All hands that hold an upright box or can at all, by however little of their pads: for proofs that none does.
+"""All hands that hold an upright box or can at all, by however little of their pads: for where natural grasps don't do, and for proofs
+that none does.
 
 The natural grasps of `finger_grasps` hold an object about its middle, with room behind the pads. Many others hold it, too: by its uppermost
 edge, by its front alone, deeper than its middle, beside it. A hand of some pitch that closes along some direction has two ways left to be

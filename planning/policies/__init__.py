@@ -20,7 +20,7 @@ from planning.retrieval import MAX_MOVES, Policy
 QUICK, PATIENT = Effort(attempts=300), Effort(attempts=3000)
 """How many moves a policy that looks ahead may try, and how many the ceiling."""
 QUICK_FIRST = replace(QUICK, last=1000)
-"""Where that has not done and there is hope, a third of what the ceiling may."""
+"""What `neural` may: where the quick tries have not done and there is hope, a third of what the ceiling may besides."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from kinematics.scene import Scene
 from perception.frames import write_frames
 from planning.io.files import read_plans, read_scenes
 from planning.io.results import plan_writer, scene_writer
-from planning.motion.verify import verify
+from planning.motion.checking.verify import verify
 from planning.plan import Plan
 from planning.sensing.survey import RECORDING
 from planning.sensing.world import SimulatedWorld

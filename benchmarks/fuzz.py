@@ -145,7 +145,7 @@ def prepare(folder: Path) -> None:
     (folder / "plan.jsonl").write_text(documents.lines(documents.plan()))
     (folder / "arm.urdf").write_text(TOY)
     (folder / "arm.srdf").write_text('<robot name="toy"><disable_collisions link1="base" link2="post" reason="Adjacent"/></robot>')
-    (folder / "spec.toml").write_bytes((ROOT / "planning" / "specs" / "paper.toml").read_bytes())
+    (folder / "spec.toml").write_bytes((ROOT / "planning" / "scenes" / "specs" / "paper.toml").read_bytes())
     for ending in ("stl", "obj", "ply"):
         trimesh.creation.box((0.1, 0.1, 0.2)).export(folder / f"box.{ending}")
     shutil.copytree(WEIGHTS / "ur5e", folder / "model")
@@ -198,7 +198,7 @@ def read_mesh(file: Path) -> None:
 
 def read_toml(file: Path) -> None:
     from kinematics.errors import blame
-    from planning.scene_generation import load_spec
+    from planning.scenes.generation import load_spec
 
     with blame("gen"):
         load_spec(str(file))

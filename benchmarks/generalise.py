@@ -55,7 +55,7 @@ arguments.add_argument("--workers", default="1")
 arguments.add_argument("--out", type=Path, default=Path("out/generalise"))
 asked = arguments.parse_args()
 
-spec = tomllib.loads(resources.files("planning").joinpath("specs", "paper-any.toml").read_text())
+spec = tomllib.loads(resources.files("planning.scenes").joinpath("specs", "paper-any.toml").read_text())
 lines = [f"{'success, rule deep':34s}" + "".join(f"{p:>18s}" for p in asked.policies)]
 for title, change in CHANGES.items():
     folder = asked.out / "".join(c if c.isalnum() else "-" for c in title)

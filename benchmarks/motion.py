@@ -45,15 +45,15 @@ from kinematics.shapes import convex_parts
 from kinematics.transforms import Array, apply, inverse, transform
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import UP
-from planning.motion.queries import PlanningQuery
-from planning.motion.reaching import APPROACH_M, LIFT_M
-from planning.motion.rrt_connect import plan
+from planning.motion.cell.queries import PlanningQuery
+from planning.motion.cell.workcell import Workcell
+from planning.motion.checking.verify import hand_poses, verify
+from planning.motion.search.reaching import APPROACH_M, LIFT_M
+from planning.motion.search.rrt_connect import plan
+from planning.motion.search.shortcut import shorten
 from planning.motion.settings import DEFAULTS, UNCONSTRAINED
-from planning.motion.shortcut import shorten
-from planning.motion.verify import hand_poses, verify
-from planning.motion.workcell import Workcell
 from planning.plan import Motion
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import peers

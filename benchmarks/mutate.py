@@ -76,7 +76,7 @@ GROUPS = (
         Group(_in("planning/verdict", module), _in("tests/planning/verdict", *(f"test_{name}" for name in tests.split())))
         for module, tests in VERDICT.items()
     ),
-    Group(("planning/motion/verify.py",), ("tests/planning/motion/test_verify_rules.py",)),
+    Group(("planning/motion/checking/verify.py",), ("tests/planning/motion/checking/test_verify_rules.py",)),
 )
 MODULES = {module: group for group in GROUPS for module in group.modules}
 

@@ -26,7 +26,7 @@ from perception.objects.prepared_frames import prepare
 from perception.objects.segment import iou, segment
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 CAMERA = realsense_d435i(640, 480)
 ENOUGH_PX = 200

@@ -20,9 +20,9 @@ from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
 from perception.mapping.voxels import unknown_voxels
 from perception.rendering.synthetic_camera import synthetic_camera
-from planning.motion import waiting
-from planning.motion.workcell import Workcell
-from planning.scene_generation import generate, load_spec
+from planning.motion.cell.workcell import Workcell
+from planning.motion.handling import waiting
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.look_around import CHOICES, ITERATIONS, Limits, look_around, reachable_views
 
 ALL, SHARE = 200, 0.97

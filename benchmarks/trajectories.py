@@ -30,15 +30,15 @@ from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import Array, transform
-from planning.motion.carry import Done
+from planning.motion.checking.verify import hand_poses
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.smoothing.blending import choose_speeds, make_corners, write_rows
 from planning.motion.trajectory import STRAIGHT, Pace
-from planning.motion.verify import hand_poses
 from planning.plan import Motion, Plan
 from planning.policies import make_policy
 from planning.retrieval import Rule, hand_travel, retrieve
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 PATH_POINTS = 60
 CLEAR_M = 0.003

@@ -35,7 +35,7 @@ from planning.motion.pick_place import Motions
 from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import Rule, retrieve
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.verdict import Settings, judge, judge_grasp
 
 KINDS = ("miss", "wide", "deep", "rotated")

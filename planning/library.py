@@ -29,7 +29,7 @@ from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
 from planning.sensing.unseen_space import unseen_space
-from planning.target_grasps import GraspChoice, target_grasps
+from planning.target_grasps.allowed import GraspChoice, target_grasps
 from planning.verdict import Fault, judge
 
 STAGE = 4

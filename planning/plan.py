@@ -170,9 +170,9 @@ class Plan:
     planning_time_s: choosing objects and regions, as in the paper; motion_time_s: all motion planning.
     hand_travel_m: length of the hand's path; relocation_travel_m: of its part before the target is gone for, as in the paper, looks left
     out; None where nobody measured it. value: the paper's objective (eq. 1), written as `return` in files.
-    verified: the motions passed the exact check (planning.motion.verify), and the plan the verdict (planning.verdict); None when there are
-    no motions. faults: why it is not verified, as far as the verdict found it. notes: what it found and is no fault: pairs of links that
-    touch and that the robot's SRDF switches off; and what the plan takes for granted of unseen space.
+    verified: the motions passed the exact check (planning.motion.checking.verify), and the plan the verdict (planning.verdict); None
+    when there are no motions. faults: why it is not verified, as far as the verdict found it. notes: what it found and is no fault:
+    pairs of links that touch and that the robot's SRDF switches off; and what the plan takes for granted of unseen space.
     grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
     unsolvable: the proof that there is none, if it was found.
     settled: objects that were moved a little before the plan began: it starts from where they stand now.

@@ -16,11 +16,11 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from perception.observation import Observation, observe
-from planning.motion.carry import Done
+from planning.motion.checking.replay import hand_poses, replayed, with_clearances
+from planning.motion.checking.verify import verify
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.replay import hand_poses, replayed, with_clearances
 from planning.motion.settings import DEFAULTS, MotionSettings
-from planning.motion.verify import verify
 from planning.plan import SCENE, Blocked, Fault, Motion, Move, Outlook, Plan
 from planning.verdict import Settings, examine
 

@@ -62,7 +62,7 @@ def _hard_scene(seed: int, file: Path) -> Film:
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
     from planning.library import plan_scene
-    from planning.scene_generation import generate, load_spec
+    from planning.scenes.generation import generate, load_spec
     from retrieve_cli.drawing.picture import Film
 
     arm = load(ROBOT, on_step=say)

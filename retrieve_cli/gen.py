@@ -19,7 +19,7 @@ from retrieve_cli.version import version
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
-    from planning.scene_generation import Spec
+    from planning.scenes.generation import Spec
 
 OFTEN = 50
 """So often somebody who waits is told what became of samples: most are no blocked, solvable scenes."""
@@ -42,7 +42,7 @@ def run(
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
     from kinematics.robots.load import load
-    from planning.scene_generation import load_spec
+    from planning.scenes.generation import load_spec
 
     announce_first_run()
     with blame("gen"):
@@ -62,8 +62,8 @@ def run(
 
 def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
     """The spec and the robot's place that go together. Raises: InputError where the arm reaches into no such cabinet."""
-    from planning.fitting import fit
-    from planning.scene_generation import NoScene
+    from planning.scenes.fitting import fit
+    from planning.scenes.generation import NoScene
 
     with blame("gen", NoScene):
         fitted = fit(spec, arm, ref, say)
@@ -74,7 +74,7 @@ def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
 def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:
     """Scene number `index` of a seed. Raises: InputError when the spec asks for what the robot can't do."""
     from kinematics.robots.load import from_ref
-    from planning.scene_generation import NoScene, generate
+    from planning.scenes.generation import NoScene, generate
 
     thrown = Counter[str]()
 

@@ -13,7 +13,7 @@ from retrieve_cli.terminal import announce_first_run, mesh_progress, say
 if TYPE_CHECKING:
     from kinematics.scene import Scene
     from kinematics.transforms import Array
-    from planning.grasp_proposals import Proposals
+    from planning.target_grasps.proposals import Proposals
 
 
 def run(
@@ -23,8 +23,8 @@ def run(
 
     source: a file of grasps, in the frame `frame`; without it they are proposed on the target's shape.
     """
-    from planning.grasp_proposals import propose, with_grasps
     from planning.io.grasp_files import CONVENTIONS
+    from planning.target_grasps.proposals import propose, with_grasps
 
     if (source is None) != (convention is None):
         raise InputError(f"grasp: --from and --convention go together; the conventions are {', '.join(CONVENTIONS)}")
@@ -57,8 +57,8 @@ def run(
 def imported(scene: Scene, source: Path, convention: str, frame: str, most: int) -> Proposals:
     """The grasps of a file that hold the scene's target. Raises: InputError, ValueError."""
     from kinematics.robots.load import from_ref
-    from planning.grasp_import import onto_target
     from planning.io.grasp_files import read_grasps
+    from planning.target_grasps.imported import onto_target
 
     return onto_target(from_ref(scene.robot), scene, read_grasps(source, convention), frame_pose(scene, frame), most=most)
 

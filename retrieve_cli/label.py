@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from planning.learning.label_file import Manifest
     from planning.learning.labels import Row
     from planning.learning.states import Variety
-    from planning.scene_generation import Spec
+    from planning.scenes.generation import Spec
 
 SHARD = 25  # scenes
 SCENES = 100  # generated when nothing says how many
@@ -119,7 +119,7 @@ def label_item(job: Job, item: Item) -> list[Row]:
     """The rows of one scene. Raises: InputError when it can't be made, or the robot can't stand before it."""
     from kinematics.robots.load import from_ref
     from planning.learning.states import rows, varied_scene
-    from planning.scene_generation import NoScene
+    from planning.scenes.generation import NoScene
 
     with blame(item.where, NoScene):
         scene, index = item.scene, item.index
@@ -154,7 +154,7 @@ def _made(
     """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn."""
     from kinematics.robots.load import load
     from planning.learning.states import Variety
-    from planning.scene_generation import load_spec
+    from planning.scenes.generation import load_spec
 
     with blame("label"):
         specs = tuple(load_spec(which) for which in spec)

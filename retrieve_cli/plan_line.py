@@ -90,7 +90,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.retrieval import Rule
     from planning.sensing.retrieve import retrieve_unseen
     from planning.sensing.world import SimulatedWorld, World
-    from planning.target_grasps import GraspChoice, check_choice
+    from planning.target_grasps.allowed import GraspChoice, check_choice
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):

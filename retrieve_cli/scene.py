@@ -14,7 +14,7 @@ from retrieve_cli.terminal import announce_first_run, mesh_progress, say
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
-    from planning.scene_words import Words
+    from planning.scenes.words import Words
 
 YAML_KEYS = (
     "id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "robot", "hand_frame", "gripper_joint", "base", "q_start",
@@ -63,8 +63,8 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
     """Where each scene comes from, and the scene. Raises InputError."""
     from planning.io.files import read_scenes
     from planning.io.scene_documents import mesh_loader
-    from planning.scene_sources import from_observation, mesh_files, random_scene
-    from planning.scene_words import scene_from_words
+    from planning.scenes.sources import from_observation, mesh_files, random_scene
+    from planning.scenes.words import scene_from_words
 
     if source is not None and source.is_dir():
         with blame(f"scene: {source}"):
@@ -90,7 +90,7 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
 def _words(said: dict[str, Any], where: str) -> Words:
     """The words with the robot that they name, standing at its usual place unless they say where. Raises InputError."""
     from kinematics.robots.start import start_q
-    from planning.scene_words import Words
+    from planning.scenes.words import Words
     from retrieve_cli.gen import robot_ref
 
     robot = _load(said, where)
@@ -128,7 +128,7 @@ def _load(said: dict[str, Any], where: str) -> Robot:
 
 def _settled(scene: Scene, where: str) -> Scene:
     """The scene with its objects standing free. Raises InputError for one that can't be meant."""
-    from planning.settling import settle
+    from planning.io.settling import settle
 
     with blame(where):
         done = settle(scene)
@@ -140,7 +140,7 @@ def _settled(scene: Scene, where: str) -> Scene:
 def _with_grasp(where: str, scene: Scene) -> Scene:
     """The scene with x_g proposed; without it, which is said, where no grasp can be used."""
     from kinematics.robots.load import from_ref
-    from planning.grasp_proposals import propose, with_grasps
+    from planning.target_grasps.proposals import propose, with_grasps
     from retrieve_cli.grasp import tell
 
     robot = from_ref(scene.robot, on_step=say)

@@ -57,7 +57,7 @@ def warm(name: str) -> None:
     from kinematics.transforms import transform
     from perception.rendering.synthetic_camera import synthetic_camera
     from planning.library import plan_scene
-    from planning.scene_generation import generate, load_spec
+    from planning.scenes.generation import generate, load_spec
 
     say(f"{name}: meshes and sphere covers")
     robot = load(name, on_step=say)

@@ -168,7 +168,7 @@ def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
     from planning.motion.pick_place import Motions
     from planning.policies import make_policy
     from planning.retrieval import Rule, retrieve
-    from planning.scene_generation import generate, load_spec
+    from planning.scenes.generation import generate, load_spec
 
     scene = generate(load_spec(spec), robot, RobotRef(transform(p=robot.base_p), robot.name), 11, index)
     motions = Motions(robot, scene)

@@ -13,7 +13,7 @@ from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, State
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
 from perception.observation import Observation
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.plan import Blocked, Motion
 

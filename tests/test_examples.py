@@ -22,13 +22,13 @@ from kinematics.scene import RobotRef, Scene, object_box
 from kinematics.transforms import transform
 from planning.io.files import read_plans, read_scenes
 from planning.io.results import scene_writer
-from planning.motion.carry import Done
+from planning.motion.checking.verify import verify
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.verify import verify
 from planning.plan import Blocked
 from planning.policies import make_policy
 from planning.retrieval import Rule, retrieve
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.world import SimulatedWorld
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from kinematics.robots.named import named_robots
-from planning.scene_generation import SPECS
+from planning.scenes.generation import SPECS
 from retrieve_cli.__main__ import OURS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -51,7 +51,7 @@ def test_data_travels_with_the_packages() -> None:
     patterns = PROJECT["tool"]["setuptools"]["package-data"]
     data = [p.relative_to(ROOT) for name in OURS for p in (ROOT / name).rglob("*") if p.is_file() and "__pycache__" not in p.parts]
     data = [p for p in data if p.suffix != ".py" and not p.name.startswith(".")]
-    assert {Path("kinematics/robots/robots.toml"), *(Path(f"planning/specs/{name}.toml") for name in SPECS)} <= set(data)
+    assert {Path("kinematics/robots/robots.toml"), *(Path(f"planning/scenes/specs/{name}.toml") for name in SPECS)} <= set(data)
     for path in data:
         inside = path.relative_to(path.parts[0]).as_posix()
         assert any(fnmatch(inside, pattern) for pattern in patterns.get(path.parts[0], ())), f"{path} would be left out of the wheel"

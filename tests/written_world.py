@@ -10,7 +10,7 @@ import numpy as np
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene, State
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Choice
 from planning.plan import Blocked
 from planning.relaxed_plan import Names

@@ -51,7 +51,7 @@ def _plan_some() -> None:
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
     from planning.library import plan_scene
-    from planning.scene_generation import generate, load_spec
+    from planning.scenes.generation import generate, load_spec
 
     robot = load("ur5e")
     for index in range(SCENES):

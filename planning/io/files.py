@@ -19,8 +19,8 @@ from planning.io.checked import Node, is_text, parse_json
 from planning.io.documents import kind_and_version
 from planning.io.plan_documents import plan_from_node
 from planning.io.scene_documents import OnMesh, mesh_loader, scene_from_node
+from planning.io.settling import NOISE_M
 from planning.plan import Plan
-from planning.settling import NOISE_M
 
 T = TypeVar("T")
 
@@ -50,7 +50,7 @@ def read_scenes(
 ) -> Iterator[tuple[str, Scene]]:
     """Yield (where, scene) for every line of a file, or of stdin (None or "-"), as they arrive; where is "scenes.jsonl:7".
 
-    noise_m: how much overlap is taken for noise of the objects' poses (see `planning.settling`). on_mesh: see `mesh_loader`.
+    noise_m: how much overlap is taken for noise of the objects' poses (see `planning.io.settling`). on_mesh: see `mesh_loader`.
     Raises: InputError (where, what, how to mend) for a line that is no valid scene, and when there is none at all.
     """
     folder, load = folder_of(source), mesh_loader(folder_of(source), on_mesh)

@@ -17,7 +17,7 @@ from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from planning.io.checked import LARGEST_M, SMALLEST_M, Node
 from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
 from planning.io.observation_documents import observation_from_node
-from planning.settling import NOISE_M, Unsettled, settle
+from planning.io.settling import NOISE_M, Unsettled, settle
 
 SCENE_1, SCENE_2 = "retrieve/scene@1", "retrieve/scene@2"
 SOURCES = ("given", "seen")
@@ -148,7 +148,7 @@ def scene_from_json(document: Any, where: str = "scene", folder: Path | None = N
 
 
 def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = NOISE_M) -> Scene:
-    """A scene of either version, checked, its objects settled (see `planning.settling`).
+    """A scene of either version, checked, its objects settled (see `planning.io.settling`).
 
     load: reads meshes by their path in the file and their scale. noise_m: how much overlap is taken for noise of the objects' poses.
     Raises: InputError.

@@ -1,7 +1,8 @@
 """What the arm can do in a state, for labels: which objects it can pick, where they can be put, whether the target comes out.
 
 The same checks as `Motions` makes, in the same order, with less patience: the static ones first, held against each object once for all
-states of a scene (planning.motion.obstruction), then brief searches of RRT-Connect of which nothing is kept but whether they got there.
+states of a scene (planning.motion.handling.obstruction), then brief searches of RRT-Connect of which nothing is kept but whether they
+got there.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.scene import Held, State
 from kinematics.transforms import Array, inverse
-from planning.motion import waiting
-from planning.motion.obstruction import View
+from planning.motion.cell.queries import PlanningQuery
+from planning.motion.handling import waiting
+from planning.motion.handling.obstruction import View
+from planning.motion.handling.picking import Pick
+from planning.motion.handling.ways import FreeWay
 from planning.motion.pick_place import MAX_TRIES, Motions
-from planning.motion.picking import Pick
-from planning.motion.queries import PlanningQuery
-from planning.motion.ways import FreeWay
 from planning.plan import Blocked
 
 BRIEFLY, PATIENTLY = 200, 1000

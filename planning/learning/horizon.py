@@ -16,7 +16,7 @@ from kinematics.chain import Int
 from kinematics.scene import State
 from kinematics.transforms import Array
 from planning.learning.label_file import NOT_ASKED, UNKNOWN
-from planning.motion.obstruction import View
+from planning.motion.handling.obstruction import View
 from planning.motion.pick_place import Motions
 from planning.relaxed_plan import Names, RelaxedPlan, relaxed_plans, shortest_plans
 

@@ -23,7 +23,7 @@ from planning.learning.brief_look import BriefLook
 from planning.learning.horizon import look_ahead, shortens
 from planning.learning.label_file import NOT_ASKED
 from planning.learning.swept import F32, Floor, arm_balls, footprint, lowest, make_floor, meets
-from planning.motion import waiting
+from planning.motion.handling import waiting
 from planning.motion.pick_place import Motions
 
 ITERATIONS = 500  # of a search in the emptied cabinet

@@ -17,7 +17,7 @@ from planning.learning.brief_look import BriefLook
 from planning.learning.labels import ENOUGH_PATHS, PATHS, Row, label, movable, paths_to_target
 from planning.learning.partial_views import glimpsed
 from planning.motion.pick_place import Motions
-from planning.scene_generation import Spec, generate
+from planning.scenes.generation import Spec, generate
 
 STAGE = 3  # this stage's word in the seeds of random generators
 MOVES = 3

@@ -23,20 +23,20 @@ from kinematics.scene import Body, Grasp, Scene, State, object_box
 from kinematics.transforms import Array, inverse
 from perception.objects.settle import LOWEST_M, stands_on
 from planning.grasping.sampling import Sampling
-from planning.motion import waiting
-from planning.motion.carry import Carry, Done, carried, opening_blocked
+from planning.motion.cell.workcell import Workcell
+from planning.motion.handling import waiting
+from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
+from planning.motion.handling.obstruction import Obstruction, View
+from planning.motion.handling.patience import Patience
+from planning.motion.handling.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
+from planning.motion.handling.placing import Place, Placing, ReleaseQuery
+from planning.motion.handling.room import Room
+from planning.motion.handling.ways import WAY_IN, WHOLE_WAY
 from planning.motion.lazy_list import LazyList
-from planning.motion.obstruction import Obstruction, View
-from planning.motion.patience import Patience
-from planning.motion.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
-from planning.motion.placing import Place, Placing, ReleaseQuery
 from planning.motion.quickest import Choices, quickest
-from planning.motion.reaching import place_on_floor
-from planning.motion.room import Room
+from planning.motion.search.reaching import place_on_floor
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace, timed
-from planning.motion.ways import WAY_IN, WHOLE_WAY
-from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect

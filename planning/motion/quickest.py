@@ -19,12 +19,12 @@ import numpy as np
 
 from kinematics.scene import State
 from kinematics.transforms import Array
-from planning.motion.carry import Carry, setting_out
-from planning.motion.picking import Pick
-from planning.motion.placing import Place
-from planning.motion.queries import PlanningQuery
+from planning.motion.cell.queries import PlanningQuery
+from planning.motion.cell.workcell import Workcell
+from planning.motion.handling.carry import Carry, setting_out
+from planning.motion.handling.picking import Pick
+from planning.motion.handling.placing import Place
 from planning.motion.way_cost import WayCost
-from planning.motion.workcell import Workcell
 from planning.plan import Blocked
 
 PUT_DOWN_S = 0.9

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from kinematics.scene import Body
-from planning.motion.quicken import QuickenSettings
-from planning.motion.rrt_connect import RRTConnectSettings
-from planning.motion.shortcut import ShortcutSettings
+from planning.motion.search.rrt_connect import RRTConnectSettings
+from planning.motion.search.shortcut import ShortcutSettings
+from planning.motion.smoothing.quicken import QuickenSettings
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,13 @@ from kinematics.inverse import BRISK, descend
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
-from planning.motion.edges import Task
+from planning.motion.cell.workcell import Workcell
+from planning.motion.search.edges import Task
 from planning.motion.smoothing.blending import Corners, choose_speeds, make_corners, write_corner, write_rows
 from planning.motion.smoothing.curve_check import WITHIN_M, first_blocked
 from planning.motion.smoothing.hand_speed import along_pieces, along_rows, hand_points
 from planning.motion.smoothing.spline_rows import chords, keep_limits, slow_down
 from planning.motion.smoothing.straight_line import second_derivatives, write_line
-from planning.motion.workcell import Workcell
 from planning.plan import Gripper, GripperState, Motion
 
 MOST_USED = 1 - 1e-4

@@ -9,7 +9,7 @@ import numpy as np
 
 from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
-from planning.motion.arm import Arm
+from planning.motion.cell.arm import Arm
 from planning.motion.smoothing.estimates import Limits, one_straight, polyline_s, straight_s
 from planning.motion.smoothing.hand_speed import hand_points, hand_way
 

@@ -20,7 +20,7 @@ import numpy as np
 from kinematics.scene import Scene, State
 from kinematics.transforms import Array
 from perception.observation import Observation, observe
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Choice
 from planning.plan import Blocked
 from planning.relaxed_plan import NOTHING, Names, Obstructions, RelaxedPlan, gets_shorter, relaxed_plans, shortest_plans

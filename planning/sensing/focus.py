@@ -24,8 +24,8 @@ from perception.belief import Belief
 from perception.mapping.voxels import Voxels
 from planning.grasping.finger_grasps import open_width, sample_grasps
 from planning.grasping.pads import pad_of
-from planning.motion.reaching import APPROACH_M, LARGEST_TURN, LIFT_M
-from planning.motion.workcell import Workcell
+from planning.motion.cell.workcell import Workcell
+from planning.motion.search.reaching import APPROACH_M, LARGEST_TURN, LIFT_M
 from planning.sensing.look_around import unknown_mask
 
 GRASPS, SOLUTIONS = 8, 3  # grasps of one object, and arm configurations of one grasp, that are looked at

@@ -22,9 +22,9 @@ from perception.frames import Frame
 from perception.mapping.next_best_view import InformationGain, ViewCandidates, make_view_candidates, reduced, sample_poses, sweep_poses
 from perception.mapping.voxels import FREE, UNKNOWN, ClearRays, Voxels, clear_rays, unknown_voxels
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth
-from planning.motion.queries import PlanningQuery
+from planning.motion.cell.queries import PlanningQuery
+from planning.motion.cell.workcell import Workcell
 from planning.motion.trajectory import FULL, Pace, timed
-from planning.motion.workcell import Workcell
 from planning.plan import Blocked, Motion
 
 SHARE, LEAST, MAX_VIEWS = 0.97, 0.003, 8

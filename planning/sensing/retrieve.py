@@ -19,7 +19,7 @@ from kinematics.scene import Grasp, Scene, State
 from kinematics.transforms import Array
 from perception.belief import observation
 from perception.objects.clustering import NoSurfaces
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
@@ -31,7 +31,7 @@ from planning.sensing.focus import wanted
 from planning.sensing.hiding_places import SMALLEST_M, smallest
 from planning.sensing.look_around import Limits, Looked
 from planning.sensing.world import AsBelieved, Truth, World
-from planning.target_grasps import GraspChoice, TargetGrasps, target_grasps
+from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
 
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin

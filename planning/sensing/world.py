@@ -19,8 +19,8 @@ from kinematics.transforms import Array, inverse
 from perception.camera import DepthNoise, Intrinsics
 from perception.frames import Frame
 from perception.rendering.synthetic_camera import Camera, robot_pixels, synthetic_camera
+from planning.motion.checking.replay import hand_poses
 from planning.motion.pick_place import Motions
-from planning.motion.replay import hand_poses
 from planning.plan import Motion
 from planning.sensing.closing import close_on, with_fingers
 from planning.verdict.hand import hand_of

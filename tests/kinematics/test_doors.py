@@ -27,8 +27,8 @@ from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
 from planning.io.scene_documents import scene_from_json
 from planning.motion.pick_place import Motions
-from planning.motion.rrt_connect import plan, reach
-from planning.motion.shortcut import shorten
+from planning.motion.search.rrt_connect import plan, reach
+from planning.motion.search.shortcut import shorten
 
 ODD = st.sampled_from([0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 3.2])
 SHAPES = st.lists(st.integers(0, 8), min_size=0, max_size=3).map(tuple)

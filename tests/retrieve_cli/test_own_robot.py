@@ -15,13 +15,13 @@ import pytest
 from kinematics.robots.named import named_robots
 from kinematics.robots.robot import Robot
 from planning.policies import POLICIES
-from planning.scene_generation import SPECS
+from planning.scenes.generation import SPECS
 from retrieve_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[2]
 RETRIEVE = f"{sys.executable} -W error -m retrieve_cli"
 OWN = ROOT / "examples" / "04_own_arm" / "arm.urdf"
-PAPER = (ROOT / "planning" / "specs" / "paper.toml").read_text(encoding="utf-8")
+PAPER = (ROOT / "planning" / "scenes" / "specs" / "paper.toml").read_text(encoding="utf-8")
 NOTICES = (
     "reading the meshes of ",
     "getting ready: ",
@@ -147,16 +147,27 @@ def test_a_scene_with_an_unknown_robot(
     assert (code, out, err) == (2, "", [f"scenes.jsonl:1: {UNKNOWN_ROBOT}"])
 
 
+SHOWN = "(planning/scenes/specs/paper.toml and lab-s.toml show them all)"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("gap_m = 0.01", "", "objects.gap_m is missing (planning/specs/paper.toml and lab-s.toml show them all)"),
-        ("gap_m = 0.01", "gap_mm = 10", "objects.gap_mm is no field of a spec (planning/specs/paper.toml and lab-s.toml show them all)"),
+        ("gap_m = 0.01", "", "objects.gap_m is missing " + SHOWN),
+        (
+            "gap_m = 0.01",
+            "gap_mm = 10",
+            "objects.gap_mm is no field of a spec " + SHOWN,
+        ),
         ("gap_m = 0.01", "gap_m = -0.01", "objects.gap_m: -0.01 is below 0"),
         ("wall_m = 0.03", "wall_m = -0.03", "cabinet.wall_m: -0.03 is not positive"),
         ("count = [4, 10]", "count = [-3, 4]", "objects.count: [-3, 4] is no range of positive whole numbers"),
         ("[0.020, 0.037]", "[-0.020, 0.037]", "objects.half_width_m: [-0.02, 0.037] is no range of positive lengths"),
-        ("[regions]\n", "[regions]\nm = 3\n", "regions.m is no field of a spec (planning/specs/paper.toml and lab-s.toml show them all)"),
+        (
+            "[regions]\n",
+            "[regions]\nm = 3\n",
+            "regions.m is no field of a spec " + SHOWN,
+        ),
         ("count = [4, 10]", "count = [10, 4]", "objects.count: [10, 4] is no range [least, most]"),
         ("box_share = 0.5", 'box_share = "half"', "objects.box_share: 'half' is no number"),
         ("n = 10", "n = 0", "regions.n: 0 is no positive whole number"),

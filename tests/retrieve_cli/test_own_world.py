@@ -12,7 +12,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
 from planning.plan import Motion
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from retrieve_cli.worlds import as_it_is, own_world
 
 GOOD = """

@@ -9,7 +9,7 @@ from __future__ import annotations
 from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
-from planning.motion.edges import Memory, Task, connects
+from planning.motion.search.edges import Memory, Task, connects
 
 WITHIN_M = MARGIN_M / 2
 

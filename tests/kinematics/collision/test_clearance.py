@@ -18,7 +18,7 @@ from kinematics.collision.pair_bounds import TOLERANCE
 from kinematics.collision.path_clearance import path_clearances
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
-from planning.motion.edges import LARGEST_CLEARANCE_M, Task, connects, with_clearance
+from planning.motion.search.edges import LARGEST_CLEARANCE_M, Task, connects, with_clearance
 
 OWN_M = 0.002
 FCL_M = 2e-5

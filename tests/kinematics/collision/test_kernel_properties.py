@@ -26,7 +26,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
-from planning.motion.edges import Memory, Task, connects, make_memory, make_task
+from planning.motion.search.edges import Memory, Task, connects, make_memory, make_task
 
 SAMPLES = int(os.environ.get("RETRIEVE_SAMPLES", "4000"))
 EDGES = max(300, SAMPLES // 20)

@@ -17,9 +17,9 @@ from kinematics.scene import WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import transform
 from planning.io.scene_documents import scene_from_json
+from planning.motion.checking.verify import verify
 from planning.motion.pick_place import Motions
-from planning.motion.verify import verify
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 
 def with_name(scene: Scene, old: str, new: str) -> Scene:

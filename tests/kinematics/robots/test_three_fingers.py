@@ -19,7 +19,7 @@ from kinematics.robots.tree import Tree
 from kinematics.scene import Body, Cabinet, Grasp, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import rotation_about, transform
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp, judge_motions
 from retrieve_cli.gen import robot_ref

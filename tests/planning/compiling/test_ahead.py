@@ -19,7 +19,7 @@ from kinematics.scene import RobotRef
 from kinematics.transforms import transform
 from planning.compiling import ahead
 from planning.io.results import scene_writer
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from retrieve_cli import terminal
 
 pytestmark = pytest.mark.skipif(PLAIN is not None, reason="functions are compiled plainly")

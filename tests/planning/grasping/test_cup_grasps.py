@@ -13,7 +13,7 @@ from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import rotation_about, transform
 from planning.grasping.cup_grasps import EDGE_M, grasps_on
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp, judge_motions
 from planning.verdict.cup import cup_faults, lines, met

@@ -16,7 +16,7 @@ from planning.grasping.hand_poses import level_hand
 from planning.grasping.marginal_grasps import LEAST_M, _Outline, _overlapping, marginal_grasps
 from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import DENSEST, USUAL, Sampling
-from planning.motion.picking import EXHAUSTIVE, FINEST, PickSettings
+from planning.motion.handling.picking import EXHAUSTIVE, FINEST, PickSettings
 from planning.verdict import judge_grasp
 
 CABINET = Cabinet(np.array([3.0, 3.0, 3.0]), transform(p=[-1.0, 0.0, 0.0]), 0.02)

@@ -13,7 +13,6 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasp_proposals import squareness
 from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.finger_grasps import (
     MESH_FRICTION_ANGLE,
@@ -29,6 +28,7 @@ from planning.grasping.hand_poses import level_hand
 from planning.grasping.line_contacts import GAP_M, Contact, line_contacts, line_stretches, stretch_at
 from planning.grasping.pads import Pad, under_pads
 from planning.grasping.sampling import Sampling
+from planning.target_grasps.proposals import squareness
 from planning.verdict import judge_grasp
 
 X, Y, Z = np.eye(3)

@@ -26,13 +26,13 @@ from planning.learning.label_file import UNKNOWN, Manifest, read_manifest
 from planning.learning.labels import NOT_ASKED, Row, label, movable, paths_to_target
 from planning.learning.states import MOVES, Variety, next_state, rows, varied_scene
 from planning.learning.swept import CELL_M, SAMPLE_M, arm_balls, footprint, meets
-from planning.motion import waiting
-from planning.motion.carry import Done
+from planning.motion.cell.workcell import Workcell
+from planning.motion.handling import waiting
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.workcell import Workcell
 from planning.plan import Blocked
 from planning.relaxed_plan import relaxed_plan
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from retrieve_cli import label as command
 from retrieve_cli.__main__ import main
 

@@ -130,7 +130,7 @@ def test_make_weights_says_what_it_does() -> None:
 def test_make_table_plans_every_policy_on_every_spec_under_every_rule() -> None:
     found = commands(dry_run("table", "TABLE_SCENES=7", "TABLE_SEED=5"))
     made, plans = [c for c in found if c[0] == "gen"], [c for c in found if c[0] == "plan"]
-    specs = {file.stem for file in (ROOT / "planning" / "specs").glob("*.toml")}
+    specs = {file.stem for file in (ROOT / "planning" / "scenes" / "specs").glob("*.toml")}
     assert [(c[c.index("-n") + 1], c[c.index("--seed") + 1]) for c in made] == [("7", "5")] * len(specs)
     assert {c[c.index("--spec") + 1] for c in made} == specs
     sensed = [c for c in plans if "--sense" in c]

@@ -11,14 +11,14 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, angle_between, rotation_about, transform
-from planning.fitting import fit
 from planning.grasping.hand_poses import LOWEST_M, lowest_of, usual_lowest
-from planning.motion.arm import HALF_TURN, Arm, arm_at
-from planning.motion.carry import Done
+from planning.motion.cell.arm import HALF_TURN, Arm, arm_at
+from planning.motion.handling.carry import Done
+from planning.motion.handling.picking import headings_of, sampled_grasps
+from planning.motion.handling.waiting import places_to_wait
 from planning.motion.pick_place import Motions
-from planning.motion.picking import headings_of, sampled_grasps
-from planning.motion.waiting import places_to_wait
-from planning.scene_generation import load_spec
+from planning.scenes.fitting import fit
+from planning.scenes.generation import load_spec
 from planning.verdict import judge_motions
 
 UP = np.array([0.0, 0.0, 1.0])

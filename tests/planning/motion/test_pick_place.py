@@ -20,15 +20,16 @@ from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
 from planning.grasping.finger_grasps import open_width, sample_grasps
 from planning.learning.brief_look import BriefLook
-from planning.motion import reaching, workcell
-from planning.motion.arm import FINGERS_AT, Arm
-from planning.motion.carry import Done
+from planning.motion.cell import workcell
+from planning.motion.cell.arm import FINGERS_AT, Arm
+from planning.motion.cell.queries import pair_of
+from planning.motion.checking.replay import replayed, with_clearances
+from planning.motion.checking.verify import verify
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.queries import pair_of
-from planning.motion.replay import replayed, with_clearances
-from planning.motion.verify import verify
+from planning.motion.search import reaching
 from planning.plan import Blocked, Motion
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 SPECS = ("paper", "paper-any", "shelf")
 

@@ -12,17 +12,17 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, State
 from kinematics.transforms import Array, transform
 from planning.motion import quickest
-from planning.motion.carry import Carry, Done
+from planning.motion.checking.verify import verify
+from planning.motion.handling.carry import Carry, Done
 from planning.motion.pick_place import Motions
 from planning.motion.quickest import _Graph
 from planning.motion.settings import ClearanceSettings
 from planning.motion.smoothing.blending import choose_speeds, make_corners
 from planning.motion.smoothing.estimates import polyline_s, straight_s
-from planning.motion.verify import verify
 from planning.motion.way_cost import WayCost
 from planning.plan import Blocked, Motion
 from planning.retrieval import hand_travel
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 Found = list[tuple[State, Done]]
 

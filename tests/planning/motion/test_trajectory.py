@@ -18,17 +18,17 @@ from kinematics.shapes import bounds
 from kinematics.transforms import transform
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
-from planning.motion import waiting
-from planning.motion.carry import Done
+from planning.motion.checking.replay import replay, replayed, with_clearances
+from planning.motion.checking.verify import hand_poses, verify
+from planning.motion.handling import waiting
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.reaching import APPROACH_M, APPROACH_STEPS, LARGEST_TURN
-from planning.motion.replay import replay, replayed, with_clearances
+from planning.motion.search.reaching import APPROACH_M, APPROACH_STEPS, LARGEST_TURN
 from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.smoothing.straight_line import write_line
 from planning.motion.trajectory import FULL, STRAIGHT, Pace, _Drive, timed
-from planning.motion.verify import hand_poses, verify
 from planning.plan import Motion
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 KINDS = ("velocity", "acceleration", "jerk")
 JUMP = 0.2  # rad by which a joint's turns differ from one waypoint to the next where the arm jumps to another way

@@ -14,7 +14,7 @@ from kinematics.scene import RobotRef, Scene
 from kinematics.transforms import transform
 from planning.motion.pick_place import Motions
 from planning.plan import Plan, Unsolvable
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "benchmarks"))
 import proofs

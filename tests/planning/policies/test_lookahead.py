@@ -13,7 +13,7 @@ from written_world import WrittenWorld, at_first
 from kinematics.scene import Cabinet, State
 from kinematics.transforms import transform
 from perception.observation import Observation, observe
-from planning.motion.carry import Done
+from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Choice
 from planning.plan import Blocked, Unsolvable
 from planning.policies.lookahead import NEAREST, Lookahead, nearest_regions

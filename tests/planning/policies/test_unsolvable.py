@@ -12,7 +12,7 @@ from fakes import scene_of
 
 from kinematics.scene import APPROACHES, State
 from kinematics.transforms import Array
-from planning.motion.picking import THOROUGH
+from planning.motion.handling.picking import THOROUGH
 from planning.plan import Unsolvable
 from planning.policies import unsolvable as module
 from planning.policies.unsolvable import Prover

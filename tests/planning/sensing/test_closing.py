@@ -17,7 +17,7 @@ from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.library import plan_scene
 from planning.motion.trajectory import FURTHER_M
 from planning.plan import Motion
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.closing import close_on, with_fingers
 from planning.sensing.world import SimulatedWorld
 from planning.verdict import judge

@@ -15,7 +15,7 @@ from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
 from planning.motion.trajectory import FULL
 from planning.plan import Plan
 from planning.policies import make_policy
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.fine_map import FineMap, Moved, coarsened
 from planning.sensing.hiding_places import SMALLEST_M

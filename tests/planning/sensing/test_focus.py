@@ -16,7 +16,7 @@ from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.focus import SHARE, wanted
 from planning.sensing.look_around import reachable_views, unknown_mask, unknown_space
 

@@ -20,10 +20,10 @@ from perception.objects.footprint import upright_solid
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import moved, surfaces
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth, synthetic_camera
+from planning.motion.checking.verify import verify
 from planning.motion.pick_place import Motions
-from planning.motion.verify import verify
 from planning.policies import make_policy
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.look_around import Limits, Looked, look_around, unknown_space
 from planning.sensing.retrieve import retrieve_unseen
 from planning.sensing.world import SimulatedWorld

@@ -11,7 +11,7 @@ from kinematics.scene import RobotRef
 from kinematics.transforms import transform
 from perception.belief import Belief
 from planning.motion.trajectory import FULL
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.focus import wanted
 from planning.sensing.look_around import Limits

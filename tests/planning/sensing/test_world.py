@@ -14,7 +14,7 @@ from kinematics.transforms import transform
 from perception.camera import pinhole
 from planning.plan import Fault, Motion, Plan
 from planning.policies import make_policy
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.sensing.retrieve import SENSING, retrieve_unseen
 from planning.sensing.world import SimulatedWorld, Stopped, configuration, frame_from, part_done
 

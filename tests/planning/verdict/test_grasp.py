@@ -16,7 +16,7 @@ from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from planning.io.files import read_scenes
-from planning.scene_generation import generate, load_spec
+from planning.scenes.generation import generate, load_spec
 from planning.verdict import judge_grasp
 from planning.verdict.grasp import closing_value
 from planning.verdict.hand import hand_of

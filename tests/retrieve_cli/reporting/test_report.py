@@ -145,7 +145,7 @@ def test_why_a_plan_failed(rule: str, moves: list[dict[str, Any]], stage: str, k
 
 def test_every_stage_that_blocks_an_attempt_has_a_kind() -> None:
     """What motion planning says about moves is counted as pick, region or place, never as the policy's fault."""
-    from planning.motion import picking, placing
+    from planning.motion.handling import picking, placing
 
     stages = {*picking.STAGES.values(), *placing.STAGES.values(), "transit", "transfer", "grasp"}
     for stage in stages:

@@ -1,0 +1,1 @@
+"""One robot before one cabinet, packed for compiled code, and asked in names."""

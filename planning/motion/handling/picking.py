@@ -1,0 +1,299 @@
+"""Taking hold of an object where it stands: grasps, the arm's solutions for them, straight ways in and up, all but RRT-Connect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import APPROACHES, Grasp, Held, Scene
+from kinematics.shapes import ConvexMesh
+from kinematics.transforms import Array, inverse, rotation_about, transform
+from planning.grasping.cup_grasps import grasps_on
+from planning.grasping.finger_grasps import open_width
+from planning.grasping.sampling import DENSE, DENSEST, USUAL, Headings, Sampling
+from planning.motion.cell import queries
+from planning.motion.cell.arm import HALF_TURN, Arm, arm_at
+from planning.motion.cell.queries import ContactQuery, PlanningQuery
+from planning.motion.cell.workcell import Workcell
+from planning.motion.handling.turns import whole_turns
+from planning.motion.lazy_list import LazyList
+from planning.motion.search import reaching
+from planning.motion.search.reaching import APPROACH_STEPS, LIFT_STEPS
+from planning.plan import Blocked
+from planning.verdict import closes_askew, judge_grasp
+
+HEADING_TRIES, SAME_HEADING = 8, 1e-4
+MOST_PER_YAW = 10
+"""So many grasps on a mesh are enough, for each closing direction that is sampled: the most natural ones."""
+MOST_JUDGED = 400
+"""So many grasps at most, the most natural ones, are judged for a thorough look where each has to be: a few seconds an object."""
+STAGES = {
+    reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
+    reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
+}  # fmt: skip
+"""What the compiled core's codes are called in a plan."""
+
+
+@dataclass(frozen=True)
+class PickSettings:
+    """How hard picks are sought. sampling: of grasps; ik_tries: starts of inverse kinematics for each. enough_picks: so many ways that hold
+    up are kept for one object; enough_grasps: after so many, the first in the most natural order, any that was found will do."""
+
+    sampling: Sampling = USUAL
+    ik_tries: int = 24
+    enough_picks: int = 8
+    enough_grasps: int = 24
+
+
+QUICK = PickSettings()
+THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
+"""Where the quick look finds no way: four times as many grasps, and all of them."""
+EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
+"""Where a thorough look finds none, either."""
+FINEST = replace(THOROUGH, sampling=replace(DENSEST, steps_m=(0.005, 0.003), beyond=True))
+"""Before it is called a proof that an exhaustive look finds none, either."""
+WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
+"""Where the picks of a quick look leave no room to anything."""
+MOST_WIDER = 4
+"""So many that leave some are enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pick:
+    """A way to take hold of an object: arm waypoints of the straight pieces, gripper values, and where the object sits in the hand.
+
+    carrying: the object in the closed hand; lifting: the same while it may touch the floor.
+    """
+
+    grasp: Grasp
+    approach: Array
+    lift: Array
+    gripper_open: float
+    gripper_closed: float
+    held: Held
+    carrying: PlanningQuery
+    lifting: PlanningQuery
+
+    def turned(self, lower: Array, upper: Array) -> list[Pick]:
+        """This pick, and the same with joints whole turns further where limits (A,) allow that."""
+        _, *turns = whole_turns(np.concatenate([self.approach, self.lift]), lower, upper)
+        return [self, *(replace(self, approach=self.approach + by, lift=self.lift + by) for by in turns)]
+
+
+class Picking:
+    """The picks of a scene's objects. The grasps on an object are remembered, for most objects stay where they are."""
+
+    def __init__(self, cell: Workcell, settings: PickSettings = QUICK) -> None:
+        self.cell, self.settings = cell, settings
+        self._known: dict[tuple[str, bytes], _Grasps] = {}
+        self._among: dict[LazyList[Grasp], _Grasps] = {}
+
+    def picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array) -> tuple[list[Pick], Blocked]:
+        """The ways to take hold of an object that hold up to all checks but RRT-Connect's, those first that turn the arm least from q (A,);
+        and how far the best of the others got.
+
+        poses: of all objects; rest: of all besides this one.
+        """
+        return self._picks(self.grasps(poses, name), poses, rest, name, q)
+
+    def picks_with(
+        self, grasps: Sequence[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
+    ) -> tuple[list[Pick], Blocked]:
+        """As `picks`, with these grasps and no others; the best, which come first, are preferred to those that turn the arm less."""
+        key = (name, b"".join(grasp.T_world_hand.tobytes() + np.float64(grasp.width_m).tobytes() for grasp in grasps))
+        if key not in self._known:
+            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+        known = self._known[key]  # which may have been asked for before, as other objects that say the same
+        picks, why = self._picks(known, poses, rest, name, q)
+        ranks = {id(grasp): i for i, grasp in enumerate(known)}
+        return sorted(picks, key=lambda pick: ranks[id(pick.grasp)]), why
+
+    def picks_among(
+        self, grasps: LazyList[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
+    ) -> tuple[list[Pick], Blocked]:
+        """As `picks`, with grasps that are found when they are asked for."""
+        if grasps not in self._among:
+            self._among[grasps] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+        return self._picks(self._among[grasps], poses, rest, name, q)
+
+    def some(
+        self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array, will_do: Callable[[Pick], bool]
+    ) -> list[Pick]:
+        """As `picks`, but only a few that will do, those of the most natural grasps."""
+        ways = self._one_by_one(self.grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
+        return sorted(islice(filter(will_do, ways), MOST_WIDER), key=lambda p: float(np.abs(p.approach[0] - q).max()))
+
+    def grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
+        """The grasps that are sampled on an object where it stands, the most natural first."""
+        key = (name, poses[name].tobytes())
+        if key not in self._known:
+            grasps = sampled_grasps(self.cell.robot, self.cell.scene, name, poses[name], sampling=self.settings.sampling)
+            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+        return self._known[key]
+
+    def _picks(
+        self, grasps: _Grasps, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
+    ) -> tuple[list[Pick], Blocked]:
+        failures = _Failures(self.cell, name)
+        picks = list(self._one_by_one(grasps, poses, rest, name, failures))
+        picks.sort(key=lambda p: float(np.abs(p.approach[0] - q).max()))
+        return picks, failures.furthest
+
+    def _one_by_one(
+        self, grasps: _Grasps, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, failures: _Failures
+    ) -> Iterator[Pick]:
+        """The picks in the grasps' order, each when it is asked for."""
+        cell, hands, found = self.cell, dict[float, _OpenHand](), 0
+        for i, grasp in enumerate(grasps):
+            width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
+            hand = hands.get(width)
+            if hand is None:
+                hand = hands[width] = _OpenHand(cell, poses, name, width)
+            T_hand = cell.robot.opening.beside(grasp.T_world_hand)
+            ways = [way for way in self._ways_in(hand, T_hand, grasps, i, failures) if hand.closes(way[-1], failures)]
+            if not ways:
+                continue
+            held = Held(name, cell.robot.opening.held(inverse(T_hand) @ poses[name]))
+            carrying = cell.problem(rest, hand.closed, held=held)
+            lifting = carrying.allowing(name, "floor")
+            for way in ways:
+                up = np.empty((LIFT_STEPS + 1, way.shape[1]))
+                code, pair = reaching.lift(cell.hand, lifting.task, T_hand, way[-1], up, cell.memory)
+                if code == reaching.OK:
+                    found += 1
+                    cell.forget()
+                    yield Pick(grasp, way, up, hand.opened, hand.closed, held, carrying, lifting)
+                else:
+                    failures.note(code, lifting, pair)
+            if found >= self.settings.enough_picks or (found and i + 1 >= self.settings.enough_grasps):
+                break
+        cell.forget()
+
+    def _ways_in(self, hand: _OpenHand, T_hand: Array, grasps: _Grasps, i: int, failures: _Failures) -> Array:
+        """Arm waypoints (W, n, A) of the straight ways of an open hand to grasp i, at T_hand (4, 4): the hand alone first, then the arm's
+        solutions."""
+        cell, task = self.cell, hand.reaching.task
+        code, pair = reaching.hand_way_in(cell.hand, task, T_hand, cell.memory)
+        if code != reaching.OK:
+            failures.note(code, hand.reaching, pair)
+            return np.empty((0, 0, 0))
+        solutions = grasps.solutions(T_hand, i)
+        if len(solutions) == 0:
+            failures.out_of_reach()
+        found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
+        free = reaching.ways_in(cell.hand, task, T_hand, solutions, cell.memory, found, said)
+        for code, pair in said:
+            if code != reaching.OK:
+                failures.note(code, hand.reaching, pair)
+        return found[:free]
+
+
+class _Failures:
+    """How far the best of the ways that failed got, in words."""
+
+    def __init__(self, cell: Workcell, name: str) -> None:
+        self.furthest = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening")
+        self._cell, self._name, self._got_to = cell, name, 0
+
+    def out_of_reach(self) -> None:
+        if self._got_to == 0:
+            self.furthest, self._got_to = Blocked("ik", "hand", self._name, detail="the grasp is out of reach"), 1
+
+    def note(self, code: int, query: PlanningQuery | ContactQuery, pair: int) -> None:
+        """One got as far as a code of `reaching`, where a pair of the query touched."""
+        if 1 + code >= self._got_to:
+            self.furthest, self._got_to = queries.blocked(STAGES[code], query, pair, self._name), 1 + code
+
+
+class _OpenHand:
+    """The hand before it closes on an object of some width: gripper values, the query while it is open, and those while the fingers
+    move."""
+
+    def __init__(self, cell: Workcell, poses: Mapping[str, Array], name: str, width_m: float) -> None:
+        opening = cell.robot.opening
+        self.opened, self.closed = opening.value_at(open_width(width_m, opening)), opening.closing_value(width_m)
+        self.reaching = cell.problem(poses, self.opened)
+        self._cell, self._poses, self._name = cell, poses, name
+
+    @cached_property
+    def closing(self) -> ContactQuery:
+        """Not asked for where the open hand does not even get there."""
+        return self._cell.moving_fingers(self._poses, self._name, self.opened, self.closed)
+
+    def closes(self, q: Array, failures: _Failures) -> bool:
+        """Whether nothing touches while the fingers close, the arm being at q (A,)."""
+        pair = reaching.fingers(self.closing.problem, q, self._cell.memory)
+        if pair >= 0:
+            failures.note(reaching.FINGERS, self.closing, pair)
+        return bool(pair < 0)
+
+
+class _Grasps(LazyList[Grasp]):
+    """The grasps on an object where it stands, and the arm's solutions for each; both are found when asked for, and once."""
+
+    def __init__(self, cell: Workcell, grasps: Iterable[Grasp], ik_tries: int) -> None:
+        super().__init__(grasps)
+        self._cell, self._tries = cell, ik_tries
+        self._solutions: dict[int, Array] = {}
+
+    def solutions(self, T_hand: Array, i: int) -> Array:
+        """Arm configurations (S, A) with the hand at T_hand (4, 4), for grasp number i, the nearest to home first."""
+        if i not in self._solutions:
+            self._solutions[i] = self._cell.ik(T_hand, tries=self._tries)
+        return self._solutions[i]
+
+
+def sampled_grasps(
+    robot: Robot, scene: Scene, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
+) -> Iterator[Grasp]:
+    """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default.
+
+    On a mesh, where pads may meet an edge, or the palm what is beside them, and of a hand of one's own whose pads are askew, those that the
+    verdict accepts in the empty cabinet.
+    """
+    to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
+    toward = float(np.arctan2(to_body[1], to_body[0]))
+    kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
+    body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
+    found = grasps_on(body, robot, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, headings)
+    mesh = isinstance(body.shape, ConvexMesh)
+    if not mesh and not _is_askew(robot):
+        return found
+    if sampling is not USUAL:
+        found = islice(found, MOST_JUDGED)
+    alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())
+    good = (grasp for grasp in found if judge_grasp(robot, alone, grasp) is None)
+    return islice(good, sampling.yaws * MOST_PER_YAW) if mesh else good
+
+
+def can_be_exhaustive(robot: Robot, scene: Scene) -> bool:
+    """Whether grasps cost little to sample: none is judged by itself."""
+    return not any(isinstance(body.shape, ConvexMesh) for body in scene.objects) and not _is_askew(robot)
+
+
+def _is_askew(robot: Robot) -> bool:
+    """Whether the hand is one of one's own whose pads are askew."""
+    return robot.grip is not None and closes_askew(robot)
+
+
+def headings_of(arm: Arm) -> Headings | None:
+    """How an arm of few joints can look at a place; None of one that can choose that."""
+    if not arm.few_joints:
+        return None
+
+    def headings(T_world_middle: Array, width_m: float) -> list[Array]:
+        T_hand_middle = transform(p=arm.robot.opening.middle(width_m))
+        home, out = arm.robot.arm_q(arm.robot.home), list[Array]()
+        for R in (T_world_middle[:3, :3], T_world_middle[:3, :3] @ HALF_TURN):
+            T = transform(R, T_world_middle[:3, 3])
+            turns = sorted((arm.turned(T_hand_middle, T, q) for q in arm.headed(T_hand_middle, T, home, HEADING_TRIES)), key=abs)
+            apart = [turn for i, turn in enumerate(turns) if all(abs(turn - other) > SAME_HEADING for other in turns[:i])]
+            out += [rotation_about((0.0, 0.0, 1.0), turn) @ R for turn in apart]
+        return out
+
+    return headings

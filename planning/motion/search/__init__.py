@@ -1,0 +1,1 @@
+"""From configuration to configuration, compiled: certified edges, RRT-Connect, shortcuts, straight reaches."""

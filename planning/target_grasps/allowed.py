@@ -1,0 +1,69 @@
+"""With which grasps the target may be taken: the scene's x_g, the best of its list, or any that the sampler finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import chain
+
+from kinematics.errors import InputError
+from kinematics.robots.robot import Robot
+from kinematics.scene import Grasp, Scene
+from planning.grasping.sampling import USUAL, Sampling
+from planning.motion.handling.picking import sampled_grasps
+from planning.verdict import judge_grasp
+
+
+class GraspChoice(StrEnum):
+    """Which grasps of the target are tried."""
+
+    GIVEN = "given"  # the scene's x_g, and no other
+    ANY = "any"  # x_g, and all that are sampled on the target where it stands, with the scene's approaches
+    LIST = "list"  # x_g and the scene's alternatives, the best first
+
+
+@dataclass(frozen=True, eq=False)
+class TargetGrasps:
+    """first: the best in front. more: others that are found when asked for, by how densely they are sampled; None where there are none."""
+
+    first: tuple[Grasp, ...]
+    more: Callable[[Sampling], Iterator[Grasp]] | None = None
+
+    def representative(self) -> Grasp | None:
+        """The grasp that stands for all of them where one x_g is asked for: the first that there is."""
+        return next(chain(self.first, self.more(USUAL) if self.more else ()), None)
+
+
+def check_choice(scene: Scene, choice: GraspChoice) -> None:
+    """Raises: InputError for a scene without the grasp or the list that was chosen."""
+    if choice is GraspChoice.GIVEN:
+        _ = scene.x_g
+    if choice is GraspChoice.LIST and not scene.grasps:
+        raise InputError(f"scene {scene.id} has no list of grasps: retrieve grasp proposes one, or plan with --grasp given or any")
+
+
+def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGrasps | str:
+    """The grasps of a choice that can be meant (`planning.verdict.judge_grasp`), or why there is none, in words.
+
+    Raises: InputError for a scene without a target, or without the grasp or the list that was chosen.
+    """
+    target = scene.target_body
+    check_choice(scene, choice)
+    if choice is GraspChoice.GIVEN:
+        wrong = judge_grasp(robot, scene, scene.x_g)
+        return wrong if wrong is not None else TargetGrasps((scene.x_g,))
+    known: tuple[Grasp, ...] = () if scene.grasp is None else (scene.grasp,)
+    if choice is GraspChoice.LIST:
+        known += tuple(grasp for grasp, _ in scene.grasps)
+    judged = [(grasp, judge_grasp(robot, scene, grasp)) for grasp in known]
+    good = tuple(grasp for grasp, wrong in judged if wrong is None)
+    if choice is GraspChoice.LIST:
+        return TargetGrasps(good) if good else f"none of the {len(judged)} that are listed can be meant; the first: {judged[0][1]}"
+
+    def more(sampling: Sampling) -> Iterator[Grasp]:
+        found = sampled_grasps(robot, scene, target.name, target.T_world_body, sampling=sampling)
+        return (grasp for grasp in found if judge_grasp(robot, scene, grasp) is None)
+
+    grasps = TargetGrasps(good, more)
+    return grasps if grasps.representative() is not None else f"no grasp that is sampled on {target.name} can be meant"

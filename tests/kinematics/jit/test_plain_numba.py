@@ -18,7 +18,7 @@ from kinematics.jit.support import FORCE, SHOWN, missing_part, why_plain
 ROOT = Path(__file__).resolve().parents[3]
 TINY = """
 import json, sys
-sys.path[:0] = ["tests", "tests/planning/motion"]
+sys.path[:0] = ["tests", "tests/planning/motion/search"]
 from test_rrt_connect import LEFT, RIGHT, make_task, plan, shorten, slit
 from kinematics.jit.decorators import PLAIN
 from kinematics.collision import edge_check

@@ -26,7 +26,7 @@ from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.scenes.generation import SPECS, NoScene, Spec, generate, load_spec
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 N, SEED = 4, 5  # scenes of each spec
 MEASURED = {"planning_time_s", "motion_time_s"}
 

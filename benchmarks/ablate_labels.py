@@ -17,11 +17,11 @@ import numpy as np
 import pyarrow.parquet as parquet
 import torch
 
-from planning.learning.dataset import Data, read, split
-from planning.learning.evaluate import judge_osnet, judge_rpnet
-from planning.learning.label_file import NOT_ASKED, read_manifest
-from planning.learning.settings import Settings
-from planning.learning.train import make_net, train
+from planning.learning.labelling.label_file import NOT_ASKED, read_manifest
+from planning.learning.training.dataset import Data, read, split
+from planning.learning.training.evaluate import judge_osnet, judge_rpnet
+from planning.learning.training.settings import Settings
+from planning.learning.training.train import make_net, train
 
 FEW = 16
 CERTAIN = 20.0  # a logit

@@ -25,9 +25,9 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
 from planning.learning import numpy_inference  # noqa: E402
-from planning.learning.settings import Settings  # noqa: E402
-from planning.learning.tokens import Tokens  # noqa: E402
-from planning.learning.train import make_net  # noqa: E402
+from planning.learning.networks.tokens import Tokens  # noqa: E402
+from planning.learning.training.settings import Settings  # noqa: E402
+from planning.learning.training.train import make_net  # noqa: E402
 
 
 def median_ms(run: Callable[[], object], times: int = 300) -> float:

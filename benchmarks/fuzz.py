@@ -138,7 +138,7 @@ def prepare(folder: Path) -> None:
 
     from perception.camera import pinhole
     from perception.frames import Frame, write_frames
-    from planning.learning.model import WEIGHTS
+    from planning.learning.networks.model import WEIGHTS
 
     (folder / "scene.jsonl").write_text(documents.lines(documents.scene()))
     (folder / "observation.jsonl").write_text(documents.lines(documents.observed()))
@@ -206,7 +206,7 @@ def read_toml(file: Path) -> None:
 
 def read_model(file: Path) -> None:
     from kinematics.errors import blame
-    from planning.learning.model import from_pretrained
+    from planning.learning.networks.model import from_pretrained
 
     with blame("plan: --model"):
         from_pretrained(file.parent)
@@ -214,7 +214,7 @@ def read_model(file: Path) -> None:
 
 def read_labels(file: Path) -> None:
     from kinematics.errors import blame
-    from planning.learning.dataset import read
+    from planning.learning.training.dataset import read
 
     with blame("train"):
         read(file.parent)

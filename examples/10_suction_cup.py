@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from kinematics.robots import urdf
+from kinematics.robots.files import urdf
 from kinematics.robots.named import locate, named_robots
 from kinematics.transforms import transform
 

@@ -21,7 +21,7 @@ from kinematics.scene import Scene
 from perception.observation import is_seen
 from planning.io import files
 from planning.io.results import plan_writer
-from planning.learning.model import Model, ships
+from planning.learning.networks.model import Model, ships
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace

@@ -21,9 +21,9 @@ from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_se
 
 if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
-    from planning.learning.label_file import Manifest
-    from planning.learning.labels import Row
-    from planning.learning.states import Variety
+    from planning.learning.labelling.label_file import Manifest
+    from planning.learning.labelling.labels import Row
+    from planning.learning.labelling.states import Variety
     from planning.scenes.generation import Spec
 
 SHARD = 25  # scenes
@@ -74,7 +74,7 @@ def run(
     address: str | None,
 ) -> None:
     """Label scenes of a file, or generated ones, shard by shard; go on where an earlier call of the same kind stopped."""
-    from planning.learning import shards
+    from planning.learning.labelling import shards
     from planning.motion.settings import DEFAULTS
 
     if scenes is not None and n is not None:
@@ -118,7 +118,7 @@ def run(
 def label_item(job: Job, item: Item) -> list[Row]:
     """The rows of one scene. Raises: InputError when it can't be made, or the robot can't stand before it."""
     from kinematics.robots.load import from_ref
-    from planning.learning.states import rows, varied_scene
+    from planning.learning.labelling.states import rows, varied_scene
     from planning.scenes.generation import NoScene
 
     with blame(item.where, NoScene):
@@ -153,7 +153,7 @@ def _made(
 ) -> tuple[dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
     """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn."""
     from kinematics.robots.load import load
-    from planning.learning.states import Variety
+    from planning.learning.labelling.states import Variety
     from planning.scenes.generation import load_spec
 
     with blame("label"):
@@ -174,7 +174,7 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
     """
     from importlib.metadata import version as installed
 
-    from planning.learning import label_file
+    from planning.learning.labelling import label_file
     from retrieve_cli.version import version
 
     versions = {"retrieve": version(), **{name: installed(name) for name in ("numpy", "numba", "pyarrow")}}

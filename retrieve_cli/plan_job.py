@@ -56,7 +56,7 @@ def pace(job: Job) -> Pace:
 def check(job: Job) -> None:
     """Raises: InputError for options that do not go together, or a model or limits that can't be read."""
     from kinematics.robots.limits import read_tables
-    from planning.learning.model import once_loaded
+    from planning.learning.networks.model import once_loaded
     from planning.policies import NETWORKS, POLICIES
 
     if job.policy is not None:

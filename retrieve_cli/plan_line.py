@@ -50,7 +50,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     """The plan of one scene. Raises: InputError, beginning with `where`, when the scene can't be meant: its robot, its target, its x_g."""
     from kinematics.robots.load import from_ref
     from planning import library
-    from planning.learning.model import once_loaded
+    from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
 
     if job.sense:
@@ -84,7 +84,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from kinematics.robots.load import from_ref
     from perception.camera import DepthNoise
     from planning import library
-    from planning.learning.model import once_loaded
+    from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
     from planning.retrieval import Rule
@@ -132,7 +132,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
 
 def _default_policy(robot: str, model: str | None) -> str:
     """The policy when none is asked for: the networks, or for a robot without them the look ahead alone, which is said."""
-    from planning.learning.model import once_loaded
+    from planning.learning.networks.model import once_loaded
     from planning.library import default_policy
 
     policy = default_policy(robot, once_loaded(model) if model else None)

@@ -79,8 +79,8 @@ def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -
         raise InputError(f"robots: --at says where a tool is; say which: retrieve robots {name} --tool GRIPPER.urdf --urdf OUT.urdf")
     if out is None or str(out) == "-":
         raise InputError(f"robots: say where the arm with its tool goes: retrieve robots {name} --tool {tool} --urdf OUT.urdf")
-    from kinematics.robots.hang_tool import with_tool
-    from kinematics.robots.urdf import to_string
+    from kinematics.robots.files.hang_tool import with_tool
+    from kinematics.robots.files.urdf import to_string
 
     with blame("robots"):
         root, link = with_tool(Path(name), tool, at)

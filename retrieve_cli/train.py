@@ -15,7 +15,7 @@ from planning.io.outputs import replacing, write_text
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
-    from planning.learning.train import Begin, Epoch, Trained
+    from planning.learning.training.train import Begin, Epoch, Trained
 
 VALIDATION_SHARE = 0.1  # of the scenes
 
@@ -38,11 +38,11 @@ def run(
     """Train both networks and write the model folder. A run that was broken off leaves OUT/checkpoint, and goes on from there."""
     import torch
 
-    from planning.learning import dataset
-    from planning.learning.evaluate import judge_osnet, judge_rpnet
-    from planning.learning.model import NETS
-    from planning.learning.settings import Settings
-    from planning.learning.train import make_net, train
+    from planning.learning.networks.model import NETS
+    from planning.learning.training import dataset
+    from planning.learning.training.evaluate import judge_osnet, judge_rpnet
+    from planning.learning.training.settings import Settings
+    from planning.learning.training.train import make_net, train
 
     where = "cuda" if device == "auto" and torch.cuda.is_available() else {"auto": "cpu"}.get(device, device)
     if where == "cuda" and not torch.cuda.is_available():
@@ -78,7 +78,7 @@ def run(
 
 def _first_weights(folder: Path, form: str) -> dict[str, Begin]:
     """The weights of a model to begin with. Raises: InputError for a folder that is none, or networks of the other form."""
-    from planning.learning.model import from_pretrained
+    from planning.learning.networks.model import from_pretrained
 
     with blame("train: --from"):
         model = from_pretrained(folder)
@@ -133,7 +133,7 @@ def _write_model(
 
     from safetensors.torch import save
 
-    from planning.learning.model import describe
+    from planning.learning.networks.model import describe
     from retrieve_cli.version import version
 
     shapes = {}

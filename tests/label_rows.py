@@ -1,4 +1,4 @@
-"""Labels read back row by row, for tests; training reads them column by column (planning.learning.dataset)."""
+"""Labels read back row by row, for tests; training reads them column by column (planning.learning.training.dataset)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from planning.learning.label_file import read_manifest
-from planning.learning.labels import Row
-from planning.learning.shards import ARROW
+from planning.learning.labelling.label_file import read_manifest
+from planning.learning.labelling.labels import Row
+from planning.learning.labelling.shards import ARROW
 
 
 def read_rows(folder: Path) -> Iterator[Row]:

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from toy_arm import ARM, JOINTS, URDF
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array

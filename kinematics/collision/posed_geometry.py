@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinematics.chain import Chain, Int
-from kinematics.collision.cover_levels import Levels
+from kinematics.collision.covers.levels import Levels
 from kinematics.collision.geometry import Parts
 from kinematics.collision.vertex_groups import GROUP, grouped
 from kinematics.jit.decorators import jit_entry, jit_inline

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from kinematics.chain import Int
-from kinematics.collision.cover_levels import Levels, box_levels, cylinder_levels, levels
+from kinematics.collision.covers.levels import Levels, box_levels, cylinder_levels, levels
 from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry, pose_others
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot

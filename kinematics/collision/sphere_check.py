@@ -1,6 +1,6 @@
 """Sixteen configurations at once: a compiled check that says "free" only where it is certain.
 
-The arm's parts are covered by balls (see cover_levels.py). One batch holds 16 configurations side by side in float32, one a
+The arm's parts are covered by balls (see covers/levels.py). One batch holds 16 configurations side by side in float32, one a
 lane (see simd.py).
 
 Free along an edge. An edge is straight in joint space. It is cut into pieces, a lane takes the middle of one, and every ball grows by the

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain
-from kinematics.collision.cover_levels import Levels
+from kinematics.collision.covers.levels import Levels
 from kinematics.collision.geometry import Parts, Query, Solids
 from kinematics.collision.posed_geometry import PosedGeometry, make_posed_geometry
 from kinematics.jit.decorators import jit_entry, jit_inline

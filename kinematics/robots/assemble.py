@@ -14,14 +14,14 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from kinematics import cache
-from kinematics.robots import urdf
 from kinematics.robots.derive import derive, fingerprint
+from kinematics.robots.files import urdf
+from kinematics.robots.hands.measured import measure_once
+from kinematics.robots.hands.suction import VALVE, measure_cup
 from kinematics.robots.limits import joint_limits
-from kinematics.robots.measured import measure_once
 from kinematics.robots.named import named_robots
 from kinematics.robots.robot import Robot
 from kinematics.robots.selfcheck import check_kinematics
-from kinematics.robots.suction import VALVE, measure_cup
 from kinematics.robots.tree import FIXED, LinkHull, Tree
 from kinematics.scene import WALLS
 from kinematics.transforms import Array

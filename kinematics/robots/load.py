@@ -18,11 +18,11 @@ import numpy as np
 from lxml import etree
 
 from kinematics import cache
-from kinematics.robots import urdf
 from kinematics.robots.assemble import CACHE_VERSION, assemble, stamps
 from kinematics.robots.derive import read_description
-from kinematics.robots.dialects import visuals_instead
-from kinematics.robots.hand_model import Model, NoGripper
+from kinematics.robots.files import urdf
+from kinematics.robots.files.dialects import visuals_instead
+from kinematics.robots.hands.hand_model import Model, NoGripper
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.named import locate, named_robots
 from kinematics.robots.own import Grip, find_grip, grip_from_arrays, grip_to_arrays, put_in

@@ -11,13 +11,13 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from kinematics.errors import did_you_mean
-from kinematics.robots import urdf
-from kinematics.robots.find_gripper import HINGE_RAD, CupFound, Motors, drive, find_palm, rigid
-from kinematics.robots.fixed_joints import freeze
-from kinematics.robots.gripper import NotClosing, measure
-from kinematics.robots.hand_frame import hand_frame as measured_frame
-from kinematics.robots.hand_model import Model, NoGripper
-from kinematics.robots.suction import ON_M, SUCTION, add_valve, at_face, cup_frame, cup_links
+from kinematics.robots.files import urdf
+from kinematics.robots.files.fixed_joints import freeze
+from kinematics.robots.hands.find_gripper import HINGE_RAD, CupFound, Motors, drive, find_palm, rigid
+from kinematics.robots.hands.gripper import NotClosing, measure
+from kinematics.robots.hands.hand_frame import hand_frame as measured_frame
+from kinematics.robots.hands.hand_model import Model, NoGripper
+from kinematics.robots.hands.suction import ON_M, SUCTION, add_valve, at_face, cup_frame, cup_links
 from kinematics.robots.tree import FIXED, TURNS, LinkHull, Tree
 from kinematics.transforms import Array, inverse, rotation_about, transform, wxyz_from_rotation
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from kinematics.chain import Chain, Int
 from kinematics.collision.geometry import Parts, make_parts
+from kinematics.robots.hands.opening import Opening
 from kinematics.robots.limits import JointLimits
-from kinematics.robots.opening import Opening
 from kinematics.robots.own import Grip
 from kinematics.robots.tree import FIXED, SLIDES, TURNS, LinkHull, Tree, carried
 from kinematics.transforms import Array, inverse, rotation_about, transform

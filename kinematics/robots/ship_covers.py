@@ -7,7 +7,7 @@ import zipfile
 
 import numpy as np
 
-from kinematics.collision import cover_levels
+from kinematics.collision.covers import levels as cover_levels
 from kinematics.robots.load import load
 from kinematics.robots.named import named_robots
 from kinematics.transforms import Array

@@ -13,7 +13,7 @@ from itertools import chain
 
 import numpy as np
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds

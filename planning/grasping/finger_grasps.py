@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, rotation_about, transform

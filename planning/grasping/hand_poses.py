@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.robots.opening import ROOM_M, SLICES, TILTS, Opening
+from kinematics.robots.hands.opening import ROOM_M, SLICES, TILTS, Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, inverse
 

@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, transform

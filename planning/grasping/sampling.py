@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from kinematics.robots.opening import ROOM_M
+from kinematics.robots.hands.opening import ROOM_M
 from kinematics.transforms import Array
 
 PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from planning.learning.model import FORMS, Model, shipped
+from planning.learning.networks.model import FORMS, Model, shipped
 from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
 from planning.policies.lookahead import NEAREST, Lookahead

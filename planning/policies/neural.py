@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from perception.observation import Observation
-from planning.learning.model import Chosen, Model, Placed, Seen
+from planning.learning.networks.model import Chosen, Model, Placed, Seen
 from planning.policies.regions import free_regions
 from planning.policies.search import Preferences
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinematics.chain import Int
 from kinematics.transforms import apply, inverse
 from perception.observation import Observation
-from planning.learning.labels import PathsToTarget, paths_met, paths_to_target
+from planning.learning.labelling.labels import PathsToTarget, paths_met, paths_to_target
 from planning.motion.pick_place import Motions
 from planning.policies.regions import free_regions
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from kinematics.errors import InputError
 from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
-from kinematics.robots.suction import ON_M, SUCTION
+from kinematics.robots.hands.suction import ON_M, SUCTION
 from kinematics.transforms import Array
 from planning.plan import Motion, Plan
 

@@ -14,8 +14,8 @@ import pytest
 import synthetic_labels
 from safetensors.numpy import load_file
 
-from planning.learning import train as training
-from planning.learning.model import from_pretrained
+from planning.learning.networks.model import from_pretrained
+from planning.learning.training import train as training
 from retrieve_cli.train import sparkline
 
 FAST = ("--epochs", "2", "--width", "16", "--batch", "32", "--threads", "1", "--device", "cpu")
@@ -145,8 +145,8 @@ def test_a_run_begins_with_the_weights_of_a_model(labels: Path, tmp_path: Path, 
 
 
 def test_heads_that_older_networks_lack_are_new(labels: Path, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
-    from planning.learning.settings import Settings
-    from planning.learning.train import make_net
+    from planning.learning.training.settings import Settings
+    from planning.learning.training.train import make_net
 
     settings = Settings(width=16)
     old = {key: w.numpy() for key, w in make_net("osnet", replace(settings, seed=5)).state_dict().items()}

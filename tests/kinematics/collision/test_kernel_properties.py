@@ -17,10 +17,10 @@ from small_queries import make_problem
 
 from kinematics.chain import forward
 from kinematics.collision import edge_check, sphere_check
+from kinematics.collision.covers.sphere_cover import uncovered
 from kinematics.collision.fcl_solids import Solid, hull_solid, shape_solids
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.collision.robot_model import link_covers, robot_collision_model
-from kinematics.collision.sphere_cover import uncovered
 from kinematics.collision.sphere_model import make_sphere_world, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet

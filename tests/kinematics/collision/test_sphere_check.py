@@ -12,7 +12,8 @@ from numba import njit
 from scipy.spatial import ConvexHull
 
 from kinematics.chain import Chain, forward
-from kinematics.collision import cover_levels, sphere_check
+from kinematics.collision import sphere_check
+from kinematics.collision.covers import levels as cover_levels
 from kinematics.collision.geometry import BOX, CYLINDER, Parts, Query, make_parts, make_solids
 from kinematics.collision.sphere_model import make_sphere_model, make_sphere_world
 from kinematics.scene import Body

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.grasping.hand_poses import ALONG, CLEAR_M, IN_CABINET_M, LOWEST_M, _Planes, hand_looking, lowest_of

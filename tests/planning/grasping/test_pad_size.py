@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.pads import PAD_FACE_M, PAD_REACH_M, Pad, pad_of

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from kinematics.robots.hands.opening import ROOM_M, SLICES, TILTS, Opening
 from kinematics.robots.load import load
-from kinematics.robots.opening import ROOM_M, SLICES, TILTS, Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp
 from kinematics.shapes import Box, Cylinder

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kinematics.robots.opening import Opening
+from kinematics.robots.hands.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners

@@ -19,7 +19,7 @@ from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
 from planning.grasping.finger_grasps import open_width, sample_grasps
-from planning.learning.brief_look import BriefLook
+from planning.learning.labelling.brief_look import BriefLook
 from planning.motion.cell import workcell
 from planning.motion.cell.arm import FINGERS_AT, Arm
 from planning.motion.cell.queries import pair_of

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from planning import policies
-from planning.learning.model import Model
+from planning.learning.networks.model import Model
 from planning.policies import LOOK_AHEAD, NEAREST, NETWORKS, POLICIES, Effort, make_policy
 
 MOTIONS: Any = SimpleNamespace(robot=SimpleNamespace(name="ur5e"))

@@ -11,8 +11,8 @@ import pytest
 from fakes import observation
 
 from perception.observation import Observation
-from planning.learning.model import Chosen, Placed
-from planning.learning.scores import region_score
+from planning.learning.networks.model import Chosen, Placed
+from planning.learning.networks.scores import region_score
 from planning.policies.neural import CachedEncoding, make_neural_object, make_neural_preferences, make_neural_region
 from planning.policies.regions import free_regions
 

@@ -1,0 +1,356 @@
+"""URDFs as they are found: xacro, packages elsewhere, capsules, quaternions, soft limits, COLLADA, meshes in millimetres or concave."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from lxml import etree
+
+from kinematics.robots import link_geometry
+from kinematics.robots.derive import derive
+from kinematics.robots.files import urdf
+from kinematics.robots.files.urdf import mesh_files
+from kinematics.robots.link_geometry import collada_frame, read_mesh
+from kinematics.robots.tree import LinkHull
+from kinematics.transforms import Array, rotation_rpy
+
+BOX = '<box size="0.1 0.1 0.1"/>'
+TURNS = 'type="revolute"'
+LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+
+
+def arm(
+    geometry: str = BOX, *, joint: str = f'<axis xyz="0 0 1"/>{LIMIT}', kind: str = "revolute", more: str = "", origin: str = ""
+) -> str:
+    """A URDF of a base and one link that turns on it."""
+    return (
+        f'<robot name="a"><link name="base"><collision><geometry>{BOX}</geometry></collision></link><joint name="turn" type="{kind}">'
+        f'<parent link="base"/><child link="tip"/><origin xyz="0 0 0.5"/>{joint}</joint>'
+        f'<link name="tip"><collision>{origin}<geometry>{geometry}</geometry></collision></link>{more}</robot>'
+    )
+
+
+def read(folder: Path, text: str, name: str = "a.urdf") -> tuple[etree._Element, tuple[str, ...]]:
+    (folder / name).write_text(text)
+    return urdf.read(folder / name)
+
+
+def hulls(folder: Path, text: str, link: str = "tip") -> list[LinkHull]:
+    """The hulls of a link, in its frame."""
+    root, _ = read(folder, text)
+    data = derive(urdf.to_string(root), "a", None, {})
+    out, start = [], 0
+    for name, (count, _) in zip(data["hull_link"], data["hull_counts"]):
+        if name == link:
+            out.append(LinkHull(link, data["hull_vertices"][start : start + count], np.empty((0, 3), np.int64)))
+        start += count
+    return out
+
+
+def extent(found: list[LinkHull]) -> Array:
+    points = np.concatenate([h.vertices for h in found])
+    return np.asarray([points.min(0), points.max(0)])
+
+
+# What makes no sense is one line ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (arm(joint=f'<axis xyz="0 0 0"/>{LIMIT}'), "joint 'turn': its axis is 0 0 0, which points nowhere"),
+        (arm(joint='<limit lower="2" upper="-1"/>'), "joint 'turn': its lower limit 2 is above its upper limit -1; swap them"),
+        (arm(joint='<limit lower="nan" upper="1"/>'), "joint 'turn': <limit lower='nan'> is not finite"),
+        (arm(joint='<limit lower="-1" upper="one"/>'), "joint 'turn': <limit upper='one'> is no number"),
+        (arm(joint='<limit lower="0" upper="0"/>'), "joint 'turn': its limits are both 0, so it can't move; make it fixed"),
+        (arm(joint="<limit velocity='1'/>"), "joint 'turn': it has no limits; give it <limit lower"),
+        (arm(joint=""), "joint 'turn': it has no limits"),
+        (arm(joint="", kind="floating"), "joint 'turn': its type is 'floating'; revolute, continuous"),
+        (arm().replace('<child link="tip"/>', '<child link="tipp"/>'), "joint 'turn': its child is the link 'tipp', which does not"),
+        (arm().replace('<parent link="base"/>', ""), "joint 'turn': its parent is the link '', which does not exist"),
+        (arm().replace('<parent link="base"/>', "").replace("<link", "<link/><link", 1), "its parent is the link '', which does not exist"),
+        (arm(joint=f'{LIMIT}<mimic joint="trun"/>'), "joint 'turn': it mimics 'trun', which does not exist (did you mean 'turn'?)"),
+        (arm(joint=f'{LIMIT}<mimic joint="turn"/>'), "joint 'turn' mimics itself"),
+        (arm(more='<link name="tip"/>'), "there are 2 links called 'tip'"),
+        (arm(more='<joint name="j" type="fixed"><parent link="base"/><child link="tip"/></joint>'), "link 'tip' has two parents"),
+        (arm(more='<joint name="j" type="fixed"><parent link="tip"/><child link="base"/></joint>'), "closes a circle of links (base on"),
+        (arm('<box size="0.1 0.1"/>'), "link 'tip': <box size='0.1 0.1'> must hold 3 numbers"),
+        (arm('<sphere radius="-1"/>'), "link 'tip': <sphere radius='-1'> is not positive"),
+        (arm(origin='<origin quat_xyzw="0 0 0 0"/>'), "quat_xyzw '0 0 0 0' is no rotation"),
+    ],
+    ids=lambda value: None if str(value).startswith("<robot") else str(value)[:48],
+)  # fmt: skip
+def test_what_can_not_be_meant_is_one_line_with_the_file_and_the_joint(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=re.escape(says)) as e:
+        read(tmp_path, text)
+    assert str(e.value).startswith(f"{tmp_path / 'a.urdf'}: ")
+    assert "\n" not in str(e.value)
+
+
+# Other words for what URDF 1.0 can say ---------------------------------------------------------------------------------------------------
+
+
+def test_a_capsule_is_a_cylinder_with_two_round_ends(tmp_path: Path) -> None:
+    """Turned and moved, as its origin says; the ends are no more than 2 % too long."""
+    found = hulls(tmp_path, arm('<capsule radius="0.05" length="0.3"/>', origin='<origin xyz="1 0 0" rpy="0 1.5707963 0"/>'))
+    low, high = extent(found)
+    np.testing.assert_allclose(low, [1 - 0.2, -0.05, -0.05], atol=0.001)
+    np.testing.assert_allclose(high, [1 + 0.2, 0.05, 0.05], atol=0.001)
+    assert (low <= [0.8, -0.05, -0.05]).all()
+    assert (high >= [1.2, 0.05, 0.05]).all()
+
+
+def test_an_origin_may_be_a_quaternion(tmp_path: Path) -> None:
+    rpy = (0.3, -0.8, 2.0)
+    R = rotation_rpy(rpy)
+    w = np.sqrt(1 + np.trace(R)) / 2
+    xyzw = [(R[2, 1] - R[1, 2]) / (4 * w), (R[0, 2] - R[2, 0]) / (4 * w), (R[1, 0] - R[0, 1]) / (4 * w), w]
+    quaternion = " ".join(str(3 * v) for v in xyzw)  # of any length
+    turned = hulls(tmp_path, arm(origin=f'<origin xyz="0 1 0" quat_xyzw="{quaternion}"/>'))
+    same = hulls(tmp_path, arm(origin='<origin xyz="0 1 0" rpy="0.3 -0.8 2.0"/>'))
+    np.testing.assert_allclose(extent(turned), extent(same), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "read_as"),
+    [("1 0 0 0.5", "1 0 0 0.5"), ("1 0 0", "1 0 0 1"), ("0.1 0.2 0.3 0 1", "0.1 0.2 0.3 1"), ("red", "0.7 0.7 0.7 1")],
+)
+def test_no_robot_is_refused_for_a_colour(given: str, read_as: str, tmp_path: Path) -> None:
+    visual = f'<visual><geometry>{BOX}</geometry><material name="m"><color rgba="{given}"/></material></visual></link>'
+    root, _ = read(tmp_path, arm().replace("</link>", visual, 1))
+    assert [colour.get("rgba") for colour in root.iter("color")] == [read_as]
+
+
+def test_a_link_has_a_name_and_nothing_else(tmp_path: Path) -> None:
+    """Readers print a line for each other attribute, which the PR2 has."""
+    root, _ = read(tmp_path, arm().replace('<link name="tip"', '<link name="tip" type="laser"'))
+    assert [dict(link.attrib) for link in root.iter("link")] == [{"name": "base"}, {"name": "tip"}]
+
+
+def test_a_robot_without_collision_geometry_is_as_large_as_it_is_drawn(tmp_path: Path) -> None:
+    text = arm(origin='<origin xyz="1 0 0" rpy="0 1 0"/>')
+    drawn = text.replace("collision>", "visual>")
+    np.testing.assert_allclose(extent(hulls(tmp_path, drawn)), extent(hulls(tmp_path, text)))
+    assert read(tmp_path, drawn)[1] == ("what is drawn is taken for the collision geometry that is missing of the links base, tip",)
+
+
+def test_fingers_without_collision_geometry_are_as_large_as_they_are_drawn(tmp_path: Path) -> None:
+    """And what carries them. Covers further up, or beside what has some, are drawn only."""
+    names = ["base", "upper", "cover", "palm", "jaw", "screen"]
+    links = "".join(f'<link name="{n}"><visual><geometry>{BOX}</geometry></visual></link>' for n in names)
+    parents = {"upper": "base", "cover": "upper", "palm": "upper", "jaw": "palm", "screen": "base"}
+    kinds = {"cover": 'type="fixed"', "screen": 'type="fixed"'}
+    joints = "".join(
+        f'<joint name="{child}" {kinds.get(child, TURNS)}><parent link="{parent}"/><child link="{child}"/>{LIMIT}</joint>'
+        for child, parent in parents.items()
+    )
+    text = f'<robot name="a">{links}{joints}</robot>'
+    only_base = text.replace("visual>", "collision>", 2)
+    root, notes = read(tmp_path, only_base)
+    assert [link.get("name") for link in root.iter("link") if link.find("collision") is not None] == ["base", "palm", "jaw"]
+    assert notes == ("what is drawn is taken for the collision geometry that is missing of the links palm, jaw",)
+
+
+@pytest.mark.parametrize(
+    ("kind", "soft", "limits"),
+    [
+        ("revolute", 'soft_lower_limit="-0.5" soft_upper_limit="3"', (-0.5, 1)),
+        ("revolute", 'soft_lower_limit="-2" soft_upper_limit="3"', (-1, 1)),
+        ("revolute", 'k_velocity="3"', (-1, 1)),
+        ("continuous", 'soft_lower_limit="-2" soft_upper_limit="2"', (-2, 2)),
+    ],
+)
+def test_the_tighter_of_hard_and_soft_limits_holds(kind: str, soft: str, limits: tuple[float, float], tmp_path: Path) -> None:
+    root, notes = read(tmp_path, arm(joint=f"{LIMIT}<safety_controller {soft}/>", kind=kind))
+    data = derive(urdf.to_string(root), "a", None, {})
+    assert tuple(data["limits"][0, :2]) == limits
+    assert bool(notes) == (limits != (-1, 1))
+    assert all("turn" in note for note in notes)
+
+
+def test_xacro_is_expanded_with_packages_found_nearby(tmp_path: Path) -> None:
+    """$(find …) needs no ROS."""
+    package = tmp_path / "src" / "parts"
+    package.mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>my_parts</name></package>")
+    (package / "size.xacro").write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="r" value="0.25"/></robot>')
+    text = arm('<sphere radius="${r}"/>').replace(
+        '<robot name="a">',
+        '<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="$(find my_parts)/size.xacro"/>',
+    )
+    root, _ = read(tmp_path, text, "a.urdf.xacro")
+    assert root.find("link[@name='tip']/collision/geometry/sphere").get("radius") == "0.25"
+    with pytest.raises(ValueError, match=r"xacro does not understand it: .*no package 'nowhere'.*; where it needs arguments, run: xacro a"):
+        read(tmp_path, text.replace("my_parts", "nowhere"), "a.urdf.xacro")
+
+
+def test_a_package_may_be_a_folder_without_a_package_xml(tmp_path: Path) -> None:
+    """As data that were copied out of a workspace are."""
+    package = tmp_path / "my_parts"
+    (package / "robots").mkdir(parents=True)
+    (package / "size.xacro").write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="r" value="0.25"/></robot>')
+    include = '<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="$(find my_parts)/size.xacro"/>'
+    root, _ = read(package / "robots", arm('<sphere radius="${r}"/>').replace('<robot name="a">', include), "a.urdf.xacro")
+    assert root.find("link[@name='tip']/collision/geometry/sphere").get("radius") == "0.25"
+
+
+def test_macros_that_nobody_calls_are_no_robot(tmp_path: Path) -> None:
+    macro = '<robot xmlns:xacro="http://ros.org/wiki/xacro" name="a"><xacro:macro name="m" params=""><link name="l"/></xacro:macro></robot>'
+    with pytest.raises(ValueError, match=r"a.xacro has no links; it defines macros: give the file that calls them$"):
+        read(tmp_path, macro, "a.xacro")
+
+
+def test_without_the_package_xacro_one_line_says_what_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    says = r"this is xacro, and the package xacro is not installed: pip install xacro; or run: xacro a.urdf.xacro > a.urdf$"
+    with pytest.raises(ValueError, match=says):
+        read(tmp_path, arm().replace('name="a"', 'name="a" xmlns:xacro="x"'), "a.urdf.xacro")
+
+
+# Where meshes are ------------------------------------------------------------------------------------------------------------------------
+
+
+def write_mesh(file: Path, mesh: trimesh.Trimesh | None = None) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    (mesh or trimesh.creation.box((0.2, 0.1, 0.1))).export(file)
+    return file
+
+
+def mesh_of(root: etree._Element) -> Path:
+    return Path(root.find("link[@name='tip']/collision/geometry/mesh").get("filename"))
+
+
+@pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", None])
+def test_packages_are_found_on_the_search_paths_and_in_the_workspace(
+    variable: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The package's folder is called otherwise than the package; the URDF is in another package."""
+    for name in mesh_files.SEARCH_PATHS:
+        monkeypatch.delenv(name, raising=False)
+    elsewhere = tmp_path / ("ws/src/vendor" if variable is None else "opt/share") / "arm_support-main"
+    mesh = write_mesh(elsewhere / "meshes" / "tip.stl")
+    (elsewhere / "package.xml").write_text("<package><name>arm_support</name></package>")
+    if variable is not None:
+        monkeypatch.setenv(variable, f"/nowhere:{tmp_path / 'opt'}")
+    folder = tmp_path / "ws" / "src" / "my_cell" / "urdf"
+    folder.mkdir(parents=True)
+    root, _ = read(folder, arm('<mesh filename="package://arm_support/meshes/tip.stl"/>'))
+    assert mesh_of(root) == mesh
+
+
+def test_file_uris_may_hold_escaped_spaces(tmp_path: Path) -> None:
+    mesh = write_mesh(tmp_path / "my meshes" / "tip.stl")
+    root, _ = read(tmp_path, arm(f'<mesh filename="{mesh.as_uri()}"/>'))
+    assert "%20" in mesh.as_uri()
+    assert mesh_of(root) == mesh
+
+
+def test_mesh_names_may_be_relative_to_a_folder_above(tmp_path: Path) -> None:
+    """To the root of what was copied, say; what lies beside the URDF comes first."""
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "meshes").mkdir()
+    write_mesh(tmp_path / "meshes" / "tip.stl", trimesh.creation.box((0.2, 0.1, 0.1)))
+    text = arm('<mesh filename="meshes/tip.stl"/>')
+    np.testing.assert_allclose(np.ptp(extent(hulls(tmp_path / "urdf", text)), axis=0), [0.2, 0.1, 0.1])
+    (tmp_path / "urdf" / "meshes").mkdir()
+    write_mesh(tmp_path / "urdf" / "meshes" / "tip.stl", trimesh.creation.box((0.3, 0.1, 0.1)))
+    np.testing.assert_allclose(np.ptp(extent(hulls(tmp_path / "urdf", text)), axis=0), [0.3, 0.1, 0.1])
+
+
+def test_a_missing_visual_mesh_is_noted_and_a_missing_collision_mesh_an_error(tmp_path: Path) -> None:
+    visual = '<link name="v"><visual><geometry><mesh filename="nice.stl"/></geometry></visual></link>'
+    joint = '<joint name="j" type="fixed"><parent link="tip"/><child link="v"/></joint>'
+    root, notes = read(tmp_path, arm(more=visual + joint))
+    assert notes == ("the visual mesh nice.stl of the link v does not exist; its collision geometry is drawn",)
+    assert root.find("link[@name='v']/visual") is None
+    more = visual.replace('"v"', '"w"') + joint.replace('"v"', '"w"').replace('"j"', '"k"')
+    notes = read(tmp_path, arm(more=visual + joint + more))[1]
+    assert notes == ("2 visual meshes, nice.stl the first, do not exist; of the links v, w collision geometry is drawn",)
+    with pytest.raises(ValueError, match=rf"link 'tip' names the mesh nice.stl, which does not exist: {tmp_path}/nice.stl$"):
+        read(tmp_path, arm('<mesh filename="nice.stl"/>'))
+    with pytest.raises(ValueError, match=r"meshes/x.stl of the package 'p': looked in the folders above"):
+        read(tmp_path, arm('<mesh filename="package://p/meshes/x.stl"/>'))
+
+
+# What meshes mean ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_mesh_in_millimetres_is_an_error_that_names_the_link(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "tip.stl", trimesh.creation.box((200, 80, 80)))
+    says = r"link 'tip': its mesh .*tip.stl is 200 m long; is it in millimetres\? Then its <mesh> needs scale=\"0.001 0.001 0.001\""
+    with pytest.raises(ValueError, match=says):
+        hulls(tmp_path, arm('<mesh filename="tip.stl"/>'))
+    found = hulls(tmp_path, arm('<mesh filename="tip.stl" scale="0.001 0.001 0.001"/>'))
+    np.testing.assert_allclose(extent(found), [[-0.1, -0.04, -0.04], [0.1, 0.04, 0.04]])
+
+
+@pytest.mark.parametrize(
+    ("up", "tool", "size"),
+    [("Z_UP", "a", (1, 2, 3)), ("Y_UP", "a", (1, 3, 2)), ("X_UP", "a", (2, 3, 1)), ("Y_UP", "VCGLib | MeshLab", (1, 2, 3))],
+)
+def test_collada_files_say_their_unit_and_which_way_is_up(up: str, tool: str, size: tuple[int, int, int], tmp_path: Path) -> None:
+    file = write_mesh(tmp_path / "tip.dae", trimesh.creation.box((1.0, 2.0, 3.0)))
+    text = re.sub(r"<asset>.*?</asset>", "", file.read_text(), flags=re.S)
+    asset = f'<asset><contributor><authoring_tool>{tool}</authoring_tool></contributor><unit meter="0.01"/><up_axis>{up}</up_axis></asset>'
+    file.write_text(re.sub(r"(<COLLADA[^>]*>)", rf"\1{asset}", text, count=1))
+    np.testing.assert_allclose(np.ptp(read_mesh(file, (1.0, 1.0, 1.0)).points, axis=0), 0.01 * np.array(size), atol=1e-9)
+    assert np.linalg.det(collada_frame(file)) == pytest.approx(1e-6)
+
+
+def test_a_frame_is_taken_apart_once_and_every_triangle_lies_in_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    frame = trimesh.creation.box((0.9, 0.9, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0)))
+    write_mesh(tmp_path / "frame.stl", frame)
+    found = hulls(tmp_path, arm('<mesh filename="frame.stl"/>'))
+    parts = [trimesh.convex.convex_hull(h.vertices) for h in found]
+    assert 4 <= len(parts) <= link_geometry.FRAME_PARTS + 4
+    assert not any(p.contains([[0.0, 0.0, 0.0]])[0] for p in parts)
+    points, _ = trimesh.sample.sample_surface(frame, 2000, seed=1)
+    depth = np.min(
+        [np.max(p.face_normals @ points.T - np.sum(p.face_normals * p.triangles[:, 0], 1)[:, None], axis=0) for p in parts], axis=0
+    )
+    assert depth.max() < 1e-6
+    assert sum(p.volume for p in parts) < 1.3 * frame.volume
+    monkeypatch.setattr(link_geometry, "_TAKE_APART", "raise SystemExit(1)")
+    link_geometry._mesh_parts.cache_clear()
+    again = hulls(tmp_path, arm('<mesh filename="frame.stl"/>'))
+    assert all(np.array_equal(a.vertices, b.vertices) for a, b in zip(found, again, strict=True)), "from the disk"
+
+
+def test_a_mesh_that_the_process_for_several_did_not_come_to_is_taken_apart_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(link_geometry, "_TAKE_APART", link_geometry._TAKE_APART.replace("len(given.files) // 3", "1"))
+    frames = [trimesh.creation.box((size, size, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0))) for size in (0.9, 0.92)]
+    for k, frame in enumerate(frames):
+        write_mesh(tmp_path / f"frame{k}.stl", frame)
+    meshes = [link_geometry.read_mesh(tmp_path / f"frame{k}.stl", (1.0, 1.0, 1.0)) for k in range(2)]
+    first, second = link_geometry._taken_apart([(mesh, link_geometry.PARTS) for mesh in meshes])
+    assert first is not None
+    assert second is None
+    (parts, notes), (kept, _) = (link_geometry._mesh_parts(tmp_path / f"frame{k}.stl", (1.0, 1.0, 1.0), False) for k in (1, 0))
+    assert len(parts) >= 4
+    assert notes == ()
+    assert all(np.array_equal(a, b) for a, b in zip(first, kept, strict=True)), "from the disk"
+
+
+def test_where_nothing_can_be_taken_apart_a_note_says_how_much_the_hull_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = trimesh.creation.box((0.9, 0.9, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0)))
+    write_mesh(tmp_path / "frame.stl", frame)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(link_geometry, "_TAKE_APART", "raise SystemExit(1)")
+    root, _ = read(tmp_path, arm('<mesh filename="frame.stl"/>'))
+    data = derive(urdf.to_string(root), "a", None, {})
+    assert list(data["notes"]) == ["link tip: frame.stl fills 40 % of its convex hull and can't be taken apart: its hull stands for it"]
+    assert list(data["hull_link"]).count("tip") == 1
+
+
+def test_a_hollow_but_convex_link_stays_one_hull(tmp_path: Path) -> None:
+    outer, inner = trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.box((0.18, 0.18, 0.18))
+    inner.invert()
+    write_mesh(tmp_path / "shell.stl", trimesh.util.concatenate([outer, inner]))
+    assert len(hulls(tmp_path, arm('<mesh filename="shell.stl"/>'))) == 1

@@ -1,0 +1,181 @@
+"""Hands of three fingers: which is the thumb, which motors close, which stand still; and that things are taken with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+
+from kinematics.robots.derive import read_description
+from kinematics.robots.files.fixed_joints import freeze
+from kinematics.robots.hands.hand_model import NoGripper
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
+from kinematics.robots.tree import Tree
+from kinematics.scene import Body, Cabinet, Grasp, Scene
+from kinematics.shapes import Box, Cylinder, Shape
+from kinematics.transforms import rotation_about, transform
+from planning.motion.handling.carry import Done
+from planning.motion.pick_place import Motions
+from planning.verdict import judge_grasp, judge_motions
+from retrieve_cli.gen import robot_ref
+
+CABINET = Cabinet(np.array([0.40, 0.70, 0.45]), transform(p=[0.35, 0.0, 0.15]), 0.02)
+
+
+def box(size: str, xyz: str = "0 0 0") -> str:
+    return f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str, limits: tuple[float, float], rpy: str = "0 0 0") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{limits[0]}" upper="{limits[1]}" velocity="2" effort="9"/></joint>'
+    )
+
+
+def arm(hand: str) -> str:
+    """Six joints and a palm."""
+    lengths, axes = (0.12, 0.35, 0.20, 0.15, 0.06, 0.05), ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+    text = f'<robot name="six"><link name="base">{box("0.1 0.1 0.1")}</link>'
+    for i, (length, axis) in enumerate(zip(lengths, axes)):
+        at = f"0 0 {lengths[i - 1] if i else 0.05}"
+        text += f'<link name="l{i}">{box(f"0.04 0.04 {0.8 * length}", f"0 0 {length / 2}")}</link>'
+        text += joint(f"a{i}", "revolute", f"l{i - 1}" if i else "base", f"l{i}", at, axis, (-3, 3))
+    palm = '<joint name="flange" type="fixed"><parent link="l5"/><child link="palm"/><origin xyz="0 0 0.06"/></joint>'
+    return f'{text}<link name="palm">{box("0.08 0.06 0.02")}</link>{palm}{hand}</robot>'
+
+
+PLACES = {"left": (0.025, 1), "right": (-0.025, 1), "thumb": (0.0, -1)}
+"""Of each finger its place along x, and its side along y."""
+
+
+def sliding() -> str:
+    """Three fingers with flat pads, a motor each."""
+    out = ""
+    for name, (x, side) in PLACES.items():
+        out += f'<link name="{name}">{box("0.02 0.01 0.07", f"0 {0.005 * side} 0.035")}</link>'
+        out += joint(f"f_{name}", "prismatic", "palm", name, f"{x} 0 0.012", f"0 {side} 0", (0.0, 0.045))
+    return out
+
+
+def hinged(thumb: float = 0.0) -> str:
+    """Three fingers that turn about the palm's edges, each with a tip that has a motor of its own. thumb: how far it is turned round."""
+    out = ""
+    for name, (x, side) in PLACES.items():
+        out += f'<link name="{name}">{box("0.018 0.012 0.05", f"0 {0.006 * side} 0.025")}</link>'
+        out += f'<link name="{name}_tip">{box("0.018 0.010 0.035", f"0 {0.005 * side} 0.0175")}</link>'
+        limits = (0.0, 0.6) if side < 0 else (-0.6, 0.0)
+        out += joint(f"f_{name}", "revolute", "palm", name, f"{x} {0.018 * side} 0.01", "1 0 0", limits, f"0 0 {thumb if side < 0 else 0}")
+        out += joint(f"t_{name}", "revolute", name, f"{name}_tip", "0 0 0.05", "1 0 0", (-0.5, 0.5))
+    return out
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Callable[..., Robot]:
+    def make(hand: str, *args: object, **more: object) -> Robot:
+        file = tmp_path / "r.urdf"
+        file.write_text(arm(hand))
+        return load(str(file), *args, **more)  # type: ignore[arg-type]
+
+    return make
+
+
+@pytest.mark.parametrize("hand", [sliding(), hinged()], ids=["sliding", "hinged"])
+def test_two_go_together_against_the_thumb(hand: str, robot: Callable[..., Robot]) -> None:
+    made = robot(hand)
+    grip = made.grip
+    assert grip is not None
+    assert (grip.kind, set(grip.joints)) == ("three fingers", {"f_left", "f_right", "f_thumb"})
+    assert made.joint_names == (*(f"a{i}" for i in range(6)), grip.joints[0])
+    assert {name for name, _ in grip.frozen} == ({"t_left", "t_right", "t_thumb"} if hand == hinged() else set())
+    poses = made.link_poses(made.home)
+    T = np.linalg.inv(poses["palm"]) @ poses["hand"]
+    np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-6)
+    assert abs(T[0, 3]) < 1e-3
+    assert made.opening.max_m > 0.05
+    again = robot(hand, grip.link, T_link_hand=grip.T_link_hand, gripper_joints=grip.joints)
+    np.testing.assert_allclose(again.opening.width_m, made.opening.width_m, atol=1e-6)
+    named = robot(hand, gripper_joint="f_thumb").grip  # one of its joints says which hand, not that its finger is alone
+    assert named is not None
+    assert (named.kind, set(named.joints)) == ("three fingers", set(grip.joints))
+
+
+CAN, BOX = Cylinder(0.025, 0.14), Box(np.array([0.05, 0.05, 0.14]))
+
+
+@pytest.mark.parametrize(
+    ("hand", "shape"), [(sliding(), CAN), (sliding(), BOX), (hinged(), CAN)], ids=["sliding, can", "sliding, box", "hinged, can"]
+)
+def test_things_are_taken_and_put_down(hand: str, shape: Shape, robot: Callable[..., Robot]) -> None:
+    made = robot(hand)
+    T = CABINET.T_world_cabinet @ transform(rotation_about((0, 0, 1), 0.1), [0.15, 0.08, 0.07])
+    ref = robot_ref(made, None)
+    scene = Scene("s", replace(ref, T_world_base=np.eye(4)), CABINET, (Body("it", shape, T),), "it", None, 6)
+    motions, rng = Motions(made, scene, target_grasps=()), np.random.default_rng(1)
+    state = motions.start()
+    done = next((d for region in (8, 14, 20) if isinstance(d := motions.relocate(state, "it", region, rng), Done)), None)
+    assert done is not None, motions.picks(state, "it")[1]
+    assert judge_motions(scene, motions.trajectories(state, done.motions), made) == ()
+
+
+def test_a_thumb_that_does_not_oppose_is_said(robot: Callable[..., Robot]) -> None:
+    with pytest.raises(NoGripper, match=r"of three fingers \(.*\) none closes against the two others"):
+        robot(hinged(thumb=1.7))
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_frozen_joint_is_where_it_was(kind: str) -> None:
+    """And so is what mimics it."""
+    links = "".join(f'<link name="{n}">{box("0.1 0.1 0.1")}</link>' for n in "abcd")
+    first = joint("one", kind, "a", "b", "0.1 0.2 0.3", "0 0.6 0.8", (-1, 1), "0.3 -0.4 0.5")
+    mimic = '<mimic joint="one" multiplier="-2" offset="0.1"/></joint>'
+    second = joint("two", kind, "b", "c", "0 0.1 0", "1 0 0", (-1, 1)).replace("</joint>", mimic)
+    text = f'<robot name="r">{links}{first}{second}{joint("three", kind, "c", "d", "0 0 0.1", "0 1 0", (-1, 1))}</robot>'
+    before, after = etree.fromstring(text), etree.fromstring(text)
+    freeze(after, "one", 0.4)
+    assert [j.get("type") for j in after.iter("joint")] == ["fixed", "fixed", kind]
+    trees: list[Tree] = [read_description(etree.tostring(root, encoding="unicode"), "r").tree for root in (before, after)]
+    for a, b in zip(trees[0].poses(np.array([0.4, 0.7])), trees[1].poses(np.array([0.7]))):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def swinging(names: tuple[str, ...], askew: float) -> str:
+    """Fingers that turn from wide open, when nothing is between their tips, until they pass the middle; those that go together lean inwards
+    by `askew`, the thumb to one side."""
+    out = ""
+    for name in names:
+        x, side = PLACES[name] if len(names) == 3 else (0.0, PLACES[name][1])
+        out += f'<link name="{name}">{box("0.018 0.012 0.05", f"0 {0.006 * side} 0.025")}</link>'
+        out += f'<link name="{name}_tip">{box("0.018 0.010 0.035", f"0 {0.005 * side} 0.0175")}</link>'
+        turned = -side * np.sign(x) * askew if x else askew / 2
+        limits = (-0.3, 1.3) if side < 0 else (-1.3, 0.3)
+        out += joint(f"f_{name}", "revolute", "palm", name, f"{x} {0.03 * side} 0.01", "1 0 0", limits, f"0 0 {turned:.6f}")
+        out += joint(f"t_{name}", "fixed", name, f"{name}_tip", "0 0 0.05", "1 0 0", (0, 0))
+    return out
+
+
+@pytest.mark.parametrize("names", [("left", "right", "thumb"), ("left", "thumb")], ids=["three", "two"])
+def test_fingers_that_swing_far_hold_while_they_face_each_other(names: tuple[str, ...], robot: Callable[..., Robot]) -> None:
+    """As Kinova's: up to the end of their table the verdict says that they hold a can, though they open further; two that lean to their
+    sides both touch it."""
+    made = robot(swinging(names, 0.18 if len(names) == 3 else 0.0))
+    opening = made.opening
+    assert opening.round_only
+    assert opening.max_m > 0.05
+    poses = made.link_poses(made.home)
+    T = np.linalg.inv(poses["palm"]) @ poses["hand"]
+    np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
+    held = []
+    for width in np.linspace(0.8 * opening.max_m, opening.max_m - 0.002, 4):
+        body = Body("it", Cylinder(float(width) / 2, 0.14), CABINET.T_world_cabinet @ transform(p=[0.15, 0.0, 0.07]))
+        scene = Scene("s", replace(robot_ref(made, None), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
+        level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+        grasp = Grasp(transform(level, opening.hand_position(body.T_world_body[:3, 3], level, float(width))), float(width))
+        held.append(judge_grasp(made, scene, grasp))
+    assert held == [None] * 4

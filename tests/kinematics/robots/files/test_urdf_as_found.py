@@ -13,8 +13,7 @@ from lxml import etree
 
 from kinematics.robots import link_geometry
 from kinematics.robots.derive import derive
-from kinematics.robots.files import urdf
-from kinematics.robots.files.urdf import mesh_files
+from kinematics.robots.files import mesh_files, urdf
 from kinematics.robots.link_geometry import collada_frame, read_mesh
 from kinematics.robots.tree import LinkHull
 from kinematics.transforms import Array, rotation_rpy

@@ -19,9 +19,8 @@ import numpy as np
 from kinematics.collision.robot_model import bare_geometry
 from kinematics.doors import indices
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, Scene, State, object_box
+from kinematics.scene import Body, Grasp, Scene, State
 from kinematics.transforms import Array, inverse
-from perception.objects.settle import LOWEST_M, stands_on
 from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
@@ -29,8 +28,10 @@ from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
 from planning.motion.handling.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
-from planning.motion.handling.placing import Place, Placing, ReleaseQuery
+from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
+from planning.motion.handling.stacks import Stacks
+from planning.motion.handling.state_ways import StateWays
 from planning.motion.handling.ways import WAY_IN, WHOLE_WAY
 from planning.motion.lazy_list import LazyList
 from planning.motion.quickest import Choices, quickest
@@ -48,20 +49,6 @@ KEPT = 8  # states that are remembered
 
 Choice = tuple[str, int]
 """An object and the region that it is moved to."""
-
-
-class _Memory:
-    """What was found out about one state, so that the many regions of an object don't ask twice."""
-
-    def __init__(self, state: State) -> None:
-        self.state = state
-        self.picks: dict[str, tuple[list[Pick], Blocked]] = {}
-        self.transits: dict[Pick, Array | Blocked] = {}
-        self.placing: dict[Pick, Placing] = {}
-        self.turned: dict[Pick, list[Pick]] = {}
-        self.wider: dict[str, list[Pick]] = {}
-        self.failures = Counter[Pick]()
-        self.release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
 
 
 class Motions:
@@ -93,11 +80,8 @@ class Motions:
         given = () if scene.grasp is None else (scene.grasp,)
         self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
         self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
-        self._picking_wider, self._room = Picking(self.cell, WIDER), Room(self.cell)
-        self._memories: deque[_Memory] = deque(maxlen=KEPT)
-        floor_z, boxes = float(scene.cabinet.T_world_cabinet[2, 3]), {b.name: object_box(b) for b in scene.objects}
-        self._bottoms = {b.name: float(boxes[b.name][2] - boxes[b.name][5] / 2 - b.T_world_body[2, 3]) - floor_z for b in scene.objects}
-        """How far below its origin each object ends, less the floor's height."""
+        self._picking_wider, self._room, self._stacks = Picking(self.cell, WIDER), Room(self.cell), Stacks(scene)
+        self._states: deque[StateWays] = deque(maxlen=KEPT)
         self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
 
     @property
@@ -227,9 +211,9 @@ class Motions:
 
         def wider() -> Iterator[Pick]:
             if tight and not any(self._room.to_pick(state.poses, pick) for pick, _ in tight):
-                yield from self._wider(state, name)
+                yield from self._ways(state).wider(name, self._picking_wider, self._room)
 
-        known = self._recall(state).transits
+        known = self._ways(state).transits
         for pick, place in chain(ways(picks), ways(wider()), tight):
             places = place.turned(*self.limits) if pick.carrying.task.upright.limited else [place]
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
@@ -243,17 +227,6 @@ class Motions:
             if tries == MAX_TRIES:
                 break
         return why
-
-    def _wider(self, state: State, name: str) -> Iterator[Pick]:
-        """Some picks with room more, of grasps that are sampled more densely, where that is quickly done; found when the first is asked
-        for."""
-        known = self._recall(state).wider
-        if name not in known:
-            poses, rest, q = state.poses, self.without(state, name), self.robot.arm_q(state.q)
-            known[name] = []
-            if can_be_exhaustive(self.robot, self.scene) and not self.cell.arm.few_joints:
-                known[name] = self._picking_wider.some(poses, rest, name, q, lambda pick: self._room.to_pick(poses, pick))
-        yield from known[name]
 
     def across_again(self, state: State, motion: Motion, q: Array, rng: np.random.Generator) -> Motion | Blocked:
         """From q (J,), where the arm stopped with an object in the hand, to where a transfer ends. state: before the pick."""
@@ -279,23 +252,12 @@ class Motions:
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
         """
-        found = self._recall(state).picks
-        if name not in found and (upper := self._carried(state, name)):
-            found[name] = [], Blocked("grasp", body=upper, detail=f"{upper} stands on {name} and goes first")
-        if name not in found:
-            poses, rest, q = state.poses, self.without(state, name), self.robot.arm_q(state.q)
-            if grasps is None:
-                found[name] = self._picking.picks(poses, rest, name, q)
-            elif isinstance(grasps, LazyList):
-                found[name] = self._picking.picks_among(grasps, poses, rest, name, q)
-            else:
-                found[name] = self._picking.picks_with(grasps, poses, rest, name, q)
-        return found[name]
+        return self._ways(state).picks(name, self._picking, self._stacks, grasps)
 
     def out_of_reach(self, state: State, name: str) -> bool:
         """Whether it was found that an object can't be picked as things are: nothing holds up to the static checks, or the arm does not get
         to any of what does."""
-        transits = self._recall(state).transits
+        transits = self._ways(state).transits
         return all(isinstance(transits.get(pick), Blocked) for pick in self.picks(state, name)[0])
 
     def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> View:
@@ -338,7 +300,7 @@ class Motions:
 
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)
-        other._picking, other._memories = Picking(self.cell, settings), deque(maxlen=KEPT)
+        other._picking, other._states = Picking(self.cell, settings), deque(maxlen=KEPT)
         for found in ("_obstruction", "target_grasps", "thorough", "exhaustive", "finest"):
             other.__dict__.pop(found, None)
         return other
@@ -347,38 +309,21 @@ class Motions:
         """What was found for a state before, or what is found now; a failure may be by chance, and is not kept."""
         known = self._done.setdefault(state, {})
         if question in known:
-            self._recall(state)
+            self._ways(state)
             return known[question]
         found = find()
         if isinstance(found, Done):
             known[question] = found
         return found
 
-    def _carried(self, state: State, name: str) -> str | None:
-        """An object that stands on another, None when nothing does."""
-        off_floor = [n for n, T in state.poses.items() if n != name and T[2, 3] + self._bottoms[n] > LOWEST_M]
-        if not off_floor or name not in state.poses:
-            return None
-        floor_z, standing = float(self.scene.cabinet.T_world_cabinet[2, 3]), {b.name: b for b in state.bodies(self.scene)}
-        return next((n for n in off_floor if stands_on(standing[n], standing[name], floor_z)), None)
-
     def placing(self, state: State, pick: Pick) -> Placing:
         """The ways to put down what a pick takes hold of."""
-        known, release_query = self._recall(state).placing, self._recall(state).release_query
-        if pick not in known:
-            name, rest = pick.held.body, self.without(state, pick.held.body)
-            key = (name, pick.gripper_open, pick.gripper_closed)
-            if key not in release_query:
-                standing = {**rest, name: state.poses[name]}
-                opening = self.cell.moving_fingers(standing, name, pick.gripper_open, pick.gripper_closed)
-                release_query[key] = ReleaseQuery(opening, self.cell.problem(standing, pick.gripper_open), *self.cell.standing(name, rest))
-            known[pick] = Placing(self.cell, pick, state.poses[name], release_query[key])
-        return known[pick]
+        return self._ways(state).placing(pick)
 
     def _transit(self, state: State, pick: Pick, rng: np.random.Generator) -> Array | Blocked:
         """From where the arm is to the beginning of a pick's approach, with the fingers at its opening, or where they can't be set to that
         yet, as they are."""
-        known = self._recall(state).transits
+        known = self._ways(state).transits
         if pick not in known:
             q, goal, gripper = self.robot.arm_q(state.q), pick.approach[:1], pick.gripper_open
             if blocked := opening_blocked(self.cell, state, q, pick):
@@ -395,7 +340,7 @@ class Motions:
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to
         that pick; not to a place yet."""
-        picks, failures = self.turned(state, pick), self._recall(state).failures
+        picks, failures = self.turned(state, pick), self._ways(state).failures
         iterations = self._patience.iterations(failures[pick]) if self.cell.time_budget_s is None else None
         path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng, iterations)
         if isinstance(path, Blocked):
@@ -408,28 +353,24 @@ class Motions:
 
     def turned(self, state: State, pick: Pick) -> list[Pick]:
         """A pick, and where what it holds must stay upright, the same with joints whole turns further."""
-        if not pick.carrying.task.upright.limited:
-            return [pick]
-        known = self._recall(state).turned
-        if pick not in known:
-            known[pick] = pick.turned(*self.limits)
-        return known[pick]
+        return self._ways(state).turned(pick)
 
     @property
     def state(self) -> State:
         """The state that was asked about last. Raises: ValueError before the first question."""
-        if not self._memories:
+        if not self._states:
             raise ValueError("nothing was asked about any state yet")
-        return self._memories[-1].state
+        return self._states[-1].state
 
-    def _recall(self, state: State) -> _Memory:
-        if self._memories and self._memories[-1].state is state:
-            return self._memories[-1]
-        found = next((memory for memory in self._memories if memory.state is state), None)
+    def _ways(self, state: State) -> StateWays:
+        """What is known of a state; the states that were asked about last are remembered."""
+        if self._states and self._states[-1].state is state:
+            return self._states[-1]
+        found = next((known for known in self._states if known.state is state), None)
         if found is not None:
-            self._memories.remove(found)
-        self._memories.append(found or _Memory(state))
-        return self._memories[-1]
+            self._states.remove(found)
+        self._states.append(found or StateWays(self.cell, state))
+        return self._states[-1]
 
     def without(self, state: State, name: str) -> dict[str, Array]:
         """The poses of the objects besides one."""

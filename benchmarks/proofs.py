@@ -32,7 +32,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from planning import read_plans, read_scenes
 from planning.grasping.sampling import PITCHES, Sampling
-from planning.motion.handling.picking import Picking, PickSettings, sampled_grasps
+from planning.motion.handling.object_grasps import sampled_grasps
+from planning.motion.handling.picking import Picking, PickSettings
 from planning.motion.pick_place import Done, Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Plan

@@ -88,12 +88,7 @@ def set_back(reach: float, width_m: float, opening: Opening) -> float:
 
     reach: how far the object extends from its middle towards the hand; its shape is taken for a box.
     """
-    return min(max(0.0, reach + BEHIND_M - opening.depth_at(width_m)), _most_back(reach))
-
-
-def _most_back(reach: float) -> float:
-    """The most that a grasp may be set back."""
-    return max(0.0, reach - LEAST_BITE_M)
+    return fit_box(reach, 0.0, 0.0, width_m, opening, 0.0).along_m
 
 
 @dataclass(frozen=True)
@@ -119,18 +114,31 @@ def fit_box(reach: float, above: float, pitch: float, width_m: float, opening: O
     reach: how far the object, taken for a box, extends from its middle towards the hand; above: from there upwards. more: by so much more,
     for a level hand. A pitched one moves upwards as it goes back; room_m: what it is to keep.
     """
+    moves = fit_boxes(np.array([reach]), np.array([above]), pitch, np.array([width_m]), opening, more, room_m)
+    return Move(*(float(move[0]) for move in moves))
+
+
+def fit_boxes(
+    reach: Array, above: Array, pitch: float, width_m: Array, opening: Opening, more: float, room_m: float = BEHIND_M
+) -> tuple[Array, Array, Array]:
+    """The same for many objects (N,): a move's three lengths, (N,) each."""
+    nothing = np.zeros(len(reach))
     if pitch == 0.0:
-        return Move(min(set_back(reach, width_m, opening) + more, _most_back(reach)))
+        most = np.maximum(0.0, reach - LEAST_BITE_M)
+        back = np.minimum(np.maximum(0.0, reach + BEHIND_M - opening.depth_at(width_m)), most)
+        return np.minimum(back + more, most), nothing, nothing
     co, si, planes = max(float(np.cos(pitch)), 1e-9), float(np.sin(pitch)), _planes(pitch)
-    depths = opening.depths_at(width_m)[planes.between].min(1, keepdims=True)
-    along = planes.needed(_lacking(reach, above, planes, depths - room_m), planes.tilts)
-    most = min(max(0.0, reach / co - LEAST_BITE_M), max(0.0, above - BELOW_TOP_M) / si)
-    if along <= most or pitch > STEEP:
-        return Move(min(along, most))
+    depths = opening.depths_at(width_m)[:, planes.between].min(2).T - room_m
+    along = planes.needed(_lacking(reach, above, planes, depths), planes.tilts)
+    most = np.minimum(np.maximum(0.0, reach / co - LEAST_BITE_M), np.maximum(0.0, above - BELOW_TOP_M) / si)
+    if pitch > STEEP:
+        return np.minimum(along, most), nothing, nothing
     reach, above = reach - most * co, above - most * si
-    up = min(planes.needed(_lacking(reach, above, planes, depths - room_m), planes.rises), max(0.0, above - BELOW_TOP_M))
-    level = planes.needed(_lacking(reach, above - up, planes, depths - room_m), planes.faces)
-    return Move(most, up, min(level, max(0.0, reach - LEAST_BITE_M * co)))
+    up = np.minimum(planes.needed(_lacking(reach, above, planes, depths), planes.rises), np.maximum(0.0, above - BELOW_TOP_M))
+    level = planes.needed(_lacking(reach, above - up, planes, depths), planes.faces)
+    enough = along <= most
+    level = np.minimum(level, np.maximum(0.0, reach - LEAST_BITE_M * co))
+    return np.where(enough, along, most), np.where(enough, 0.0, up), np.where(enough, 0.0, level)
 
 
 @lru_cache(maxsize=256)
@@ -139,14 +147,17 @@ def fit_round(radius: float, above: float, pitch: float, opening: Opening, room_
     if opening.round_only:
         return STAY  # it is held where the table says
     planes = _planes(pitch)
-    lacks = _lacking(_chords(radius), above, planes, opening.depths_at(2 * radius)[planes.between] - room_m)
-    return Move(min(planes.needed(lacks, planes.tilts), MOST_BESIDE_M))
+    lacks = _lacking(_chords(radius), above, planes, opening.depths_at(np.array([2 * radius]))[0, planes.between] - room_m)
+    return Move(min(float(planes.needed(lacks, planes.tilts).max()), MOST_BESIDE_M))
 
 
 def most_above(radius: float, pitch: float, opening: Opening, room_m: float = BEHIND_M) -> float:
     """How far an upright cylinder may extend above the pads' middle, so that it fits before what lies behind them."""
     planes = _planes(pitch)
-    lacks, rises = _lacking(_chords(radius), 0.0, planes, opening.depths_at(2 * radius)[planes.between] - room_m), planes.rises
+    lacks, rises = (
+        _lacking(_chords(radius), 0.0, planes, opening.depths_at(np.array([2 * radius]))[0, planes.between] - room_m),
+        planes.rises,
+    )
     some = rises > ALONG
     return float((-lacks[some] / rises[some, None]).max(0).min())
 
@@ -168,10 +179,10 @@ class _Planes:
     rises: Array
     faces: Array
 
-    def needed(self, lacks: Array, gains: Array) -> float:
-        """How far the hand has to move for nothing to be lacking (P, S): a metre gains so much across each plane (P,)."""
+    def needed(self, lacks: Array, gains: Array) -> Array:
+        """How far (S,) the hand has to move for nothing to be lacking (P, S): a metre gains so much across each plane (P,)."""
         some = gains > ALONG
-        return max(0.0, float((lacks[some] / gains[some, None]).min(0).max()))
+        return np.asarray(np.maximum(0.0, (lacks[some] / gains[some, None]).min(0)))
 
 
 @lru_cache(maxsize=64)
@@ -181,7 +192,7 @@ def _planes(pitch: float) -> _Planes:
     return _Planes(between, np.cos(tilts), np.sin(pitch - tilts), np.cos(pitch - tilts))
 
 
-def _lacking(reach: float | Array, above: float, planes: _Planes, depths: Array) -> Array:
+def _lacking(reach: Array, above: float | Array, planes: _Planes, depths: Array) -> Array:
     """By how much slices of an object that reach so far (S,) towards a pitched hand, and up, reach too far for depths (P, S) behind the
     pads: (P, S)."""
     return np.asarray(reach * planes.faces[:, None] + above * planes.rises[:, None] - depths)

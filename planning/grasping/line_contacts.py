@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, inverse
+from planning.grasping.through_parts import PARALLEL, Int, through_parts
 
-PARALLEL = 1e-12
-"""A direction with no more of a normal in it does not meet the plane."""
 AXES = np.eye(3)
 GAP_M = 0.005
 """Into a narrower gap no finger fits: what is on both sides of it is one stretch."""
@@ -69,7 +67,7 @@ def _crossings(shape: Shape, T: Array, origin: Array, direction: Array) -> list[
         case Cylinder():
             hits = [_through_cylinder(shape, o, d)]
         case ConvexMesh():
-            return _through_parts(*_planes(shape), o, d)
+            return _through_parts(*planes_of_parts(shape), o, d)
     return [h for h in hits if h is not None]
 
 
@@ -80,12 +78,12 @@ def _inverse(T: bytes) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _planes(shape: ConvexMesh) -> tuple[Array, NDArray[np.int64]]:
-    """The planes (H, 4) of all parts, one part's after the other's, and where each part's begin (P,)."""
+def planes_of_parts(shape: ConvexMesh) -> tuple[Array, Int]:
+    """The planes (H, 4) of all parts, one part's after the other's, where each part's begin, and how many there are (P + 1,)."""
     from kinematics.meshes.cutting import planes_of  # brings scipy, which scenes without meshes do not need
 
     planes = [planes_of(part) for part in shape.parts]
-    return np.concatenate(planes), np.cumsum([0, *(len(rows) for rows in planes[:-1])])
+    return np.ascontiguousarray(np.concatenate(planes)), np.cumsum([0, *(len(rows) for rows in planes)])
 
 
 def _through_box(half: Array, o: Array, d: Array) -> Contact | None:
@@ -105,21 +103,13 @@ def _through_box(half: Array, o: Array, d: Array) -> Contact | None:
     return Contact(enter, leave, first[1] * AXES[first[0]], last[1] * AXES[last[0]]) if enter < leave else None
 
 
-def _through_parts(planes: Array, starts: NDArray[np.int64], o: Array, d: Array) -> list[Contact]:
-    """Where a line goes through convex parts, of which `_planes` tells."""
-    normals = planes[:, :3]
-    speed, gap = normals @ d, planes[:, 3] - normals @ o
-    along = np.abs(speed) < PARALLEL
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = gap / speed
-    entering, leaving = np.where(~along & (speed < 0), s, -np.inf), np.where(~along & (speed > 0), s, np.inf)
-    met = np.maximum.reduceat(entering, starts) < np.minimum.reduceat(leaving, starts)
-    met &= ~np.logical_or.reduceat(along & (gap < 0), starts)
-    found = list[Contact]()
-    for first, end in zip(starts[met], np.append(starts[1:], len(planes))[met]):
-        i, j = first + int(np.argmax(entering[first:end])), first + int(np.argmin(leaving[first:end]))
-        found.append(Contact(float(entering[i]), float(leaving[j]), normals[i], normals[j]))
-    return found
+def _through_parts(planes: Array, starts: Int, o: Array, d: Array) -> list[Contact]:
+    """Where a line goes through convex parts, of which `planes_of_parts` tells."""
+    stretches, by = np.empty((len(starts) - 1, 2)), np.empty((len(starts) - 1, 2), np.int64)
+    through_parts(planes, starts, o, d, stretches, by)
+    met = np.flatnonzero(stretches[:, 0] < stretches[:, 1])
+    found = zip(stretches[met].tolist(), by[met].tolist())
+    return [Contact(enter, leave, planes[i, :3], planes[j, :3]) for (enter, leave), (i, j) in found]
 
 
 def _through_cylinder(shape: Cylinder, o: Array, d: Array) -> Contact | None:

@@ -19,7 +19,7 @@ from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, transform
-from planning.grasping.finger_grasps import SPARE_M
+from planning.grasping.antipodal import SPARE_M
 from planning.grasping.hand_poses import STEEP, level_hand
 from planning.grasping.pads import Pad
 from planning.grasping.sampling import Headings, Sampling

@@ -75,16 +75,15 @@ def under_pads(
         spans += [(c.enter, c.leave) for c in line_stretches(shape, T, point + x * R[:, 0] + z * R[:, 2], u)]
     axes = np.stack([R[:, 0], R[:, 2], u], -1)
     low, high = np.array([-pad.half_x_m, pad.low_z_m]), np.array([pad.half_x_m, pad.high_z_m])
-    for a, b in _edges(shape):
-        p, q = ((end @ T[:3, :3].T + T[:3, 3] - point) @ axes for end in (a, b))
-        along = q - p
-        with np.errstate(divide="ignore", invalid="ignore"):  # an edge along a side of the pad begins in it at -inf, beside it at inf
-            sides = np.stack([(low - p[:, :2]) / along[:, :2], (high - p[:, :2]) / along[:, :2]])
-        begins = np.fmax(np.fmin.reduce(sides).max(1), 0.0)
-        ends = np.fmin(np.fmax.reduce(sides).min(1), 1.0)
-        some = begins <= ends
-        between = np.sort(p[some, 2:] + np.stack([begins[some], ends[some]], -1) * along[some, 2:], axis=1)
-        spans += [(float(first), float(last)) for first, last in between]
+    p, q = ((end @ T[:3, :3].T + T[:3, 3] - point) @ axes for end in _edges(shape))
+    along = q - p
+    with np.errstate(divide="ignore", invalid="ignore"):  # an edge along a side of the pad begins in it at -inf, beside it at inf
+        sides = np.stack([(low - p[:, :2]) / along[:, :2], (high - p[:, :2]) / along[:, :2]])
+    begins = np.fmax(np.fmin.reduce(sides).max(1), 0.0)
+    ends = np.fmin(np.fmax.reduce(sides).min(1), 1.0)
+    some = begins <= ends
+    between = np.sort(p[some, 2:] + np.stack([begins[some], ends[some]], -1) * along[some, 2:], axis=1)
+    spans += list(map(tuple, between.tolist()))
     return _joined(spans) if wall else (min(first for first, _ in spans), max(last for _, last in spans))
 
 
@@ -101,13 +100,14 @@ def _joined(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=64)
-def _edges(shape: ConvexMesh) -> tuple[tuple[Array, Array], ...]:
-    """Both ends (E, 3) of the edges of each part's hull."""
+def _edges(shape: ConvexMesh) -> tuple[Array, Array]:
+    """Both ends (E, 3) of the edges of all parts' hulls."""
     from scipy.spatial import ConvexHull
 
     found = []
     for part in shape.parts:
         faces = ConvexHull(part).simplices
         edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])), axis=0)
-        found.append((part[edges[:, 0]], part[edges[:, 1]]))
-    return tuple(found)
+        found.append(part[edges])
+    ends = np.concatenate(found)
+    return ends[:, 0], ends[:, 1]

@@ -25,9 +25,10 @@ from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
+from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
-from planning.motion.handling.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings, can_be_exhaustive
+from planning.motion.handling.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings
 from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
 from planning.motion.handling.stacks import Stacks

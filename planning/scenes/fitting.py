@@ -18,11 +18,11 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene, State
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, apply, rotation_about, transform
+from planning.grasping.antipodal import SPARE_M
 from planning.grasping.cup_grasps import grasps_on
-from planning.grasping.finger_grasps import SPARE_M
 from planning.grasping.hand_poses import UP
 from planning.motion.cell.arm import HALF_TURN, Arm, arm_at
-from planning.motion.handling.picking import headings_of
+from planning.motion.handling.object_grasps import headings_of
 from planning.motion.handling.waiting import places_to_wait
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED

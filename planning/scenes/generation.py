@@ -21,11 +21,11 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, rotation_about, transform
+from planning.grasping.antipodal import SPARE_M
 from planning.grasping.cup_grasps import grasps_on
-from planning.grasping.finger_grasps import SPARE_M
 from planning.grasping.hand_poses import UP, lowest_of, set_back
 from planning.motion.cell.arm import arm_at
-from planning.motion.handling.picking import headings_of
+from planning.motion.handling.object_grasps import headings_of
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Blocked

@@ -11,7 +11,7 @@ from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from planning.grasping.sampling import USUAL, Sampling
-from planning.motion.handling.picking import sampled_grasps
+from planning.motion.handling.object_grasps import sampled_grasps
 from planning.verdict import judge_grasp
 
 

@@ -18,8 +18,8 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array
+from planning.grasping.antipodal import FRICTION_ANGLE
 from planning.grasping.cup_grasps import grasps_on
-from planning.grasping.finger_grasps import FRICTION_ANGLE
 from planning.grasping.line_contacts import stretch_at
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp

@@ -1,7 +1,7 @@
 """The independent verdict: what a plan says, judged from scene and plan alone; and whether a grasp can be meant at all."""
 
 from planning.verdict.faults import Fault, Settings
-from planning.verdict.grasp import closes_askew, judge_grasp
+from planning.verdict.grasp import closes_askew, judge_grasp, judge_hold
 from planning.verdict.judge import Verdict, examine, judge, judge_motions
 
-__all__ = ["Fault", "Settings", "Verdict", "closes_askew", "examine", "judge", "judge_grasp", "judge_motions"]
+__all__ = ["Fault", "Settings", "Verdict", "closes_askew", "examine", "judge", "judge_grasp", "judge_hold", "judge_motions"]

@@ -35,13 +35,23 @@ def judge_grasp(
     x_g = grasp or scene.grasp
     if x_g is None:
         return None
+    target = None if unseen or scene.target is None else scene.body(scene.target)
+    T_hand_world = inverse(x_g.T_world_hand)
+    walls = [Body(w.name, w.shape, T_hand_world @ w.T_world_body) for w in standing_still(scene)]
+    with np.errstate(all="ignore"):
+        return _judge(robot, x_g, target, walls, settings or Settings())
+
+
+def judge_hold(robot: Robot, body: Body, grasp: Grasp) -> str | None:
+    """As `judge_grasp`, for a body that stands alone in no cabinet."""
+    with np.errstate(all="ignore"):
+        return _judge(robot, grasp, body, (), Settings())
+
+
+def _judge(robot: Robot, x_g: Grasp, target: Body | None, walls: Sequence[Body], asked: Settings) -> str | None:
+    """walls: in the hand's frame."""
     if not np.abs(x_g.T_world_hand).max() <= MOST_M:
         return f"x_g is {np.abs(x_g.T_world_hand).max():.3g} m away"
-    with np.errstate(all="ignore"):
-        return _judge(robot, scene, x_g, settings or Settings(), unseen)
-
-
-def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool) -> str | None:
     try:
         hand = hand_of(robot)
     except ValueError as e:
@@ -55,8 +65,7 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
     if not opening.cup_m and not x_g.width_m >= least - asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper closes to {1000 * least:.0f} mm"
     frames = in_hand(hand, opening.value_at(opening.cup_m or x_g.width_m) if tabled else closing_value(hand, x_g.width_m))
-    if not unseen and scene.target is not None:
-        target = scene.body(scene.target)
+    if target is not None:
         T_hand_target = inverse(x_g.T_world_hand) @ target.T_world_body
         faces = [frames[p.carrier] @ p.T_carrier_face for p in hand.pads]
         if wrong := hold_faults(hand.pads, faces, polyhedra(target.shape), T_hand_target, target.name, "grasp", asked):
@@ -64,8 +73,6 @@ def _judge(robot: Robot, scene: Scene, x_g: Grasp, asked: Settings, unseen: bool
         for link, _, deep in _touching(robot, hand, frames, [Body(target.name, target.shape, T_hand_target)]):
             if deep > (asked.depth_m if link in hand.holding else TOUCH_M):
                 return f"x_g does not hold {target.name}: {link} would touch the target itself, {1000 * deep:.1f} mm deep"
-    T_hand_world = inverse(x_g.T_world_hand)
-    walls = [Body(w.name, w.shape, T_hand_world @ w.T_world_body) for w in standing_still(scene)]
     for link, wall, deep in _touching(robot, hand, frames, walls):
         if deep > TOUCH_M:
             return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in (*WALLS, MOUNT) else ''}{wall}"

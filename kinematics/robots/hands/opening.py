@@ -104,17 +104,17 @@ class Opening:
         """The joint's value at which the pads hold an object of a width, after `beside` and `held`."""
         return self.value_at(width_m if self.jaw == 0 else width_m + BESIDE_M - PUSH_M)
 
-    def depth_at(self, width_m: float) -> float:
-        """How far behind the pads' middle an object of this width may reach."""
-        return float(np.interp(width_m, self.width_m, self.depth_m))
+    def depth_at(self, width_m: Array) -> Array:
+        """How far (N,) behind the pads' middle objects of these widths (N,) may reach."""
+        return np.interp(width_m, self.width_m, self.depth_m)
 
-    def depths_at(self, width_m: float) -> Array:
-        """How far behind the pads' middle each of SLICES of an object of this width may reach, along each of TILTS: (T, S)."""
+    def depths_at(self, width_m: Array) -> Array:
+        """How far behind the pads' middle each of SLICES of objects of these widths (N,) may reach, along each of TILTS: (N, T, S)."""
         if len(self.tilted_m) == 0:
-            return np.where(TILTS[:, None] == 0.0, self.depth_at(width_m), -np.inf) + np.zeros(len(SLICES))
-        i = int(np.clip(np.searchsorted(self.width_m, width_m), 1, len(self.width_m) - 1))
-        low, high = self.width_m[i - 1 : i + 1]
-        share = float(np.clip((width_m - low) / (high - low), 0.0, 1.0))
+            return np.where(TILTS[:, None] == 0.0, self.depth_at(width_m)[:, None, None], -np.inf) + np.zeros(len(SLICES))
+        i = np.clip(np.searchsorted(self.width_m, width_m), 1, len(self.width_m) - 1)
+        low, high = self.width_m[i - 1], self.width_m[i]
+        share = np.clip((width_m - low) / (high - low), 0.0, 1.0)[:, None, None]
         return np.asarray((1 - share) * self.tilted_m[i - 1] + share * self.tilted_m[i])
 
 

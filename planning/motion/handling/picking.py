@@ -9,29 +9,20 @@ from itertools import islice
 
 import numpy as np
 
-from kinematics.robots.robot import Robot
-from kinematics.scene import APPROACHES, Grasp, Held, Scene
-from kinematics.shapes import ConvexMesh
-from kinematics.transforms import Array, inverse, rotation_about, transform
-from planning.grasping.cup_grasps import grasps_on
+from kinematics.scene import Grasp, Held
+from kinematics.transforms import Array, inverse
 from planning.grasping.finger_grasps import open_width
-from planning.grasping.sampling import DENSE, DENSEST, USUAL, Headings, Sampling
+from planning.grasping.sampling import DENSE, DENSEST, USUAL, Sampling
 from planning.motion.cell import queries
-from planning.motion.cell.arm import HALF_TURN, Arm, arm_at
 from planning.motion.cell.queries import ContactQuery, PlanningQuery
 from planning.motion.cell.workcell import Workcell
+from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.turns import whole_turns
 from planning.motion.lazy_list import LazyList
 from planning.motion.search import reaching
 from planning.motion.search.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.plan import Blocked
-from planning.verdict import closes_askew, judge_grasp
 
-HEADING_TRIES, SAME_HEADING = 8, 1e-4
-MOST_PER_YAW = 10
-"""So many grasps on a mesh are enough, for each closing direction that is sampled: the most natural ones."""
-MOST_JUDGED = 400
-"""So many grasps at most, the most natural ones, are judged for a thorough look where each has to be: a few seconds an object."""
 STAGES = {
     reaching.REACH: "ik", reaching.AT_GRASP: "approach", reaching.BACKWARDS: "approach", reaching.FINGERS: "grasp",
     reaching.LIFTED: "lift", reaching.UPWARDS: "lift",
@@ -246,54 +237,3 @@ class _Grasps(LazyList[Grasp]):
         if i not in self._solutions:
             self._solutions[i] = self._cell.ik(T_hand, tries=self._tries)
         return self._solutions[i]
-
-
-def sampled_grasps(
-    robot: Robot, scene: Scene, name: str, T: Array, *, approaches: Sequence[str] | None = None, sampling: Sampling = USUAL
-) -> Iterator[Grasp]:
-    """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default.
-
-    On a mesh, where pads may meet an edge, or the palm what is beside them, and of a hand of one's own whose pads are askew, those that the
-    verdict accepts in the empty cabinet.
-    """
-    to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
-    toward = float(np.arctan2(to_body[1], to_body[0]))
-    kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
-    body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
-    found = grasps_on(body, robot, kinds, float(scene.cabinet.T_world_cabinet[2, 3]), toward, sampling, headings)
-    mesh = isinstance(body.shape, ConvexMesh)
-    if not mesh and not _is_askew(robot):
-        return found
-    if sampling is not USUAL:
-        found = islice(found, MOST_JUDGED)
-    alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())
-    good = (grasp for grasp in found if judge_grasp(robot, alone, grasp) is None)
-    return islice(good, sampling.yaws * MOST_PER_YAW) if mesh else good
-
-
-def can_be_exhaustive(robot: Robot, scene: Scene) -> bool:
-    """Whether grasps cost little to sample: none is judged by itself."""
-    return not any(isinstance(body.shape, ConvexMesh) for body in scene.objects) and not _is_askew(robot)
-
-
-def _is_askew(robot: Robot) -> bool:
-    """Whether the hand is one of one's own whose pads are askew."""
-    return robot.grip is not None and closes_askew(robot)
-
-
-def headings_of(arm: Arm) -> Headings | None:
-    """How an arm of few joints can look at a place; None of one that can choose that."""
-    if not arm.few_joints:
-        return None
-
-    def headings(T_world_middle: Array, width_m: float) -> list[Array]:
-        T_hand_middle = transform(p=arm.robot.opening.middle(width_m))
-        home, out = arm.robot.arm_q(arm.robot.home), list[Array]()
-        for R in (T_world_middle[:3, :3], T_world_middle[:3, :3] @ HALF_TURN):
-            T = transform(R, T_world_middle[:3, 3])
-            turns = sorted((arm.turned(T_hand_middle, T, q) for q in arm.headed(T_hand_middle, T, home, HEADING_TRIES)), key=abs)
-            apart = [turn for i, turn in enumerate(turns) if all(abs(turn - other) > SAME_HEADING for other in turns[:i])]
-            out += [rotation_about((0.0, 0.0, 1.0), turn) @ R for turn in apart]
-        return out
-
-    return headings

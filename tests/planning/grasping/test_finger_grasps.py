@@ -27,7 +27,7 @@ from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LO
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import PITCHES
-from planning.motion.handling.picking import sampled_grasps
+from planning.motion.handling.object_grasps import sampled_grasps
 from planning.verdict import judge_grasp
 
 BOX, CAN = Box(np.array([0.04, 0.06, 0.10])), Cylinder(0.03, 0.10)

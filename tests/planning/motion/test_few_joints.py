@@ -14,7 +14,7 @@ from kinematics.transforms import Array, angle_between, rotation_about, transfor
 from planning.grasping.hand_poses import LOWEST_M, lowest_of, usual_lowest
 from planning.motion.cell.arm import HALF_TURN, Arm, arm_at
 from planning.motion.handling.carry import Done
-from planning.motion.handling.picking import headings_of, sampled_grasps
+from planning.motion.handling.object_grasps import headings_of, sampled_grasps
 from planning.motion.handling.waiting import places_to_wait
 from planning.motion.pick_place import Motions
 from planning.scenes.fitting import fit

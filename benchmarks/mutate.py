@@ -69,7 +69,19 @@ GROUPS = (
         ("tests/planning/policies", *_in("tests/planning", "test_relaxed_plan", "test_retrieval", "test_metrics")),
     ),
     Group(
-        _in("planning/grasping", "finger_grasps", "hand_poses", "line_contacts", "pads", "sampling", "cup_grasps"),
+        _in(
+            "planning/grasping",
+            "finger_grasps",
+            "candidates",
+            "antipodal",
+            "mesh_grasps",
+            "many_lines",
+            "hand_poses",
+            "line_contacts",
+            "pads",
+            "sampling",
+            "cup_grasps",
+        ),
         ("tests/planning/grasping",),
     ),
     *(

@@ -50,6 +50,7 @@ class Solid:
         self.object = fcl.CollisionObject(geometry)
         self.T = np.eye(4)
         self._at: Array | None = None
+        self._normals: list[Array] = []  # one list for all twins
 
     def twin(self) -> Solid:
         """The same solid once more, to be moved on its own."""
@@ -81,12 +82,14 @@ class Solid:
         low, high = self.vertices.min(0), self.vertices.max(0)
         return np.array([(low + high) / 2, (high - low) / 2])
 
-    @cached_property
+    @property
     def normals(self) -> Array:
-        """Outward normals (M, 3) of the polyhedron's faces, each once."""
-        from scipy.spatial import ConvexHull
+        """Outward normals (M, 3) of the polyhedron's faces, each once; found when asked for, by one of all twins."""
+        if not self._normals:
+            from scipy.spatial import ConvexHull
 
-        return np.unique(np.round(ConvexHull(self.vertices).equations[:, :3], 6), axis=0)
+            self._normals.append(np.unique(np.round(ConvexHull(self.vertices).equations[:, :3], 6), axis=0))
+        return self._normals[0]
 
 
 def hull_solid(name: str, vertices: Array, faces: NDArray[np.int64] | None = None) -> Solid:

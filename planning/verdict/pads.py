@@ -17,7 +17,7 @@ from planning.verdict import polygons
 from planning.verdict.cup import cup_faults
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import Pad
-from planning.verdict.polyhedra import Polyhedron, nearest_in_window, section_below
+from planning.verdict.polyhedra import Polyhedron, Window, nearest_in_window, section_below
 
 PATCH_M = 0.001  # what comes within so much of the nearest point belongs to the patch: rubber gives way
 
@@ -39,18 +39,33 @@ def touch(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_bod
     T_frame_face, T_frame_body (4, 4): both in one frame, in which the answer is given.
     """
     T_face_body = inverse(T_frame_face) @ T_frame_body
-    seen = []
-    for part in (p.moved(T_face_body) for p in body):
+    seen, least = list[tuple[float, int, Array, Polyhedron]](), np.inf
+    for lowest, i in _over(body, T_face_body, pad.window):
+        if lowest > least + PATCH_M:
+            break  # what is left is neither the nearest nor in the patch
+        part = body[i].moved(T_face_body)
         near = nearest_in_window(part, pad.window)
         if near is not None and part.vertices[:, 2].max() > 0:
-            seen.append((near[0], near[1], part))
+            seen.append((near[0], i, near[1], part))
+            least = min(least, near[0])
     if not seen:
         return None
-    gap, normal, _ = min(seen, key=lambda s: s[0])
-    reached = [section_below(part, gap + PATCH_M) for z, _, part in seen if z <= gap + PATCH_M]
+    gap, _, normal, _ = min(seen, key=lambda s: s[:2])
+    reached = [section_below(part, gap + PATCH_M) for z, _, _, part in seen if z <= gap + PATCH_M]
     patch = polygons.clip(polygons.hull(np.concatenate(reached)), pad.window.corners)
     R, p = T_frame_face[:3, :3], T_frame_face[:3, 3]
     return Touch(gap, R @ -normal, patch @ R[:, :2].T + p, polygons.least_width(polygons.hull(patch)))
+
+
+def _over(body: Sequence[Polyhedron], T_face_body: Array, window: Window) -> list[tuple[float, int]]:
+    """The numbers of a body's parts that may be over a window, by how low, at least, their lowest points are."""
+    if len(body) == 1:
+        return [(-np.inf, 0)]
+    centres, radii = np.array([p.ball[0] for p in body]) @ T_face_body[:3, :3].T + T_face_body[:3, 3], np.array([p.ball[1] for p in body])
+    middle, radius = window.circle
+    near = (np.hypot(*(centres[:, :2] - middle).T) <= radii + radius) & (centres[:, 2] + radii > 0.0)
+    lowest = centres[:, 2] - radii
+    return [(float(lowest[i]), int(i)) for i in np.argsort(lowest, kind="stable") if near[i]]
 
 
 def touch_of(

@@ -11,7 +11,9 @@ from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasping.finger_grasps import UPRIGHT, _Candidate, _Candidates, _is_upright, _skew, sample_grasps
+from planning.grasping.antipodal import skew
+from planning.grasping.candidates import UPRIGHT, Candidate, Candidates, is_upright
+from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.hand_poses import LEAST_BITE_M, STAY, Move, fit_box, height_of, level_hand, most_above, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad
@@ -26,10 +28,10 @@ BRICK = ConvexMesh((box_corners(np.array([0.02, 0.03, 0.10])),))
 
 def candidates(
     shape: Shape, *kinds: str, sampling: Sampling = USUAL, T: Array | None = None, toward: float = 0.0, room_m: float | None = None
-) -> _Candidates:
+) -> Candidates:
     body = Body("it", shape, np.eye(4) if T is None else T)
     room_m = sampling.rooms_m[0] if room_m is None else room_m
-    return _Candidates(body, OPENING, kinds, -0.10, toward, sampling, usual_lowest, room_m)
+    return Candidates(body, OPENING, kinds, -0.10, toward, sampling, usual_lowest, room_m)
 
 
 def backs(shape: Shape, kind: str) -> list[float]:
@@ -71,7 +73,7 @@ def test_where_more_room_is_kept_no_hand_is_level() -> None:
 
 def test_upright_is_within_a_degree_and_either_way_up() -> None:
     for degrees, upright in ((0, True), (0.9, True), (1.1, False), (178.9, False), (179.1, True), (180, True)):
-        assert _is_upright(Body("it", CAN, transform(rotation_about(X, np.radians(degrees))))) == upright
+        assert is_upright(Body("it", CAN, transform(rotation_about(X, np.radians(degrees))))) == upright
     assert np.degrees(np.arccos(UPRIGHT)) == pytest.approx(1.0)
 
 
@@ -108,14 +110,14 @@ def test_a_hand_of_few_joints_looks_away_from_the_base_though_it_looks_down() ->
 
 def test_a_line_along_the_normals_has_no_skew_though_they_are_rounded() -> None:
     long = 1 + 1e-9
-    assert _skew(Contact(0.0, 1.0, -long * X, long * X), X) == 0.0
-    assert _skew(Contact(0.0, 1.0, long * X, long * X), X) == pytest.approx(np.pi)
-    assert _skew(Contact(0.0, 1.0, -X, (X + Y) / np.sqrt(2)), X) == pytest.approx(np.pi / 4)
-    assert _skew(None, X) == np.pi
+    assert skew(Contact(0.0, 1.0, -long * X, long * X), X) == 0.0
+    assert skew(Contact(0.0, 1.0, long * X, long * X), X) == pytest.approx(np.pi)
+    assert skew(Contact(0.0, 1.0, -X, (X + Y) / np.sqrt(2)), X) == pytest.approx(np.pi / 4)
+    assert skew(None, X) == np.pi
 
 
 def test_lying_cans_stay_where_they_are() -> None:
-    hand = _Candidate(0.0, np.zeros(3), Y, level_hand(X, 0.0), (0.03, 0.05, np.pi / 3), 0.0, 0.005)
+    hand = Candidate(0.0, np.zeros(3), Y, level_hand(X, 0.0), (0.03, 0.05, np.pi / 3), 0.0, 0.005)
     assert hand.fit(Body("it", CAN, transform(rotation_about(X, np.pi / 2))), 0.06, OPENING) == STAY
 
 
@@ -173,7 +175,7 @@ def test_boxes_are_not_raised_for_the_tips() -> None:
 def test_what_leans_by_just_a_degree_is_not_upright() -> None:
     T = np.eye(4)
     for T[2, 2], upright in ((UPRIGHT, False), (-UPRIGHT, False), (np.nextafter(UPRIGHT, 2), True)):
-        assert _is_upright(Body("it", CAN, T)) == upright
+        assert is_upright(Body("it", CAN, T)) == upright
 
 
 # ------------------------------------------------------------------------------------------------------------- how far back a box is held

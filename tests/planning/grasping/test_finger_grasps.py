@@ -13,16 +13,10 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners, prism
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
-from planning.grasping import finger_grasps, hand_poses
-from planning.grasping.finger_grasps import (
-    CLEARANCE_M,
-    FRICTION_ANGLE,
-    MESH_FRICTION_ANGLE,
-    OPEN_STEP_M,
-    closing_directions,
-    open_width,
-    sample_grasps,
-)
+from planning.grasping import antipodal, candidates, finger_grasps, hand_poses, mesh_grasps
+from planning.grasping.antipodal import FRICTION_ANGLE, MESH_FRICTION_ANGLE
+from planning.grasping.candidates import closing_directions
+from planning.grasping.finger_grasps import CLEARANCE_M, OPEN_STEP_M, open_width, sample_grasps
 from planning.grasping.hand_poses import BEHIND_M, BELOW_TOP_M, LEAST_BITE_M, LOWEST_M, MOST_BESIDE_M, set_back, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
 from planning.grasping.pads import Pad, pad_of
@@ -51,10 +45,10 @@ def test_the_numbers() -> None:
     assert {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)} == PITCHES
     assert LOWEST_M == {"horizontal": 0.040, "diagonal": 0.020, "downward": 0.015}
     assert hand_poses.UP.tolist() == [0.0, 0.0, 1.0]
-    assert finger_grasps.SET_BACKS == (1.0, 0.5, 0.0)
-    assert finger_grasps.BESIDE == (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
-    assert finger_grasps.MESH_HEIGHTS == (0.45, 0.3)
-    assert finger_grasps.SPARE_M == 0.004
+    assert mesh_grasps.SET_BACKS == (1.0, 0.5, 0.0)
+    assert mesh_grasps.BESIDE == (0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
+    assert candidates.MESH_HEIGHTS == (0.45, 0.3)
+    assert antipodal.SPARE_M == 0.004
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ lines
@@ -527,8 +521,8 @@ def test_what_has_faces_is_not_asked_about() -> None:
 def test_a_line_is_as_skew_as_the_surface_that_faces_it_less() -> None:
     leans = np.array([np.cos(0.3), np.sin(0.3), 0.0])
     for enter, leave, angle in ((-X, X, 0.0), (-X, leans, 0.3), (-leans, X, 0.3), (-X * (1 + 1e-15), X * (1 + 1e-15), 0.0), (X, X, np.pi)):
-        assert finger_grasps._skew(Contact(-0.02, 0.02, enter, leave), X) == pytest.approx(angle, abs=1e-7)
-    assert finger_grasps._skew(None, X) == np.pi
+        assert antipodal.skew(Contact(-0.02, 0.02, enter, leave), X) == pytest.approx(angle, abs=1e-7)
+    assert antipodal.skew(None, X) == np.pi
 
 
 def test_normals_at_the_edge_of_the_friction_cone_hold(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -109,7 +109,7 @@ def test_each_edge_of_a_hull_stands_once() -> None:
     rng = np.random.default_rng(1)
     for _ in range(5):
         points = rng.normal(size=(15, 3))
-        ((a, b),) = _edges(ConvexMesh((points,)))
+        a, b = _edges(ConvexMesh((points,)))
         assert len(a) == 3 * len(ConvexHull(points).vertices) - 6
         assert len({frozenset((tuple(p), tuple(q))) for p, q in zip(a.tolist(), b.tolist(), strict=True)}) == len(a)
 

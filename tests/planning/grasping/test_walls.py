@@ -13,19 +13,13 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
+from planning.grasping.antipodal import MESH_FRICTION_ANGLE, SPARE_M, antipodal, crossed
+from planning.grasping.candidates import Candidate
 from planning.grasping.cup_grasps import grasps_on
-from planning.grasping.finger_grasps import (
-    MESH_FRICTION_ANGLE,
-    SPARE_M,
-    _antipodal,
-    _by_walls,
-    _Candidate,
-    _crossed,
-    _less_squarely,
-    sample_grasps,
-)
+from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.hand_poses import level_hand
 from planning.grasping.line_contacts import GAP_M, Contact, line_contacts, line_stretches, stretch_at
+from planning.grasping.mesh_grasps import _by_walls, _less_squarely
 from planning.grasping.pads import Pad, under_pads
 from planning.grasping.sampling import Sampling
 from planning.target_grasps.proposals import squareness
@@ -192,9 +186,9 @@ def plates(*middles: float, thick: float = 0.02) -> Body:
     return Body("plates", ConvexMesh(tuple(box_corners(np.array([0.06, thick, 0.10]) / 2) + y * Y for y in middles)), np.eye(4))
 
 
-def level(reach: float, u: Array = Y, z: float = 0.0) -> _Candidate:
+def level(reach: float, u: Array = Y, z: float = 0.0) -> Candidate:
     """A hand that looks along x and closes along u about (0, 0, z), of what reaches so far towards it."""
-    return _Candidate(0.0, z * Z, u, level_hand(np.array([u[1], -u[0], 0.0]), 0.0), (reach, 0.05, 0.0), 0.0, 0.005)
+    return Candidate(0.0, z * Z, u, level_hand(np.array([u[1], -u[0], 0.0]), 0.0), (reach, 0.05, 0.0), 0.0, 0.005)
 
 
 def test_each_wall_is_held_where_the_first_share_of_the_way_back_still_meets_it() -> None:
@@ -233,11 +227,11 @@ def test_what_is_set_back_is_held_as_a_whole_unless_by_a_wall() -> None:
     shallow = replace(SHALLOW, depth_m=np.full(3, 0.02))
     whole = line_contacts(body.shape, body.T_world_body, c.point, c.u)
     for pad in (None, Pad(0.01, -0.01, 0.01)):
-        grasp = _antipodal(body, shallow, whole, c, pad, MESH_FRICTION_ANGLE)
+        grasp = antipodal(body, shallow, whole, c, pad, MESH_FRICTION_ANGLE)
         assert grasp is not None
         assert grasp.width_m == pytest.approx(0.08)
         assert grasp.T_world_hand[:3, 3] == pytest.approx([-0.015, 0.0, 0.0])
-        wall = _antipodal(body, shallow, whole, c, pad, MESH_FRICTION_ANGLE, wall=True)
+        wall = antipodal(body, shallow, whole, c, pad, MESH_FRICTION_ANGLE, wall=True)
         assert wall is not None
         assert wall.width_m == pytest.approx(0.01)
 
@@ -250,16 +244,16 @@ def test_what_bulges_under_the_pads_must_fit_between_the_fingers_too() -> None:
         hit = line_contacts(mesh, np.eye(4), c.point, c.u)
         assert hit is not None
         assert (hit.leave - hit.enter, OPEN.max_m - SPARE_M) == pytest.approx((0.09, 0.096))
-        grasp = _antipodal(body, OPEN, hit, c, Pad(0.01, -0.01, 0.01), MESH_FRICTION_ANGLE)
+        grasp = antipodal(body, OPEN, hit, c, Pad(0.01, -0.01, 0.01), MESH_FRICTION_ANGLE)
         assert (grasp is not None) == some
-        assert _antipodal(body, OPEN, hit, c, None, MESH_FRICTION_ANGLE) is not None
+        assert antipodal(body, OPEN, hit, c, None, MESH_FRICTION_ANGLE) is not None
 
 
 def test_the_pads_are_raised_by_as_much_as_their_ends_still_hold() -> None:
     body, pad = plates(0.0), Pad(0.01, -0.01, 0.015625)
     for least_z, z in ((-0.01, 0.0), (0.01, 0.01), (0.015625, 0.015625), (0.01563, None)):
         c = level(0.03)._replace(least_z=least_z)
-        grasp = _antipodal(body, OPEN, line_contacts(body.shape, np.eye(4), c.point, c.u), c, pad, MESH_FRICTION_ANGLE)
+        grasp = antipodal(body, OPEN, line_contacts(body.shape, np.eye(4), c.point, c.u), c, pad, MESH_FRICTION_ANGLE)
         assert (None if grasp is None else float(grasp.T_world_hand[2, 3])) == (None if z is None else pytest.approx(z))
 
 
@@ -287,7 +281,7 @@ def test_beside_the_middle_a_mesh_reaches_less_far_towards_the_hand_or_further()
 
 def test_a_line_beside_a_point_is_as_high() -> None:
     """A centimetre under the top of a plate, two beside its middle."""
-    hit = _crossed(plates(0.0), 0.04 * Z, Y, 0.02, {})
+    hit = crossed(plates(0.0), 0.04 * Z, Y, 0.02, {})
     assert hit is not None
     assert (hit.enter, hit.leave) == pytest.approx((-0.01, 0.01))
 
@@ -296,7 +290,7 @@ def test_crossings_are_remembered_by_their_line() -> None:
     """Two whose directions differ in one number, two heights, and two places beside the middle."""
     body, u, hits = plates(0.0), np.array([0.28, 0.96, 0.0]), dict[tuple[float, float, float], Contact | None]()
     asked = ((u, 0.0, 0.0), (u * [-1, 1, 1], 0.0, 0.0), (u, 0.02, 0.0), (u, 0.0, 0.01), (u, 0.0, 0.0))
-    found = [_crossed(body, z * Z, along, beside, hits) for along, z, beside in asked]
+    found = [crossed(body, z * Z, along, beside, hits) for along, z, beside in asked]
     assert len(hits) == 4
     assert found[4] is found[0]
 

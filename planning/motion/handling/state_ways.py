@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from kinematics.scene import Grasp, State
 from kinematics.transforms import Array
 from planning.motion.cell.workcell import Workcell
-from planning.motion.handling.picking import Pick, Picking, can_be_exhaustive
+from planning.motion.handling.object_grasps import can_be_exhaustive
+from planning.motion.handling.picking import Pick, Picking
 from planning.motion.handling.placing import Placing, ReleaseQuery
 from planning.motion.handling.room import Room
 from planning.motion.handling.stacks import Stacks

@@ -9,7 +9,7 @@ the verdict. What palm and fingers touch is not asked here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -33,6 +33,10 @@ LINE_M = LEAST_M * float(np.sqrt(0.5))
 UPRIGHT = np.cos(np.radians(1))
 TURNS, SAME_WAY = 4, 1e-9
 """So often is an arm of few joints asked again how it looks at a place ahead of the object's middle, till it is ahead as the hand looks."""
+
+
+Places = Callable[[float], Array]
+"""Where the pads' middle may be, ahead of the body's and up from it (N, 2), when the hand has some pitch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,71 +63,62 @@ def marginal_grasps(
     """
     if sampling.steps_m is None or opening.cup_m or opening.round_only or abs(body.T_world_body[2, 2]) < UPRIGHT:
         return
-    pitches = [pitch for kind in approaches for pitch in sampling.pitches[kind]]
+    pitches, steps = [pitch for kind in approaches for pitch in sampling.pitches[kind]], sampling.steps_m
+
+    def places(outline: _Outline) -> Places:
+        return lambda pitch: _overlapping(outline, pitch, steps, pad, sampling.beyond_m)
+
     match body.shape:
         case Box():
             x, y, z = map(float, body.shape.half)
             for axis, outline in ((0, _Outline(y, z, 2 * x)), (1, _Outline(x, z, 2 * y))):
-                yield from _all_round(body, opening, outline, [body.T_world_body[:3, axis]], pitches, sampling.steps_m, pad)
+                yield from _all_round(body, opening, outline.width_m, [body.T_world_body[:3, axis]], pitches, places(outline))
         case Cylinder(radius_m=radius, height_m=height):
-            strip = min(float(np.sqrt(2 * radius * SAG_M)), radius) if sampling.beyond else LINE_M
+            strip = min(float(np.sqrt(2 * radius * SAG_M)), radius) if sampling.beyond_m else LINE_M
             outline = _Outline(strip, height / 2, 2 * radius)
             if headings is not None:
-                yield from _headed(body, opening, outline, toward, pitches, sampling.steps_m, pad, headings)
+                yield from _headed(body, opening, outline.width_m, toward, pitches, places(outline), headings)
                 return
             yaws = np.arange(sampling.yaws) * np.pi / sampling.yaws
             closing = [np.array([np.cos(yaw), np.sin(yaw), 0.0]) for yaw in yaws]
-            yield from _all_round(body, opening, outline, closing, pitches, sampling.steps_m, pad)
+            yield from _all_round(body, opening, outline.width_m, closing, pitches, places(outline))
 
 
 def _all_round(
-    body: Body,
-    opening: Opening,
-    outline: _Outline,
-    closing: Sequence[Array],
-    pitches: Sequence[float],
-    steps: tuple[float, float],
-    pad: Pad,
+    body: Body, opening: Opening, width_m: float, closing: Sequence[Array], pitches: Sequence[float], places: Places
 ) -> Iterator[Grasp]:
     """Grasps from both sides of each closing direction (3,), level."""
-    if outline.width_m + SPARE_M > opening.max_m:
+    if width_m + SPARE_M > opening.max_m:
         return
     for pitch in pitches:
-        offsets = _overlapping(outline, pitch, steps, pad)
+        offsets = places(pitch)
         for u, side in product(closing, (1.0, -1.0)):
             ahead = side * np.array([-u[1], u[0], 0.0]) / np.hypot(u[0], u[1])
             R = level_hand(ahead, pitch)
             for middle in body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * [0.0, 0.0, 1.0]:
-                yield Grasp(transform(R, opening.hand_position(middle, R, outline.width_m)), outline.width_m)
+                yield Grasp(transform(R, opening.hand_position(middle, R, width_m)), width_m)
 
 
 def _headed(
-    body: Body,
-    opening: Opening,
-    outline: _Outline,
-    toward: float,
-    pitches: Sequence[float],
-    steps: tuple[float, float],
-    pad: Pad,
-    headings: Headings,
+    body: Body, opening: Opening, width_m: float, toward: float, pitches: Sequence[float], places: Places, headings: Headings
 ) -> Iterator[Grasp]:
     """Grasps on what is round of an arm of few joints."""
-    if outline.width_m + SPARE_M > opening.max_m:
+    if width_m + SPARE_M > opening.max_m:
         return
     there = np.array([np.cos(toward), np.sin(toward), 0.0])
     for pitch in pitches:
-        for along, up in _overlapping(outline, pitch, steps, pad):
+        for along, up in places(pitch):
             at = body.T_world_body[:3, 3] + [0.0, 0.0, up]
-            for first in headings(transform(level_hand(there, pitch), at), outline.width_m):
+            for first in headings(transform(level_hand(there, pitch), at), width_m):
                 R, ahead = first, _ahead(first, pitch, there)
                 for _ in range(TURNS if along else 0):
-                    again = headings(transform(R, at + along * ahead), outline.width_m)
+                    again = headings(transform(R, at + along * ahead), width_m)
                     R = max(again, key=lambda other: float(np.sum(other * R)), default=R)
                     before, ahead = ahead, _ahead(R, pitch, there)
                     if np.abs(ahead - before).max() < SAME_WAY:
                         break
                 middle = at + along * ahead
-                yield Grasp(transform(R, opening.hand_position(middle, R, outline.width_m)), outline.width_m)
+                yield Grasp(transform(R, opening.hand_position(middle, R, width_m)), width_m)
 
 
 def _ahead(R: Array, pitch: float, there: Array) -> Array:
@@ -132,9 +127,10 @@ def _ahead(R: Array, pitch: float, there: Array) -> Array:
     return np.asarray(level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)))
 
 
-def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pad: Pad) -> Array:
+def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pad: Pad, beyond_m: float) -> Array:
     """How far ahead of an outline's middle, and up from it, the pads' middle may be (N, 2): where a square with sides of LEAST_M, along the
-    pads', lies in both; the most overlap in front. The two rectangles, less half of the square, meet: no side of either parts them."""
+    pads', lies in both, or would if they were moved by beyond_m; the most overlap in front. The two rectangles, less half of the square,
+    meet: no side of either parts them."""
     co, si = np.cos(pitch), np.sin(pitch)
     half_x, half_z = pad.half_x_m - LEAST_M / 2, (pad.high_z_m - pad.low_z_m - LEAST_M) / 2
     less = LEAST_M / 2 * (abs(co) + abs(si))
@@ -143,7 +139,7 @@ def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pa
         return np.zeros((0, 2))
     z_axis, x_axis = np.array([co, -si]), np.array([si, co])  # of the hand, in the plane of ahead and up
     shift = (pad.high_z_m + pad.low_z_m) / 2 * z_axis  # from the pads' middle to the middle of the face
-    most = np.array([ahead + half_x * abs(si) + half_z * abs(co), up + half_x * abs(co) + half_z * abs(si)])
+    most = beyond_m + np.array([ahead + half_x * abs(si) + half_z * abs(co), up + half_x * abs(co) + half_z * abs(si)])
     grids = [_steps(reach, step) for reach, step in zip(most, steps)]
     faces = np.stack(np.meshgrid(*grids, indexing="ij"), -1).reshape(-1, 2)
     left = np.round(
@@ -154,7 +150,7 @@ def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pa
         9,
     )  # by how much more they overlap, along both axes of the hand
     best_first = np.lexsort((-left.sum(0), -left.min(0)))
-    meets = best_first[left.min(0)[best_first] >= 0.0]
+    meets = best_first[left.min(0)[best_first] >= -beyond_m]
     return np.asarray(faces[meets] - shift)
 
 

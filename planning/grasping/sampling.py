@@ -23,7 +23,8 @@ class Sampling:
     in shares of the object's; 0 and 1: as low, and as high, as they can be. pitches: by approach, in rad. rooms_m: what pitched hands keep
     between what they hold and what lies behind their pads, if they can; those with the first come before all others. steps_m: how far
     apart, ahead and up, those are that hold upright boxes and cans by however little (`marginal_grasps`), after all others; None: none.
-    beyond: whether the line in which pads meet a can may lie a little beyond their ends, from where they may push it out: for proofs."""
+    beyond_m: how much further off than where the pads just hold something hands are looked at, and whether the line in which they meet a
+    can may lie a little beyond their ends, from where they may push it out: for proofs."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)
@@ -31,7 +32,7 @@ class Sampling:
     pitches: Mapping[str, tuple[float, ...]] = field(default_factory=lambda: PITCHES)
     rooms_m: tuple[float, ...] = (ROOM_M,)
     steps_m: tuple[float, float] | None = None
-    beyond: bool = False
+    beyond_m: float = 0.0
 
 
 USUAL = Sampling()

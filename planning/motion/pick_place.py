@@ -25,10 +25,11 @@ from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
+from planning.motion.handling.finest_look import FinestLook
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
-from planning.motion.handling.picking import EXHAUSTIVE, FINEST, THOROUGH, WIDER, Pick, Picking, PickSettings
+from planning.motion.handling.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings
 from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
 from planning.motion.handling.stacks import Stacks
@@ -292,12 +293,12 @@ class Motions:
         return self.thorough if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene) else self._with(EXHAUSTIVE)
 
     @cached_property
-    def finest(self) -> Motions | None:
-        """The same with finer steps yet: only to ask whether something is stuck, for a plan would take long with so many. None where no
-        look is fine enough for that: with meshes, and with a hand of one's own whose pads are askew, where each grasp has to be judged."""
+    def finest(self) -> FinestLook | Motions | None:
+        """The look that proofs rest on: only to ask whether something is stuck. None where no look is fine enough for that: with meshes,
+        and with a hand of one's own whose pads are askew, where each grasp has to be judged."""
         if self.partly_unseen:
             return self.thorough
-        return self._with(FINEST) if can_be_exhaustive(self.robot, self.scene) else None
+        return FinestLook(self.robot, self.scene, self.settings) if can_be_exhaustive(self.robot, self.scene) else None
 
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)

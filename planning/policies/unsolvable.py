@@ -4,10 +4,11 @@ Take the largest set of objects of which none can be picked while only they and 
 be picked would be picked while all of them, the target and perhaps others stand where they stood at the beginning, and more objects never
 make a pick possible. So if every way to x_g is blocked by that set alone, no sequence of picks frees the target.
 
-The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them; so grasps are sampled
-far more densely for it than where moves are planned, 2 or 3 mm from one another in height, and those are asked, too, that hold an object by
-an edge, or deeper than its middle: wherever the verdict would call it held. Of meshes, and of hands whose pads are askew, grasps can't be
-sampled as densely: there nothing is proved by what is stuck. It says nothing about pushing.
+The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them. So grasps are sampled
+far more densely for it than where moves are planned, those that hold an object by an edge or deeper than its middle among them: wherever
+the verdict would call it held; and at last in a cabinet with as much more room as there is between one such grasp and the next
+(`handling/finest_look.py`). Of meshes, and of hands whose pads are askew, grasps can't be sampled as densely: there nothing is proved by
+what is stuck. It says nothing about pushing.
 """
 
 from __future__ import annotations

@@ -46,8 +46,6 @@ THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
 """Where a thorough look finds none, either."""
-FINEST = replace(THOROUGH, sampling=replace(DENSEST, steps_m=(0.005, 0.003), beyond=True))
-"""Before it is called a proof that an exhaustive look finds none, either."""
 WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
 """Where the picks of a quick look leave no room to anything."""
 MOST_WIDER = 4

@@ -16,7 +16,7 @@ from planning.grasping.hand_poses import level_hand
 from planning.grasping.marginal_grasps import LEAST_M, _Outline, _overlapping, marginal_grasps
 from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import DENSEST, USUAL, Sampling
-from planning.motion.handling.picking import EXHAUSTIVE, FINEST, PickSettings
+from planning.motion.handling.finest_look import SAMPLINGS
 from planning.verdict import judge_grasp
 
 CABINET = Cabinet(np.array([3.0, 3.0, 3.0]), transform(p=[-1.0, 0.0, 0.0]), 0.02)
@@ -65,18 +65,18 @@ def test_pads_overlap_by_a_square_just_where_they_are_said_to(pitch: float) -> N
     def holds(at: Array, spare_m: float) -> bool:
         return bool((np.abs(at + squares) <= np.array([outline.ahead_m, outline.up_m]) + spare_m).all((1, 2)).any())
 
-    said = _overlapping(outline, pitch, (0.004, 0.004), PAD)
+    said = _overlapping(outline, pitch, (0.004, 0.004), PAD, 0.0)
     assert all(holds(at, 1e-3) for at in said)
     some = np.random.default_rng(1).uniform(-0.09, 0.09, (300, 2))
     for at in some[[holds(at, 0.0) for at in some]]:
         assert np.abs(said - at).max(1).min() <= 0.004 + 1e-9
 
 
-@pytest.mark.parametrize("settings", [EXHAUSTIVE, FINEST])
-def test_steps_are_as_fine_as_is_asked(settings: PickSettings) -> None:
-    steps = settings.sampling.steps_m
+@pytest.mark.parametrize("sampling", [DENSEST, *SAMPLINGS])
+def test_steps_are_as_fine_as_is_asked(sampling: Sampling) -> None:
+    steps = sampling.steps_m
     assert steps is not None
-    for values, step in zip(_overlapping(_Outline(0.03, 0.06, 0.05), 0.0, steps, PAD).T, steps):
+    for values, step in zip(_overlapping(_Outline(0.03, 0.06, 0.05), 0.0, steps, PAD, sampling.beyond_m).T, steps):
         assert step / 2 < np.diff(np.unique(np.round(values, 9))).max() <= step + 1e-9
 
 
@@ -110,7 +110,7 @@ def test_an_arm_of_few_joints_looks_as_it_has_to(ur5e: Robot) -> None:
         assert R[:2, 2] @ middle[:2] == pytest.approx(np.linalg.norm(middle[:2]), abs=1e-12)
 
 
-@pytest.mark.parametrize(("sampling", "beyond"), [(DENSEST, False), (FINEST.sampling, True)])
+@pytest.mark.parametrize(("sampling", "beyond"), [(DENSEST, False), (SAMPLINGS[0], True)])
 @pytest.mark.parametrize("kind", APPROACHES)
 def test_pads_meet_a_can_with_their_faces_but_for_proofs(ur5e: Robot, kind: str, sampling: Sampling, beyond: bool) -> None:
     """A line that lies beyond the pads' ends pushes the can out of the hand: one such plan in a hundred failed in physics."""
@@ -126,7 +126,7 @@ def test_pads_meet_a_can_with_their_faces_but_for_proofs(ur5e: Robot, kind: str,
 
 
 def test_the_most_overlap_comes_first() -> None:
-    at = _overlapping(_Outline(0.03, 0.06, 0.05), 0.0, (0.01, 0.006), PAD)
+    at = _overlapping(_Outline(0.03, 0.06, 0.05), 0.0, (0.01, 0.006), PAD, 0.0)
     assert np.abs(at[0]).max() < 0.01
     assert np.abs(at[-1]).max() > 0.03
 

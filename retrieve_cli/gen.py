@@ -62,7 +62,7 @@ def run(
 
 def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
     """The spec and the robot's place that go together. Raises: InputError where the arm reaches into no such cabinet."""
-    from planning.scenes.fitting import fit
+    from planning.scenes.fitting.fit import fit
     from planning.scenes.generation import NoScene
 
     with blame("gen", NoScene):

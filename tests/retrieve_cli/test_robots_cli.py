@@ -13,7 +13,7 @@ from lxml import etree
 
 from kinematics.robots.load import from_ref, load
 from planning.motion.pick_place import Motions
-from planning.scenes.fitting import fit
+from planning.scenes.fitting.fit import fit
 from planning.scenes.generation import NoScene, load_spec
 from retrieve_cli.__main__ import main
 from retrieve_cli.gen import robot_ref

@@ -16,19 +16,22 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
-from kinematics.shapes import ConvexMesh
+from kinematics.shapes import ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array, inverse, rotation_about, transform
+from planning.grasping.candidates import is_upright
 from planning.grasping.cup_grasps import grasps_on
+from planning.grasping.hand_poses import UP
 from planning.grasping.sampling import USUAL, Headings, Sampling
 from planning.motion.cell.arm import HALF_TURN, Arm, arm_at
 from planning.verdict import closes_askew, judge_grasp, judge_hold
+from planning.verdict.polyhedra import SIDES
 
 HEADING_TRIES, SAME_HEADING = 8, 1e-4
 MOST_PER_YAW = 10
 """So many grasps on a mesh are enough, for each closing direction that is sampled: the most natural ones."""
 MOST_JUDGED = 400
 """So many grasps at most, the most natural ones, are judged for a thorough look where each has to be: a few seconds an object."""
-HOME_DIGITS = 9  # a nanometre: poses that differ by less are one
+HOME_DIGITS, ROUND_DIGITS = 9, 5  # a nanometre, and round what is round a hundredth of a millimetre: poses that differ by less are one
 LEVEL = 0.5  # of a unit vector that is level enough for its bearing to say how a body is turned
 
 
@@ -38,7 +41,7 @@ def sampled_grasps(
     """Grasps on an object at T (4, 4), the most natural first. approaches: the scene's by default.
 
     On a mesh, where pads may meet an edge, or the palm what is beside them, and of a hand of one's own whose pads are askew, those that the
-    verdict accepts in the empty cabinet.
+    verdict accepts in the empty cabinet; on what is round such a hand's are accepted wherever the walls are, which a pick keeps clear of.
     """
     to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
     toward = float(np.arctan2(to_body[1], to_body[0]))
@@ -54,7 +57,30 @@ def sampled_grasps(
     natural = grasps_on(body, robot, kinds, floor_z, toward, sampling, headings)
     if not _is_askew(robot):
         return natural
-    return (grasp for grasp in islice(natural, most) if judge_grasp(robot, alone, grasp) is None)
+    natural = islice(natural, most)
+    if isinstance(body.shape, Cylinder) and is_upright(body):
+        return (grasp for grasp in natural if _holds_round(robot, body, floor_z, grasp))
+    return (grasp for grasp in natural if judge_grasp(robot, alone, grasp) is None)
+
+
+def _holds_round(robot: Robot, body: Body, floor_z: float, grasp: Grasp) -> bool:
+    """Whether a hand holds an upright cylinder: asked once for all hands that are the same but for where round it they are.
+
+    The verdict takes a cylinder for a prism, so it is asked about a hand before a face of it, and before an edge; where it does not say the
+    same of both, it is asked about the hand itself.
+    """
+    T, middle = grasp.T_world_hand, body.T_world_body[:3, 3]
+    looks = T[:2, 2] if np.hypot(*T[:2, 2]) > LEVEL else T[:2, 0]
+    T_ahead = transform(rotation_about(UP, -float(np.arctan2(looks[1], looks[0])))) @ transform(p=[-middle[0], -middle[1], -floor_z]) @ T
+    height = float(middle[2]) - floor_z
+    known, key = _known(robot, body.shape, b""), (np.round([*T_ahead.flat, height], ROUND_DIGITS).tobytes(), round(grasp.width_m, 6))
+    if key not in known:
+        T_hand = Grasp(T_ahead, grasp.width_m)
+        turns = (transform(rotation_about(UP, turn), [0.0, 0.0, height]) for turn in (0.0, np.pi / SIDES))
+        holds = [judge_hold(robot, replace(body, T_world_body=T_turned), T_hand) is None for T_turned in turns]
+        known[key] = holds[0] if holds[0] == holds[1] else None
+    found = known[key]
+    return judge_hold(robot, body, grasp) is None if found is None else found
 
 
 def _at_home(
@@ -74,7 +100,7 @@ def _at_home(
         key = (grasp.T_world_hand.tobytes(), grasp.width_m)
         if key not in known:
             known[key] = judge_hold(robot, home, grasp) is None
-        yield Grasp(T_world_home @ grasp.T_world_hand, grasp.width_m), known[key]
+        yield Grasp(T_world_home @ grasp.T_world_hand, grasp.width_m), bool(known[key])
 
 
 def _home(T_world_body: Array, floor_z: float) -> tuple[Array, float]:
@@ -85,8 +111,8 @@ def _home(T_world_body: Array, floor_z: float) -> tuple[Array, float]:
 
 
 @lru_cache(maxsize=64)
-def _known(robot: Robot, shape: ConvexMesh, T_home_body: bytes) -> dict[tuple[bytes, float], bool]:
-    """Which hands hold a mesh at its home, by their poses and widths, as far as they were asked about."""
+def _known(robot: Robot, shape: Shape, T_home_body: bytes) -> dict[tuple[bytes, float], bool | None]:
+    """Which hands hold a body at its home, by their poses and widths, as far as they were asked about; None where it hangs on more."""
     return {}
 
 

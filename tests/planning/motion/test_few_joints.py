@@ -17,7 +17,7 @@ from planning.motion.handling.carry import Done
 from planning.motion.handling.object_grasps import headings_of, sampled_grasps
 from planning.motion.handling.waiting import places_to_wait
 from planning.motion.pick_place import Motions
-from planning.scenes.fitting import fit
+from planning.scenes.fitting.fit import fit
 from planning.scenes.generation import load_spec
 from planning.verdict import judge_motions
 

@@ -1,4 +1,4 @@
-"""Where a cabinet may stand beside what is fixed to an arm's base, and what is put into it."""
+"""Where a cabinet stands for an arm, what is put into it, and that the arm takes that from almost everywhere in it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,21 @@ import numpy as np
 import pytest
 
 from kinematics.robots.load import load
-from kinematics.scene import RobotRef
-from kinematics.shapes import box_corners
-from kinematics.transforms import Array
-from planning.scenes.fitting import BESIDE_M, _is_beside, _not_held, _of_one_kind, _slimmed
-from planning.scenes.generation import load_spec
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, Cabinet, RobotRef, Scene
+from kinematics.shapes import Cylinder, box_corners
+from kinematics.transforms import Array, rotation_about, transform
+from planning.grasping.cup_grasps import grasps_on
+from planning.motion.cell.arm import arm_at
+from planning.motion.handling.object_grasps import _holds_round, headings_of
+from planning.motion.pick_place import Motions
+from planning.motion.settings import UNCONSTRAINED
+from planning.scenes.fitting.fit import Fitted, fit
+from planning.scenes.fitting.places import BESIDE_M, Place, is_beside
+from planning.scenes.fitting.sizes import cut, fewer, of_one_kind, slimmed
+from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share
+from planning.scenes.generation import Spec, load_spec
+from planning.verdict import judge_grasp
 
 SPEC = load_spec("paper")
 
@@ -48,7 +58,7 @@ ARM = _hand(_box("0.04 0.2 0.04", "0 0 0.03"))
 
 
 def block(size: tuple[float, float, float], at: tuple[float, float, float]) -> Array:
-    return box_corners(np.array(size) / 2) + np.array(at)
+    return np.asarray(box_corners(np.array(size) / 2) + np.array(at))
 
 
 def test_a_cabinet_stands_within_a_frame_that_is_fixed_to_the_base() -> None:
@@ -56,30 +66,30 @@ def test_a_cabinet_stands_within_a_frame_that_is_fixed_to_the_base() -> None:
     depth, width, height = SPEC.cabinet_size_m
     aside, above = width / 2 + SPEC.cabinet_wall_m + 2 * BESIDE_M, 0.1 + height + SPEC.cabinet_wall_m + 2 * BESIDE_M
     frame = [block((2.0, 0.02, 2.0), (0.5, s * (aside + 0.01), 0.5)) for s in (1, -1)] + [block((2.0, 2.0, 0.02), (0.5, 0.0, above + 0.01))]
-    assert _is_beside(SPEC, (0.3, 0.1), frame)
-    assert not _is_beside(SPEC, (0.3, 0.1 + 1.5 * BESIDE_M), frame)
-    assert not _is_beside(SPEC, (0.3, 0.1), [*frame, block((0.02, 0.02, 0.3), (0.3 + depth / 2, 0.0, 0.2))])
-    assert _is_beside(SPEC, (0.3, 0.1), [])
+    assert is_beside(SPEC, Place(0.3, 0.1), frame)
+    assert not is_beside(SPEC, Place(0.3, 0.1 + 1.5 * BESIDE_M), frame)
+    assert not is_beside(SPEC, Place(0.3, 0.1), [*frame, block((0.02, 0.02, 0.3), (0.3 + depth / 2, 0.0, 0.2))])
+    assert is_beside(SPEC, Place(0.3, 0.1), [])
 
 
 @pytest.mark.parametrize("boxes", [True, False])
 def test_objects_of_one_kind_alone(boxes: bool) -> None:
     """A spec of household objects keeps those of the kind; one that has none of it keeps what it has."""
-    assert _of_one_kind(SPEC, boxes=boxes).objects_box_share == float(boxes)
+    assert of_one_kind(SPEC, boxes=boxes).objects_box_share == float(boxes)
     lab = load_spec("lab-s")
     kinds = {len(kind.size_m) for kind in lab.objects_household}
     assert kinds == {2, 3}
-    assert {len(kind.size_m) for kind in _of_one_kind(lab, boxes=boxes).objects_household} == {3 if boxes else 2}
+    assert {len(kind.size_m) for kind in of_one_kind(lab, boxes=boxes).objects_household} == {3 if boxes else 2}
     only = replace(lab, objects_household=tuple(kind for kind in lab.objects_household if len(kind.size_m) == (2 if boxes else 3)))
-    assert _of_one_kind(only, boxes=boxes).objects_household == only.objects_household
+    assert of_one_kind(only, boxes=boxes).objects_household == only.objects_household
 
 
 def test_slimmer_objects_are_as_high_and_as_many() -> None:
-    slim = _slimmed(SPEC, 0.5)
+    slim = slimmed(SPEC, 0.5)
     assert slim.objects_half_width_m == tuple(0.5 * half for half in SPEC.objects_half_width_m)
     assert slim.target_half_width_m == tuple(0.5 * half for half in SPEC.target_half_width_m)
     assert (slim.objects_height_m, slim.objects_count) == (SPEC.objects_height_m, SPEC.objects_count)
-    assert _slimmed(SPEC, 1.0) is SPEC
+    assert slimmed(SPEC, 1.0) is SPEC
 
 
 def test_a_hand_with_a_near_palm_holds_slim_objects_only(tmp_path: Path) -> None:
@@ -88,7 +98,99 @@ def test_a_hand_with_a_near_palm_holds_slim_objects_only(tmp_path: Path) -> None
     robot = load(str(tmp_path / "arm.urdf"))
     assert robot.opening.max_m == pytest.approx(0.08, abs=1e-3)
     ref = RobotRef(np.eye(4), urdf=str(tmp_path / "arm.urdf"))
-    wrong = _not_held(SPEC, robot, ref, boxes=False)
+    wrong = not_held(SPEC, robot, ref, boxes=False)
     assert wrong is not None
     assert "palm would touch the target itself" in wrong
-    assert _not_held(_slimmed(SPEC, 0.5), robot, ref, boxes=False) is None
+    assert not_held(slimmed(SPEC, 0.5), robot, ref, boxes=False) is None
+
+
+def test_a_smaller_cabinet_holds_fewer_objects_and_its_target_stands_less_deep() -> None:
+    small = cut(SPEC, 0.5, 0.75)
+    np.testing.assert_allclose(small.cabinet_size_m, SPEC.cabinet_size_m * [0.5, 0.75, 1.0])
+    assert small.target_depth_m == tuple(0.5 * depth for depth in SPEC.target_depth_m)
+    assert (SPEC.objects_count, small.objects_count) == ((4, 10), (3, 4))
+    assert (fewer(SPEC, 0.1).objects_count, fewer(SPEC, 1.0).objects_count) == ((3, 3), SPEC.objects_count)
+    assert fewer(replace(SPEC, objects_count=(1, 4)), 0.25).objects_count == (1, 3)
+    assert cut(SPEC, 1.0, 1.0) is SPEC
+
+
+# ------------------------------------------------------------------------------------------------------------------------- small arms
+
+
+def _small(*, beside_m: float, lean: float, scale: float) -> str:
+    """Pan, three joints in a plane and a roll, as on arms of hobbyists: a jaw that turns closes on a fixed one, which is beside the roll's
+    axis. lean: of the jaw where it is shut, rad."""
+    lengths, axes = (0.1, 0.28, 0.28, 0.06, 0.04), ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1")
+    m = [scale * length for length in lengths]
+    links = "".join(f'<link name="l{i}">{_box(f"{0.1 * scale} {0.1 * scale} {0.8 * m[i]}", f"0 0 {m[i] / 2}")}</link>' for i in range(5))
+    at = (0.05 * scale, *m[:4])
+    joints = "".join(_joint(f"a{i}", "revolute", f"l{i - 1}" if i else "base", f"l{i}", f"0 0 {at[i]}", axes[i], 2.6) for i in range(5))
+    palm = f'<joint name="flange" type="fixed"><parent link="l4"/><child link="palm"/><origin xyz="0 {beside_m} {m[4]}"/></joint>'
+    fixed = f'<link name="palm">{_box("0.02 0.05 0.02", "0 0.01 0")}{_box("0.014 0.006 0.06", "0 -0.008 0.03")}</link>'
+    jaw = f'<link name="jaw">{_box("0.014 0.006 0.05", "0 0 0.03")}</link>'
+    hinge = (
+        f'<joint name="grip" type="revolute"><parent link="palm"/><child link="jaw"/><origin xyz="0 0.012 0.005" rpy="{lean} 0 0"/>'
+        '<axis xyz="-1 0 0"/><limit lower="0" upper="0.9" velocity="1" effort="1"/></joint>'
+    )
+    base = f'<link name="base">{_box("0.06 0.06 0.05", "0 0 0.025")}</link>'
+    return f'<robot name="small">{base}{links}{joints}{palm}{fixed}{jaw}{hinge}</robot>'
+
+
+@pytest.fixture(scope="module", params=[(0.0, 0.1, 0.6), (0.01, 0.25, 0.5)], ids=["in line", "beside"])
+def small(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    beside, lean, scale = request.param
+    file = tmp_path_factory.mktemp("small") / "small.urdf"
+    file.write_text(_small(beside_m=beside, lean=lean, scale=scale))
+    return load(str(file))
+
+
+@pytest.fixture(scope="module")
+def fitted(small: Robot) -> Fitted:
+    return fit(load_spec("paper-any"), small, RobotRef(np.eye(4), urdf=small.name))
+
+
+def _stood_at_random(spec: Spec, rng: np.random.Generator) -> tuple[Cabinet, Body]:
+    """A cylinder of the spec's sizes that stands in its cabinet wherever the spec lets it."""
+    cabinet = Cabinet(spec.cabinet_size_m, transform(p=[spec.cabinet_front_m, 0.0, spec.cabinet_floor_m]), spec.cabinet_wall_m)
+    shape = Cylinder(rng.uniform(*spec.objects_half_width_m), rng.uniform(*spec.objects_height_m))
+    (depth, width, _), least = cabinet.size_m, shape.radius_m + spec.objects_gap_m
+    p = [rng.uniform(least, depth - least), rng.uniform(least - width / 2, width / 2 - least), shape.height_m / 2]
+    return cabinet, Body("can", shape, cabinet.T_world_cabinet @ transform(p=p))
+
+
+def test_a_small_arm_takes_objects_from_almost_everywhere_in_its_cabinet(small: Robot, fitted: Fitted) -> None:
+    """Wherever `gen` may put one, of whichever size: not only where the fit looked."""
+    rng, taken = np.random.default_rng(5), []
+    for _ in range(25):
+        cabinet, body = _stood_at_random(fitted.spec, rng)
+        scene = Scene("s", replace(fitted.ref, mount=False), cabinet, (body,), "can", None, 10, fitted.spec.moves_approaches)
+        motions = Motions(small, scene, settings=UNCONSTRAINED)
+        taken.append(bool(motions.picks(motions.start(), "can")[0]))
+    assert np.mean(taken) >= 0.8
+    assert fitted.share >= 0.8
+
+
+def test_no_object_is_lower_than_the_hand_can_take(small: Robot, fitted: Fitted) -> None:
+    """Objects from a few millimetres on: those that the arm takes begin higher."""
+    low = replace(fitted.spec, objects_height_m=(0.004, 0.12))
+    shares = held_heights(low, small, fitted.ref, boxes=False)
+    assert shares is not None
+    assert 0.0 < shares[0] < shares[1]
+    trial = Trial(low, small, fitted.ref, [one_shape(low, height, boxes=False) for height in (0.0, shares[0])])
+    assert [any(trial.takes(i, (along, 0.0)) for along in ALONG) for i in range(2)] == [False, True]
+    assert share(low, small, fitted.ref).share <= share(replace(low, objects_height_m=(0.06, 0.1)), small, fitted.ref).share
+
+
+def test_what_holds_something_round_is_asked_once_for_all_hands_round_it(small: Robot) -> None:
+    """And it is what the verdict says of each, wherever the body stands."""
+    ref, rng, said = RobotRef(np.eye(4), urdf=small.name), np.random.default_rng(2), []
+    headings = headings_of(arm_at(small, np.eye(4)))
+    for _ in range(6):
+        at = transform(rotation_about((0, 0, 1), rng.uniform(-3, 3)), [*(0.28 * np.array([1.0, rng.uniform(-0.8, 0.8)])), 0.13])
+        body = Body("can", Cylinder(0.010, 0.06), at)
+        far = Scene("s", replace(ref, mount=False), Cabinet(np.full(3, 4.0), transform(p=[-2.0, 0.0, 0.10]), 0.02), (body,), "can", None)
+        toward = float(np.arctan2(at[1, 3], at[0, 3]))
+        for grasp in grasps_on(body, small, ("horizontal", "diagonal", "downward"), 0.10, toward, headings=headings):
+            said.append(_holds_round(small, body, 0.10, grasp))
+            assert said[-1] == (judge_grasp(small, far, grasp) is None)
+    assert len(said) > 100

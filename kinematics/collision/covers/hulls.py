@@ -13,6 +13,7 @@ from kinematics.transforms import Array
 Int = NDArray[np.int64]
 
 _GAMMAS = (0.08, 0.25, 0.5, 0.75, 1.0)
+_LONG_M = 0.9  # tetrahedra that are longer are cut, for the proof finds three counterexamples in each and no more
 
 
 class Solid(NamedTuple):
@@ -41,7 +42,26 @@ def convex_solid(vertices: Array) -> Solid:
     triangles = points[hull.simplices]
     middle = points[hull.vertices].mean(0)
     fan = np.concatenate([np.repeat(middle[None, None], len(triangles), 0), triangles], 1)
-    return Solid(planes.astype(float), fan, triangles, normals)
+    return Solid(planes.astype(float), _cut(fan), triangles, normals)
+
+
+def _cut(tetrahedra: Array) -> Array:
+    """Tetrahedra (T, 4, 3), those that are longer than `_LONG_M` bisected at their longest edge until they are no longer than half of it."""
+    i, j = np.triu_indices(4, 1)
+    longest = np.linalg.norm(tetrahedra[:, i] - tetrahedra[:, j], axis=2).max(1)
+    if not (longest > _LONG_M).any():
+        return tetrahedra
+    done, left = [tetrahedra[longest <= _LONG_M]], tetrahedra[longest > _LONG_M]
+    while len(left):
+        edges = np.linalg.norm(left[:, i] - left[:, j], axis=2)
+        done.append(left[edges.max(1) <= _LONG_M / 2])
+        left, edges = left[edges.max(1) > _LONG_M / 2], edges[edges.max(1) > _LONG_M / 2]
+        row, k = np.arange(len(left)), edges.argmax(1)
+        middle = (left[row, i[k]] + left[row, j[k]]) / 2
+        first, second = left.copy(), left.copy()
+        first[row, i[k]] = second[row, j[k]] = middle
+        left = np.concatenate([first, second])
+    return np.concatenate(done)
 
 
 def surface_samples(solid: Solid, excess_m: float) -> tuple[Array, Array]:

@@ -26,6 +26,8 @@ COARSE_M, FINE_M = 0.020, 0.005
 SHAPE_M = 0.0065
 """How far the fine balls of boxes and cylinders reach beyond them. Their covers are made in every scene, in 0.6 of the time that 5 mm
 would take; edges take 1 % longer to prove free."""
+LONG_M = 0.9
+"""Covers of hulls that are longer than that are coarser, by the square of how much longer they are: so their balls stay about as many."""
 SHIPPED = Path(__file__).with_name("shipped.npz")
 """The covers of the named robots' hulls: `make covers` makes them."""
 
@@ -45,10 +47,12 @@ class Levels(NamedTuple):
 def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, *, on_step: OnStep | None = None) -> Levels:
     """A coarse and a fine cover of the hull of vertices (V, 3), from those that ship or the disk cache if these hold them.
 
-    The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that is a tenth of what the proof leaves for rounding.
+    Both are coarser for a hull longer than `LONG_M`. The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that is a tenth of what the proof leaves for rounding.
     Raises: ValueError as `cover` does.
     """
     points = _rounded(vertices)
+    coarser = _coarser(points)
+    coarse_m, fine_m = coarser * coarse_m, coarser * fine_m
     name = _name(points, coarse_m, fine_m)
     known = cache.shipped(SHIPPED, name) or cache.load(name)
     if known is None:
@@ -62,7 +66,13 @@ def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, 
 def derived(vertices: Array) -> tuple[str, dict[str, NDArray[np.generic]]]:
     """The levels of a hull of vertices (V, 3) as arrays, and the name that `levels` finds them under. Raises: as `cover` does."""
     points = _rounded(vertices)
-    return _name(points, COARSE_M, FINE_M), _derived(points, COARSE_M, FINE_M, None)
+    coarse_m, fine_m = _coarser(points) * COARSE_M, _coarser(points) * FINE_M
+    return _name(points, coarse_m, fine_m), _derived(points, coarse_m, fine_m, None)
+
+
+def _coarser(points: Array) -> float:
+    """How much coarser the covers of a hull of points (V, 3) are than those of a link of usual size."""
+    return max(1.0, float(np.ptp(points, axis=0).max()) / LONG_M) ** 2 if np.isfinite(points).all() else 1.0
 
 
 def _rounded(vertices: Array) -> Array:

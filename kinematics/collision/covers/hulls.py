@@ -46,7 +46,7 @@ def convex_solid(vertices: Array) -> Solid:
 
 
 def _cut(tetrahedra: Array) -> Array:
-    """Tetrahedra (T, 4, 3), those that are longer than `_LONG_M` bisected at their longest edge until they are no longer than half of it."""
+    """Tetrahedra (T, 4, 3), those that are longer than `_LONG_M` bisected at their longest edges until they are half as long as that."""
     i, j = np.triu_indices(4, 1)
     longest = np.linalg.norm(tetrahedra[:, i] - tetrahedra[:, j], axis=2).max(1)
     if not (longest > _LONG_M).any():

@@ -26,8 +26,8 @@ COARSE_M, FINE_M = 0.020, 0.005
 SHAPE_M = 0.0065
 """How far the fine balls of boxes and cylinders reach beyond them. Their covers are made in every scene, in 0.6 of the time that 5 mm
 would take; edges take 1 % longer to prove free."""
-LONG_M = 0.9
-"""Covers of hulls that are longer than that are coarser, by the square of how much longer they are: so their balls stay about as many."""
+LONG_M, MOST_BALLS = 0.9, 400
+"""Covers of hulls that are longer are coarser, by the square of how much longer they are and so that about so many fine balls would do."""
 SHIPPED = Path(__file__).with_name("shipped.npz")
 """The covers of the named robots' hulls: `make covers` makes them."""
 
@@ -47,7 +47,8 @@ class Levels(NamedTuple):
 def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, *, on_step: OnStep | None = None) -> Levels:
     """A coarse and a fine cover of the hull of vertices (V, 3), from those that ship or the disk cache if these hold them.
 
-    Both are coarser for a hull longer than `LONG_M`. The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that is a tenth of what the proof leaves for rounding.
+    Both are coarser for a hull longer than `LONG_M`. The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that
+    is a tenth of what the proof leaves for rounding.
     Raises: ValueError as `cover` does.
     """
     points = _rounded(vertices)
@@ -72,7 +73,16 @@ def derived(vertices: Array) -> tuple[str, dict[str, NDArray[np.generic]]]:
 
 def _coarser(points: Array) -> float:
     """How much coarser the covers of a hull of points (V, 3) are than those of a link of usual size."""
-    return max(1.0, float(np.ptp(points, axis=0).max()) / LONG_M) ** 2 if np.isfinite(points).all() else 1.0
+    if not np.isfinite(points).all() or (long := float(np.ptp(points, axis=0).max())) <= LONG_M:
+        return 1.0
+    t = convex_solid(points).triangles
+    across = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+    area, middle = np.linalg.norm(across, axis=1).sum() / 2, points.mean(0)
+    thick = np.abs(((t[:, 0] - middle) * across).sum(1)).sum() / 6 / area
+    coarser = (long / LONG_M) ** 2
+    while area > MOST_BALLS * np.pi * (2 * thick + coarser * FINE_M) * coarser * FINE_M:  # what a ball cuts out of a flat side
+        coarser *= 1.25
+    return float(coarser)
 
 
 def _rounded(vertices: Array) -> Array:

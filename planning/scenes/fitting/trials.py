@@ -112,8 +112,8 @@ class Trial:
 
 
 def share(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool = False) -> Tried:
-    """From how many of places all over the empty cabinet an object, low, high or in between, can be taken. boxes: not a cylinder, but a box, turned in
-    several ways."""
+    """From how many of places all over the empty cabinet an object, low, high or in between, can be taken. boxes: not a cylinder, but a
+    box, turned in several ways."""
     trial = Trial(spec, robot, ref, [one_shape(spec, height, boxes=boxes) for height in SIZES])
     places = list(product(ALONG, ACROSS))
     return trial.share([(i % len(SIZES), at, YAWS[i % 2] if boxes else 0.0) for i, at in enumerate(places)])

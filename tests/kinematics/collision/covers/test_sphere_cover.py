@@ -176,7 +176,7 @@ def test_a_large_link_has_a_coarser_cover_which_ends_and_contains_it(size):
     assert len(rounds) < 150
     assert len(balls.fine.radii) < 1500
     for cover, usual in ((balls.coarse, cover_levels.COARSE_M), (balls.fine, cover_levels.FINE_M)):
-        assert cover.excess_m == pytest.approx(usual * max(1.0, long / cover_levels.LONG_M) ** 2)
+        assert usual * (long / cover_levels.LONG_M) ** 2 <= cover.excess_m + 1e-9 <= 0.12
         sure(vertices, cover, cover.excess_m)
 
 

@@ -84,6 +84,7 @@ class Motions:
         self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
         self._picking_wider, self._room, self._stacks = Picking(self.cell, WIDER), Room(self.cell), Stacks(scene)
         self._states: deque[StateWays] = deque(maxlen=KEPT)
+        self._obstruction: dict[bool, Obstruction] = {}  # by whether fingers are asked about
         self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
 
     @property
@@ -262,18 +263,18 @@ class Motions:
         transits = self._ways(state).transits
         return all(isinstance(transits.get(pick), Blocked) for pick in self.picks(state, name)[0])
 
-    def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> View:
-        """What is in the way of what, if objects stand at poses: for plans that look ahead. roughly: without closing fingers and lift."""
-        return self._obstruction.at(poses, WAY_IN if roughly else WHOLE_WAY)
-
-    @cached_property
-    def _obstruction(self) -> Obstruction:
-        target, picking = self.scene.target_name, self._picking
-        return Obstruction(
-            self.cell,
-            lambda name, T: self.target_grasps if name == target else picking.grasps({name: T}, name),
-            ik_tries=picking.settings.ik_tries,
-        )
+    def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False, fingers: bool = True) -> View:
+        """What is in the way of what, if objects stand at poses: for plans that look ahead. roughly: without closing fingers and lift;
+        fingers: whether it is asked what they meet as they close."""
+        if fingers not in self._obstruction:
+            target, picking = self.scene.target_name, self._picking
+            self._obstruction[fingers] = Obstruction(
+                self.cell,
+                lambda name, T: self.target_grasps if name == target else picking.grasps({name: T}, name),
+                ik_tries=picking.settings.ik_tries,
+                fingers=fingers,
+            )
+        return self._obstruction[fingers].at(poses, WAY_IN if roughly else WHOLE_WAY)
 
     @property
     def partly_unseen(self) -> bool:
@@ -302,8 +303,8 @@ class Motions:
 
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)
-        other._picking, other._states = Picking(self.cell, settings), deque(maxlen=KEPT)
-        for found in ("_obstruction", "target_grasps", "thorough", "exhaustive", "finest"):
+        other._picking, other._states, other._obstruction = Picking(self.cell, settings), deque(maxlen=KEPT), {}
+        for found in ("target_grasps", "thorough", "exhaustive", "finest"):
             other.__dict__.pop(found, None)
         return other
 

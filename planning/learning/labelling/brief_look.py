@@ -2,27 +2,32 @@
 
 The same checks as `Motions` makes, in the same order, with less patience: the static ones first, held against each object once for all
 states of a scene (planning.motion.handling.obstruction), then brief searches of RRT-Connect of which nothing is kept but whether they
-got there.
+got there. What the fingers meet on their way is not asked, for where the open hand meets nothing, and the closed one with the object, they
+do not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Int
+from kinematics.collision.edge_problem import some_pairs
 from kinematics.scene import Held, State
 from kinematics.transforms import Array, inverse
-from planning.motion.cell.queries import PlanningQuery
+from planning.motion.cell.queries import ContactQuery, PlanningQuery
 from planning.motion.handling import waiting
 from planning.motion.handling.obstruction import View
 from planning.motion.handling.picking import Pick
+from planning.motion.handling.placing import Placing, ReleaseQuery
 from planning.motion.handling.ways import FreeWay
 from planning.motion.pick_place import MAX_TRIES, Motions
 from planning.plan import Blocked
+
+Flags = NDArray[np.bool_]
 
 BRIEFLY, PATIENTLY = 200, 1000
 """Iterations of RRT-Connect for an object, and for the target."""
@@ -35,7 +40,7 @@ class BriefLook:
 
     def __init__(self, motions: Motions, state: State, rng: np.random.Generator) -> None:
         self.motions, self.state, self.rng = motions, state, rng
-        self.view: View = motions.obstructions(state.poses)
+        self.view: View = motions.obstructions(state.poses, fingers=False)
         self.names = frozenset(state.poses)
         self._picks: dict[str, list[FreeWay]] = {}
         self._reached: dict[FreeWay, bool] = {}
@@ -49,25 +54,43 @@ class BriefLook:
         first = islice(self.view.free_ways(name, self.names - {name}), MAX_TRIES)
         return any(map(self._reachable, first)) or any(map(self._reachable, self._ways(name)))
 
-    def placeable(self, name: str, regions: Sequence[int] | Int) -> NDArray[np.bool_]:
-        """To which of some regions (N,) an object can be carried now."""
-        motions, poses = self.motions, self.state.poses
-        cell, rest, out = motions.cell, self._rest(name), np.zeros(len(regions), np.bool_)
-        centres = motions.scene.regions()[regions]
+    def placeable(self, name: str, regions: Sequence[int] | Int) -> Flags:
+        """To which of some regions (N,) an object can be carried now.
+
+        The ways with the same grasp are asked together: where the hand can't be, none of them leads.
+        """
+        cell, regions, poses = self.motions.cell, np.asarray(regions, np.int64), self.state.poses
+        rest, out = self._rest(name), np.zeros(len(regions), np.bool_)
         open_: Int | None = None
-        carrying: dict[int, PlanningQuery] = {}
-        for way in filter(self._reachable, self._ways(name)):
+        releases: dict[float, ReleaseQuery] = {}
+        for ways in _by_grasp(filter(self._reachable, self._ways(name))):
+            carrying: dict[int, PlanningQuery] = {}
+            picks = [self._pick(name, rest, way, carrying) for way in ways]
             if open_ is None:
+                centres = self.motions.scene.regions()[regions]
                 open_ = np.flatnonzero(cell.room_over(name, poses[name][:3, :3], centres, rest))
             if not len(open_):
                 break
-            pick = self._pick(name, rest, way, carrying)
-            down, ends = motions.placing(self.state, pick).ends(centres[open_])
-            if len(down):
-                out[open_[down]] = cell.reached(pick.carrying, self._lifted(pick), ends, self.rng, BRIEFLY)
-            self._put |= {(name, int(regions[i])): pick for i in open_[out[open_]]}
+            self._carry(picks, rest, regions, open_, releases, out)
             open_ = open_[~out[open_]]
         return out
+
+    def _carry(
+        self, picks: Sequence[Pick], rest: Mapping[str, Array], regions: Int, left: Int, releases: dict[float, ReleaseQuery], out: Flags
+    ) -> None:
+        """Mark in out (N,) to which of the regions regions[left] an object can be carried with one grasp, by any of its picks."""
+        cell, name, centres = self.motions.cell, picks[0].held.body, self.motions.scene.regions()[regions]
+        placing, lifts = self._placing(picks[0], rest, releases), np.array([pick.lift[-1] for pick in picks])
+        starts = np.array(list({q.tobytes(): q for pick in picks for q in self._lifted(pick)}.values()))
+        for near in (lifts, lifts[::-1])[: len(lifts)]:  # what is not reached one way may be another
+            down, ends = placing.ends(centres[left], near)
+            left = left[down]
+            if len(left):
+                out[left] = cell.reached(picks[0].carrying, starts, ends, self.rng, BRIEFLY)
+            for i, end in zip(left, ends):
+                if out[i]:
+                    self._put[name, int(regions[i])] = picks[int(np.abs(lifts - end).max(1).argmin())]
+            left = left[~out[left]]
 
     def after(self, name: str, region: int) -> State | None:
         """The state after an object was carried to a region, as far as it was found, or is found now, that it can be."""
@@ -132,6 +155,16 @@ class BriefLook:
         query = carrying[id(way.grasp)]
         return Pick(way.grasp, way.approach, way.lift, way.opened, way.closed, held, query, query.allowing(name, "floor"))
 
+    def _placing(self, pick: Pick, rest: Mapping[str, Array], releases: dict[float, ReleaseQuery]) -> Placing:
+        """The ways to put down what a pick takes hold of. releases: the queries of the hand once the object stands, by how far it opens,
+        which grow."""
+        cell, name, opened = self.motions.cell, pick.held.body, pick.gripper_open
+        if opened not in releases:
+            query = cell.problem({**rest, name: self.state.poses[name]}, opened)
+            nothing = some_pairs(query.problem, np.zeros(len(query.problem.pairs), np.bool_))
+            releases[opened] = ReleaseQuery(ContactQuery(nothing, query.names), query, *cell.standing(name, rest))
+        return Placing(cell, pick, self.state.poses[name], releases[opened])
+
     def _rest(self, name: str) -> Mapping[str, Array]:
         """The poses of the objects besides one."""
         return self.motions.without(self.state, name)
@@ -140,3 +173,11 @@ class BriefLook:
 def _by_turn(ways: Sequence[FreeWay], q: Array) -> list[FreeWay]:
     """Ways by how far the arm turns from q (A,) to where they begin."""
     return sorted(ways, key=lambda way: float(np.abs(way.approach[0] - q).max()))
+
+
+def _by_grasp(ways: Iterable[FreeWay]) -> Iterable[list[FreeWay]]:
+    """Ways with one grasp together."""
+    found: dict[int, list[FreeWay]] = {}
+    for way in ways:
+        found.setdefault(id(way.grasp), []).append(way)
+    return found.values()

@@ -12,10 +12,10 @@ import numpy as np
 from kinematics.scene import State
 from kinematics.shapes import Box, bounds
 from kinematics.transforms import Array, inverse, transform
-from perception.belief import FLAG_HEIGHT_M, believe, observation
+from perception.belief import FLAG_HEIGHT_M, Belief, observation
 from perception.mapping.next_best_view import sample_poses
 from perception.mapping.voxels import FREE, Voxels, unknown_voxels
-from perception.objects.segment import GROWN_M
+from perception.objects.segment import GROWN_M, segment
 from perception.observation import Observation, boxes_in
 from perception.rendering.synthetic_camera import DEFAULT, synthetic_camera
 from planning.learning.labelling.labels import Row, movable
@@ -60,7 +60,9 @@ def _look(motions: Motions, state: State, views: int, rng: np.random.Generator) 
         frame = camera(scene.robot.T_world_base @ robot.link_poses(full)["camera"], full)
         voxels = voxels.fuse(frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm)
         frames.append(frame)
-    return observation(empty_scene, state.q, believe(empty_scene, frames, voxels))
+    boxes = segment(frames, scene.cabinet, voxels)
+    bodies = tuple(body for body in state.bodies(scene) if body.name in boxes)  # what a fit of what was seen comes to
+    return observation(empty_scene, state.q, Belief(bodies, boxes, voxels))
 
 
 def _to_be_asked(motions: Motions, state: State) -> Voxels:

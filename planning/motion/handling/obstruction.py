@@ -28,13 +28,14 @@ IK_TRIES = 24
 class Obstruction:
     """The ways to all objects of a scene, wherever they stand, and what blocks them.
 
-    grasps_on: the grasps that are considered, those on the target, too. ik_tries: starts of inverse kinematics for each.
+    grasps_on: the grasps that are considered, those on the target, too. ik_tries: starts of inverse kinematics for each. fingers: whether
+    it is asked what they meet as they close.
     """
 
-    def __init__(self, cell: Workcell, grasps_on: GraspsOn, *, ik_tries: int = IK_TRIES) -> None:
+    def __init__(self, cell: Workcell, grasps_on: GraspsOn, *, ik_tries: int = IK_TRIES, fingers: bool = True) -> None:
         self.cell, self.grasps_on, self.ik_tries = cell, grasps_on, ik_tries
         self.spots = Spots()
-        self.queries = SpotQueries(cell, self.spots)
+        self.queries = SpotQueries(cell, self.spots, fingers=fingers)
         self._ways: dict[int, LazyList[Way]] = {}
 
     def at(self, poses: Mapping[str, Array], stage: int = WHOLE_WAY) -> View:

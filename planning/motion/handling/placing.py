@@ -18,7 +18,7 @@ from planning.motion.search.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
-BRIEF_DOWN, BRIEF_BACK = 2, 4  # pieces of the straight ways down and back where only labels hang on the answer
+BRIEF_DOWN, BRIEF_BACK = 1, 2  # pieces of the straight ways down and back where only labels hang on the answer
 SETTLING, SETTLED = 4, 1e-7
 """An object's middle moves as it turns, so an arm of few joints is asked again, until it turns by less than that."""
 STAGES = {
@@ -101,14 +101,14 @@ class Placing:
         self.cell.forget()
         return Place(lower, retreat, T_world_object) if code == reaching.OK else None
 
-    def ends(self, centres: Array) -> tuple[Int, Array]:
-        """Over which of centres (N, 3) the object can be put down by solutions near the pick's, looked at in longer pieces than `place`
-        does: their indices (K,), and the arm's configurations where the ways down begin (K, A)."""
+    def ends(self, centres: Array, near: Array) -> tuple[Int, Array]:
+        """Over which of centres (N, 3) the object can be put down by solutions near those of `near` (S, A), looked at in longer pieces than
+        `place` does: their indices (K,), and the arm's configurations where the ways down begin (K, A)."""
         natural, turns = self._natural_turns(centres), np.array(reaching.PLACE_TURNS)
-        near, (lower, retreat, T) = self.pick.lift[-1], self._waypoints(BRIEF_DOWN, BRIEF_BACK)
-        ends, codes = np.empty((len(centres), len(near))), np.empty(len(centres), np.int64)
+        lower, retreat, T = self._waypoints(BRIEF_DOWN, BRIEF_BACK)
+        ends, codes = np.empty((len(centres), near.shape[1])), np.empty(len(centres), np.int64)
         reaching.put_down_all(
-            self.cell.hand, self._compiled, self.R, natural, centres, turns, near[None], self.cell.memory, lower, retreat, T, ends, codes
+            self.cell.hand, self._compiled, self.R, natural, centres, turns, near, self.cell.memory, lower, retreat, T, ends, codes
         )
         self.cell.forget()
         down = np.flatnonzero(codes == reaching.OK)

@@ -64,11 +64,12 @@ class Spots:
 class SpotQueries:
     """What the hand can meet, packed once for the compiled core: the walls and all objects, which are moved to where they are asked about.
 
-    Each question has flags (B + 1,) for the solids and the arm itself (see planning.motion.handling.contacts).
+    Each question has flags (B + 1,) for the solids and the arm itself (see planning.motion.handling.contacts). fingers: whether it is asked
+    what they meet on their way, too.
     """
 
-    def __init__(self, cell: Workcell, spots: Spots) -> None:
-        self.cell, self.arm, self._spots = cell, cell.arm, spots
+    def __init__(self, cell: Workcell, spots: Spots, *, fingers: bool = True) -> None:
+        self.cell, self.arm, self._spots, self.fingers = cell, cell.arm, spots, fingers
         stock, names = cell.stock
         self.solids = stock._replace(T=stock.T.copy())
         self._rows = {name: [i for i, n in enumerate(names) if n == name] for name in names}
@@ -126,13 +127,16 @@ class SpotQueries:
         return self._made(("reach", opened), lambda: self._pose(self.arm.posed(opened), self.arm.self_pairs))
 
     def closing(self, opened: float, closed: float) -> Problem:
-        """The fingers alone at several gripper values on their way."""
+        """The fingers alone at several gripper values on their way; nothing at all where that is not asked."""
 
         def make() -> Problem:
+            if not self.fingers:
+                reach = self.reach(opened)
+                return edge_problem.some_pairs(reach, np.zeros(len(reach.pairs), np.bool_))
             posed, _, pairs, moving = self.arm.moving_fingers(opened, closed)
             return self._pose(posed, pairs, np.repeat(moving.astype(np.uint8)[:, None], len(self.solids.T), 1))
 
-        return self._made(("closing", opened, closed), make)
+        return self._made(("closing", opened, closed if self.fingers else None), make)
 
     def lifting(self, name: str, closed: float, T_hand_body: Array) -> Problem:
         """An object in the closed hand; it may touch the pads and the floor."""

@@ -24,7 +24,7 @@ def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
 
     points (N, 3): what is seen of each, in the cabinet's frame. An object whose lower part is hidden stands on the floor.
     """
-    low = {name: float(np.percentile(p[:, 2], 1)) for name, p in points.items()}
+    low = {name: _lowest(p[:, 2]) for name, p in points.items()}
     out = {}
     for name, p in points.items():
         lower = [q for other, q in points.items() if other != name and low[name] > FLOOR_M and low[other] < low[name] - LOWER_M]
@@ -32,6 +32,14 @@ def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
         carried = any(_beneath(outline, q, low[name]) for q in lower)
         out[name] = float(p[:, 2].min()) if carried else 0.0
     return out
+
+
+def _lowest(z: Array) -> float:
+    """`np.percentile(z, 1)`, in a fifth of the time."""
+    i, share = divmod(0.01 * (len(z) - 1), 1.0)
+    rows = [int(i), min(int(i) + 1, len(z) - 1)]
+    a, b = np.partition(z, rows)[rows]
+    return float(a + (b - a) * share if share < 0.5 else b - (b - a) * (1.0 - share))
 
 
 def _beneath(outline: Array, q: Array, low: float) -> bool:

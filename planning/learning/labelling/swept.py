@@ -24,8 +24,8 @@ from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, inverse
 
 CELL_M = 0.01
-SAMPLE_M = 0.015
-_STEP_M = 0.01  # between places where a link may be drawn: when it has moved by SAMPLE_M since it was drawn last
+SAMPLE_M = 0.02
+_STEP_M = 0.02  # between places where a link may be drawn: when it has moved by SAMPLE_M since it was drawn last
 _SURELY = 1.05  # how much faster a link may be than its joints' weights say
 _SLOWEST_M = 1e-6  # what a link that stands still is taken to move in a step
 

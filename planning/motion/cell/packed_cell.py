@@ -26,7 +26,7 @@ from planning.motion.search.reaching import PlacementQuery
 from planning.motion.search.upright import Upright, make_upright
 from planning.motion.settings import LEAST_TILT_DEG, MotionSettings, tilt_limit_deg
 
-ELSEWHERE_KEPT = 256  # queries of an empty hand, by its opening and by what stands
+ELSEWHERE_KEPT = 256  # queries by the opening, what stands and what is held
 KEPT = 16  # sets of poses for which the packed bodies are kept
 CLEAR_KEPT = 64  # queries that ask for a clearance
 
@@ -64,7 +64,7 @@ class PackedCell:
         self._stock, self._rows = make_solids([*self.walls, *scene.objects]) if obstacles else scene_solids(scene)
         self._some: dict[tuple[int, ...], Solids] = {}  # the packed bodies that stood together, wherever
         self._bodies: dict[int, _Bodies] = {}
-        self._elsewhere: dict[tuple[float, tuple[str, ...]], PlanningQuery] = {}  # of an empty hand among the same objects at some poses
+        self._elsewhere: dict[tuple[object, ...], PlanningQuery] = {}  # among the same objects at some poses
         self._clear: dict[tuple[int, float], tuple[PlanningQuery, PlanningQuery]] = {}  # told by identity, so the queries are kept, too
         n_links, most = len(self.arm.links), max((len(convex_parts(b.shape)) for b in scene.objects), default=0)
         fingers = MOST_OPENINGS * len(self.arm.fingers)
@@ -100,18 +100,18 @@ class PackedCell:
         if ignore:
             return self._pack(solids, bodies, gripper, held, ignore)
         if (gripper, held) not in known:
-            empty = held is None
-            known[gripper, held] = self._empty_hand(solids, bodies, gripper) if empty else self._pack(solids, bodies, gripper, held)
+            known[gripper, held] = self._packed_among(solids, bodies, gripper, held)
         return known[gripper, held]
 
-    def _empty_hand(self, solids: Solids, bodies: tuple[str, ...], gripper: float) -> PlanningQuery:
-        """The query of an empty hand: of the same bodies elsewhere only the poses are packed again, for the arm is the same."""
-        if (gripper, bodies) in self._elsewhere:
-            query = self._elsewhere[gripper, bodies]
+    def _packed_among(self, solids: Solids, bodies: tuple[str, ...], gripper: float, held: Held | None) -> PlanningQuery:
+        """A query among bodies: of the same ones elsewhere only the poses are packed again, for the arm and what it holds are the same."""
+        key = gripper, bodies, held and (held.body, held.T_hand_body.tobytes())
+        if key in self._elsewhere:
+            query = self._elsewhere[key]
             return query._replace(task=task_elsewhere(query.task, solids))
         if len(self._elsewhere) == ELSEWHERE_KEPT:
             self._elsewhere.pop(next(iter(self._elsewhere)))  # the oldest
-        query = self._elsewhere[gripper, bodies] = self._pack(solids, bodies, gripper, None)
+        query = self._elsewhere[key] = self._pack(solids, bodies, gripper, held)
         return query
 
     def _pack(

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from kinematics.jit.record import Record
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef
+from kinematics.scene import Held, RobotRef
 from kinematics.transforms import transform
 from planning.motion.cell.packed_cell import PackedCell
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
 
 
-def test_an_empty_hand_among_the_same_objects_elsewhere_is_packed_as_if_anew(ur5e: Robot) -> None:
+@pytest.mark.parametrize("full", [False, True])
+def test_a_hand_among_the_same_objects_elsewhere_is_packed_as_if_anew(ur5e: Robot, full: bool) -> None:
     scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 3141, 0)
     gripper = float(ur5e.opening.value_at(0.06))
     before, moved = scene.poses(), transform(p=[0.05, -0.04, 0.0])
     after = {name: moved @ T if i % 2 else T for i, (name, T) in enumerate(before.items())}
+    name = next(iter(before))
+    held = [Held(name, transform(p=[0.0, 0.0, 0.15])) if full else None for _ in range(2)]
+    if full:
+        del before[name], after[name]
     used, fresh = (PackedCell(ur5e, scene, (), DEFAULTS) for _ in range(2))
-    first = used.problem(before, gripper)
+    first = used.problem(before, gripper, held=held[0])
     kept = [array.copy() for array in _arrays(first.task)]
-    second, anew = used.problem(after, gripper), fresh.problem(after, gripper)
+    second, anew = (cell.problem(after, gripper, held=held[1]) for cell in (used, fresh))
     assert second.names == anew.names
     assert all(np.array_equal(a, b) for a, b in zip(_arrays(second.task), _arrays(anew.task), strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(_arrays(second.task), kept, strict=True))

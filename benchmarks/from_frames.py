@@ -28,8 +28,8 @@ from planning.io.files import read_plans, read_scenes
 from planning.io.results import plan_writer, scene_writer
 from planning.motion.checking.verify import verify
 from planning.plan import Plan
+from planning.sensing.on_truth import on_truth
 from planning.sensing.survey import RECORDING
-from planning.sensing.world import SimulatedWorld
 from planning.statistics import wilson
 from planning.verdict import Settings, judge_motions
 from retrieve_cli.gen import run as gen
@@ -58,15 +58,6 @@ def forget(truth: Path, out: Path) -> None:
             write(replace(scene, objects=(), target=None))
 
 
-def carried_out(robot: Robot, truth: Scene, seen: Scene, made: Plan) -> Plan:
-    """The plan with the truth's names, and each object where it truly is in the hand."""
-    world = SimulatedWorld(robot, truth, np.random.default_rng(0), None, "geometry")
-    names = world.names(seen.objects)
-    motions = world.recorded(made.motions, names, truth.poses())
-    moves = tuple(replace(m, object=names.get(m.object, m.object)) for m in made.moves)
-    return replace(made, motions=motions, moves=moves)
-
-
 def planned(scenes: Path, out: Path, policy: str, unseen: str = "solid") -> list[Plan]:
     """The plans of a file of scenes, which are also written to `out`."""
     plan(Job(policy, unseen=unseen), scenes=scenes, out=out)
@@ -84,7 +75,7 @@ def judged(robot: Robot, known: list[Scene], seen: list[Scene], plans: list[Plan
                     "?" if why is None else f"{why.stage}: {'unseen space' if (why.body or '').startswith('unknown_') else 'other'}"
                 ] += 1
                 continue
-            done = carried_out(robot, scene, believed, made)
+            done = on_truth(robot, scene, believed, made)
             write(done)
             touch = verify(robot, scene, done.motions)
             touched["nothing" if touch is None else f"{touch.link} {touch.body}"] += 1

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.scene import Cabinet
 from kinematics.transforms import Array, apply, inverse, transform
@@ -28,6 +30,9 @@ EVERY_PX = 7
 SOME, MANY = 0.002, 0.2
 """Of the points of a recording that fits, more than the first share are in the cabinet; another reading that holds the second one explains
 a recording that does not fit."""
+AT_WALL_M, FAR_BETTER = 0.02, 4.0
+"""What is so near to a wall shows it. A reading that shows so many times as much of the walls is the right one: with poses that are right
+three quarters of the points do, with the same the other way round a hundredth."""
 
 
 def trusted(frame: Frame) -> Frame:
@@ -41,34 +46,62 @@ def misfit(frames: Sequence[Frame], cabinet: Cabinet) -> str | None:
     """Why the frames can't be of this cabinet, with the likely cause; None when they may be.
 
     They can't when hardly any of what they measured lies inside it. Then the pose the other way round, and other units of depth and of the
-    pose, are tried: a reading that puts much inside the cabinet is the likely cause.
+    pose, are tried: a reading that puts much inside the cabinet is the likely cause. Nor can they when such a reading shows the cabinet's
+    walls far better.
     """
     if not any((f.depth > 0).any() for f in frames):
         return None if not frames else "no pixel of the frames measured anything: is this a depth image, and its depth_scale right?"
-    if _inside(frames, cabinet) > SOME:
-        return None
-    found = max(((_inside(other, cabinet), cause) for cause, other in _other_readings(frames)), key=lambda pair: pair[0])
-    if found[0] > MANY:
-        return f"nothing that the frames measured lies inside the cabinet; {found[1]} ({100 * found[0]:.0f} % of the points would)"
-    return (
-        "nothing that the frames measured lies inside the cabinet: is the pose world-to-camera, in millimetres, of the scene's own world, "
-        "and depth_scale the millimetres of one step?"
-    )
+    as_said, others = _fit(frames, cabinet), [(_fit(other, cabinet), cause) for cause, other in _other_readings(frames)]
+    if as_said.inside <= SOME:
+        found, cause = max(others, key=lambda other: other[0].inside)
+        if found.inside > MANY:
+            return f"nothing that the frames measured lies inside the cabinet; {cause} ({100 * found.inside:.0f} % of the points would)"
+        return (
+            "nothing that the frames measured lies inside the cabinet: is the pose world-to-camera, in millimetres, of the scene's own "
+            "world, and depth_scale the millimetres of one step?"
+        )
+    found, cause = max(others, key=lambda other: other[0].at_walls)
+    if found.at_walls > max(MANY, FAR_BETTER * as_said.at_walls):
+        shares = f"{100 * as_said.at_walls:.0f} % of the points lie at the cabinet's walls, and {100 * found.at_walls:.0f} % would"
+        return f"the frames hardly show this cabinet; {cause} ({shares})"
+    return None
 
 
-def _inside(frames: Sequence[Frame], cabinet: Cabinet) -> float:
-    """The share of the measured points, one in EVERY_PX columns and rows, that lie in the cabinet or at its walls."""
-    total = within = 0
+class _Fit(NamedTuple):
+    """The shares of a recording's points that lie in the cabinet or at its walls, and that lie at its walls, seen through its opening."""
+
+    inside: float
+    at_walls: float
+
+
+def _fit(frames: Sequence[Frame], cabinet: Cabinet) -> _Fit:
+    """How much of what was measured is of the cabinet: one in EVERY_PX columns and rows is looked at."""
+    total = inside = at_walls = 0
     T = inverse(cabinet.T_world_cabinet)
-    low = np.array([0.0, -cabinet.size_m[1] / 2, 0.0]) - OUTSIDE_M
-    high = np.array([cabinet.size_m[0], cabinet.size_m[1] / 2, cabinet.size_m[2]]) + OUTSIDE_M
+    low = np.array([0.0, -cabinet.size_m[1] / 2, 0.0])
+    high = low + cabinet.size_m
     for frame in frames:
         depth = np.zeros_like(frame.depth)
         depth[::EVERY_PX, ::EVERY_PX] = frame.depth[::EVERY_PX, ::EVERY_PX]
         points = apply(T, cloud(depth, frame.intrinsics, frame.T_world_camera))
         total += len(points)
-        within += int(np.count_nonzero(((points > low) & (points < high)).all(1)))
-    return within / max(total, 1)
+        points = points[((points > low - OUTSIDE_M) & (points < high + OUTSIDE_M)).all(1)]
+        inside += len(points)
+        near = (np.abs(points - low) < AT_WALL_M) | (np.abs(points - high) < AT_WALL_M)
+        near[:, 0] = np.abs(points[:, 0] - high[0]) < AT_WALL_M  # there is no wall in front
+        shown = points[near.any(1)]
+        at_walls += int(np.count_nonzero(_through_opening((T @ frame.T_world_camera)[:3, 3], shown, low, high)))
+    return _Fit(inside / max(total, 1), at_walls / max(total, 1))
+
+
+def _through_opening(camera: Array, points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Whether points (N, 3) in the cabinet are seen through its opening, x = 0, or from within it: (N,). All in the cabinet's frame."""
+    if ((camera > low) & (camera < high)).all():
+        return np.ones(len(points), bool)
+    if camera[0] >= 0.0:
+        return np.zeros(len(points), bool)
+    crossing = camera + (points - camera) * (-camera[0] / np.maximum(points[:, 0] - camera[0], 1e-9))[:, None]
+    return np.asarray(((crossing[:, 1:] > low[1:] - OUTSIDE_M) & (crossing[:, 1:] < high[1:] + OUTSIDE_M)).all(1))
 
 
 def _other_readings(frames: Sequence[Frame]) -> list[tuple[str, list[Frame]]]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from planning.plan import Fault, Plan
     from planning.verdict import Settings, Verdict
 
-Item = tuple[str, "Scene", "Plan"]
+Item = tuple[str, "Scene", "Plan", "Scene | None"]
 
 
 def run(
@@ -36,23 +36,29 @@ def run(
     gripper_joint: str | None,
     workers: int | None = None,
     pose_noise_mm: float = 2.0,
+    seen: Path | None = None,
 ) -> int:
-    """Judge every plan; 1 when one of them is false."""
+    """Judge every plan; 1 when one of them is false. seen: the scenes that they were made for, where `scenes` says what was true."""
     from planning.verdict import Settings
 
     if str(scenes) == "-" and (plans is None or str(plans) == "-"):
         raise InputError("verify: scenes and plans can't both come from stdin; give one of them as a file")
     announce_first_run()
     known = by_id(scenes, pose_noise_mm / 1000)
+    believed = {} if seen is None else by_id(seen, pose_noise_mm / 1000)
 
     def items() -> Any:
         for where, plan in read_plans(plans, "verify"):
             if plan.scene not in known:
                 raise InputError(f"{where}: none of the {len(known)} scenes in {scenes} is {plan.scene}")
             scene = known[plan.scene]
+            if seen is not None and plan.scene not in believed:
+                raise InputError(f"{where}: none of the {len(believed)} scenes in --seen {seen} is {plan.scene}")
+            if seen is None and (strange := moved_strangers(scene, plan)):
+                say(f"{where}: scene {scene.id} has no {', '.join(strange)}; if it was planned on what was seen, --seen FILE says on what")
             if robot or hand_frame or gripper_joint:
                 scene = replace(scene, robot=other_robot(scene.robot, robot, hand_frame, gripper_joint, where))
-            yield where, scene, plan
+            yield where, scene, plan, believed.get(plan.scene)
 
     wrong = 0
     settings = Settings(mu=mu, max_tilt_deg=max_tilt_deg)
@@ -76,15 +82,26 @@ def by_id(file: Path, noise_m: float) -> Mapping[str, Scene]:
     return found
 
 
+def moved_strangers(scene: Scene, plan: Plan) -> list[str]:
+    """What a plan carries or moves that is not in a scene."""
+    named = [m.object for m in plan.moves] + [m.held.body for m in plan.motions if m.held is not None]
+    return [name for name in dict.fromkeys(named) if name not in scene.poses()]
+
+
 def judged(settings: Settings, as_json: bool, item: Item) -> tuple[str, bool]:
     """What is printed of a plan, and whether it is false. Raises: InputError when the scene's robot can't be loaded."""
     from kinematics.robots.load import from_ref
-    from planning.verdict import examine
+    from planning.sensing.on_truth import judge_on_truth
+    from planning.verdict import Verdict, examine
 
-    where, scene, plan = item
+    where, scene, plan, seen = item
     with blame(where):
         arm = from_ref(scene.robot, on_step=say)
-    verdict = examine(scene, plan, arm, settings)
+        if seen is None or not plan.motions:
+            verdict = examine(scene, plan, arm, settings)
+        else:
+            faults = judge_on_truth(arm, scene, seen, plan, settings)
+            verdict = Verdict(faults, (), not faults)
     return (to_json(plan, verdict) if as_json else f"{where}: {in_words(plan, verdict)}"), verdict.verified is False
 
 

@@ -218,8 +218,8 @@ class SimulatedWorld:
         return self._pushed
 
     def _name_at(self, name: str, T_world_body: Array) -> str:
-        """What a body is truly called: without masks, after the object that stands nearest."""
-        if self.by == "mask":
+        """What a body is truly called: by what the masks say, and where they say nothing of it, after the object that stands nearest."""
+        if self.by == "mask" and name in self.poses:
             return name
         return min(self.poses, key=lambda n: float(np.linalg.norm(self.poses[n][:2, 3] - T_world_body[:2, 3])))
 

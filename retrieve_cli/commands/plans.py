@@ -171,6 +171,10 @@ def verify(
     gripper_joint: GripperJoint = None,
     workers: Workers = None,
     pose_noise_mm: PoseNoise = 2.0,
+    seen: Annotated[
+        Path | None,
+        typer.Option("--seen", help="What the plans were made on, where SCENES is the truth: motions are judged on that.", metavar="FILE"),
+    ] = None,
 ) -> Job:
     """Judge plans from anywhere by their scenes alone: holds, contacts, limits, and whether each plan does what it says."""
     from retrieve_cli import verify as command
@@ -187,6 +191,7 @@ def verify(
         gripper_joint=gripper_joint,
         workers=workers,
         pose_noise_mm=pose_noise_mm,
+        seen=seen,
     )
 
 

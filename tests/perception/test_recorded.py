@@ -12,7 +12,7 @@ from PIL import Image
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box
-from kinematics.transforms import inverse, transform
+from kinematics.transforms import Array, inverse, rotation_about, transform
 from perception.camera import look_at, realsense_d435i
 from perception.frames import Frame, read_frames, write_frames
 from perception.mapping.voxels import FREE, unknown_voxels
@@ -97,6 +97,33 @@ def test_a_recording_that_can_not_fit_says_why(frame: Frame, cause: str) -> None
     why = misfit([frame], CABINET)
     assert why is not None
     assert cause in why
+
+
+def looking(rng: np.random.Generator, deep: bool) -> Array:
+    """A camera's pose before the cabinet, or within it, that looks into it."""
+    high = np.array([0.40, 0.36, 0.44]) if deep else np.array([-0.02, 0.5, 0.6])
+    at = rng.uniform([0.05 if deep else -0.4, -high[1], 0.06], high)
+    return CABINET.T_world_cabinet @ look_at(at, rng.uniform([0.45, -0.3, 0.0], [0.56, 0.3, 0.4]))
+
+
+@pytest.mark.parametrize("deep", [False, True], ids=["before it", "within it"])
+def test_poses_the_other_way_round_are_found_where_they_show_something_of_the_cabinet(deep: bool) -> None:
+    """And poses that are right, but for two degrees and a centimetre, are not complained of, with noise and flying pixels."""
+    rng, found, showed = np.random.default_rng(3), 0, 0
+    bodies = [Body("box", Box(np.array([0.1, 0.1, 0.2])), transform(p=[0.8, 0.0, 0.2])), *CABINET.walls()]
+    seen = surfaces([b.shape for b in bodies], np.array([b.T_world_body for b in bodies]))
+    small = realsense_d435i(160, 120)
+    for _ in range(60):
+        pose, axis = looking(rng, deep), rng.normal(size=3)
+        depth = raycast(seen, pose, small).depth
+        depth = np.where(depth > 0, depth + rng.normal(scale=0.004, size=depth.shape), 0.0).astype(np.float32)
+        off = transform(rotation_about(axis / np.linalg.norm(axis), np.radians(2)), rng.normal(scale=0.006, size=3))
+        frame = trusted(Frame(depth, None, (), small, pose @ off))
+        assert misfit([frame], CABINET) is None
+        why = misfit([replace(frame, T_world_camera=inverse(pose))], CABINET) or ""
+        found, showed = found + ("must be world to camera" in why), showed + ("hardly show" in why)
+    assert found >= (54 if deep else 60)  # a single view from within may lie in the cabinet either way
+    assert showed > 5
 
 
 def test_intrinsics_of_another_resolution_are_told(tmp_path: Path) -> None:

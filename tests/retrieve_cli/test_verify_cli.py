@@ -64,6 +64,51 @@ def test_one_that_is_false_decides_the_exit_code(files: Files, capsys: pytest.Ca
     assert "plans.jsonl:2: handmade: false: plan: its hand_travel_m is" in capsys.readouterr().out
 
 
+def test_a_plan_on_what_was_seen_is_judged_on_the_truth(files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Under the true names; without being told what was seen it is false, and the remedy is named. Fingers that stop short are told."""
+
+    def renamed(plan: Json) -> None:
+        text = json.dumps(plan)
+        for body in scene["objects"]:
+            text = text.replace(json.dumps(body["name"]), json.dumps(f"seen_{body['name']}"))
+        plan.update(json.loads(text))
+
+    scene = json.loads(Path(files(as_it_is)[0]).read_text())
+    truth, plans = files(renamed)
+    seen = tmp_path / "seen.jsonl"
+    for body in scene["objects"]:
+        body["name"] = f"seen_{body['name']}"
+        body["T_world_object"]["p"][0] += 0.002
+    scene["target"] = f"seen_{scene['target']}"
+    seen.write_text(json.dumps(scene) + "\n")
+    assert main(["verify", truth, plans]) == 1
+    assert "--seen FILE says on what" in capsys.readouterr().err
+    assert main(["verify", truth, plans, "--seen", str(seen)]) == 0
+    assert ": handmade: true" in capsys.readouterr().out
+    slim = json.loads(_read(truth))
+    for body in slim["objects"]:
+        body["shape"] |= _slimmer(body["shape"])
+    Path(truth).write_text(json.dumps(slim) + "\n")
+    assert main(["verify", truth, plans, "--seen", str(seen)]) == 1
+    assert "stops" in capsys.readouterr().out
+    seen.write_text(json.dumps({**scene, "id": "another"}) + "\n")
+    assert main(["verify", truth, plans, "--seen", str(seen)]) == 2
+    assert "none of the 1 scenes in --seen" in capsys.readouterr().err
+
+
+def _read(file: str) -> str:
+    return Path(file).read_text(encoding="utf-8")
+
+
+def _slimmer(shape: Json) -> Json:
+    """By 8 mm, so that pads that close as planned don't reach it."""
+    return (
+        {"radius_m": shape["radius_m"] - 0.004}
+        if shape["type"] == "cylinder"
+        else {"size_m": [*np.subtract(shape["size_m"][:2], 0.008), shape["size_m"][2]]}
+    )
+
+
 def test_json_lists_every_fault(files: Files, capsys: pytest.CaptureFixture[str]) -> None:
     def more(plan: Json) -> None:
         longer(plan)

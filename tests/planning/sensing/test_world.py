@@ -118,3 +118,10 @@ def test_what_does_not_hold_by_what_was_seen_is_not_carried_out(ur5e: Robot, tru
     assert doubt.detail in {move.reason.detail for move in plan.moves if move.reason} | {plan.reason and plan.reason.detail}
     for name, T in truth.poses().items():
         np.testing.assert_array_equal(world.poses[name], T)
+
+
+def test_a_body_that_no_mask_names_is_the_object_that_stands_nearest(ur5e: Robot, truth: Scene) -> None:
+    """As a target that is only known by its box."""
+    world, body = SimulatedWorld(ur5e, truth, np.random.default_rng(0)), truth.objects[1]
+    beside = replace(body, name="target", T_world_body=transform(p=[0.004, 0.0, 0.0]) @ body.T_world_body)
+    assert world.names([beside, truth.objects[0]]) == {"target": body.name, truth.objects[0].name: truth.objects[0].name}

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
+    from rich.table import Column, Table
 
     from kinematics.scene import Scene
 
@@ -80,15 +83,50 @@ def _telling_of_compilation(tell: Callable[[str], object]) -> Iterator[None]:
 
 
 def show(*things: RenderableType) -> None:
-    """Print Rich tables and texts on stdout: coloured and fitted on a terminal, plain and as wide as they need otherwise."""
+    """Print Rich tables and texts on stdout: coloured and fitted on a terminal, plain and as wide as they need otherwise.
+
+    A table that is wider than the terminal comes in several, each with the first column.
+    """
     from rich.console import Console
+    from rich.table import Table
 
     from planning.io.outputs import naming
 
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else 240, highlight=False)
     with naming("stdout"):
         for thing in things:
-            console.print(thing)
+            for part in parted(thing, console) if isinstance(thing, Table) else (thing,):
+                console.print(part)
+
+
+def parted(table: Table, console: Console) -> list[Table]:
+    """A table as several, one below the other, each with the first column and as many others as a console has room for."""
+    from rich.measure import Measurement
+
+    def part(which: Sequence[Column]) -> Table:
+        out = copy(table)
+        out.columns = [replace(column, _index=i) for i, column in enumerate(which)]
+        return out
+
+    def fits(which: Sequence[Column]) -> bool:
+        bare = part(which)
+        bare.title = bare.caption = None
+        return Measurement.get(console, console.options.update(max_width=10_000), bare).maximum <= console.width
+
+    if not table.columns or fits(table.columns):
+        return [table]
+    first, *others = table.columns
+    blocks = [[first]]
+    for column in others:
+        if len(blocks[-1]) > 1 and not fits([*blocks[-1], column]):
+            blocks.append([first])
+        blocks[-1].append(column)
+    parts = [part(block) for block in blocks]
+    for one in parts[1:]:
+        one.title = None
+    for one in parts[:-1]:
+        one.caption = None
+    return parts
 
 
 def on_terminal(out: Path | None) -> bool:

@@ -61,7 +61,7 @@ def watch(clock: Clock) -> None:
     """Have the loop's parts tell the clock."""
     for owner, name, stage in (
         (retrieval, "replayed", "verify"),
-        (retrieval, "verify", "verify"),
+        (retrieval, "first_touch", "verify"),
         (retrieval, "examine", "verdict"),
         (retrieval, "with_clearances", "clearance"),
         (retrieval, "hand_travels", "travel"),

@@ -17,7 +17,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene, State
 from perception.observation import Observation, observe
 from planning.motion.checking.replay import hand_poses, replayed, with_clearances
-from planning.motion.checking.verify import verify
+from planning.motion.checking.verify import first_touch
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.settings import DEFAULTS, MotionSettings
@@ -228,9 +228,9 @@ def conclude(
     notes: tuple[Fault, ...] = ()
     with moving:
         sampled = replayed(robot, scene, way)
-        touch = verify(robot, scene, way, max_tilt_deg=settings.max_tilt_deg, way=sampled)
-        if touch is None:
-            limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)  # contacts were judged just now
+        touch = first_touch(robot, scene, way, sampled)
+        if touch is None:  # all besides contacts is for the verdict to judge
+            limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)
             verdict = examine(scene, plan, robot, limits)
             faults, notes = verdict.faults, verdict.notes
         motions = with_clearances(way, sampled)
@@ -267,17 +267,18 @@ def hand_travels(robot: Robot, scene: Scene, motions: Sequence[Motion], step: fl
     """The same for each motion."""
     if not motions:
         return []
-    rows = []
-    for motion in motions:
-        parts = np.maximum(1, np.ceil(np.abs(motion.q[1:] - motion.q[:-1]).max(1, initial=0.0) / step)).astype(np.int64)
-        piece = np.repeat(np.arange(len(parts)), parts)
-        share = (np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]) / parts[piece]
-        start = motion.t_s[piece]
-        times = np.append(start + share * (motion.t_s[piece + 1] - start), motion.t_s[-1])
-        rows.append(motion.at(times))
+    q, t_s = (np.concatenate([getattr(motion, name) for motion in motions]) for name in ("q", "t_s"))
+    ends = np.cumsum([len(motion.q) for motion in motions])
+    parts = np.maximum(1, np.ceil(np.abs(q[1:] - q[:-1]).max(1, initial=0.0) / step)).astype(np.int64)
+    parts[ends[:-1] - 1] = 0  # from one motion to the next
+    piece = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]) / parts[piece]
+    times = t_s[piece] + share * (t_s[piece + 1] - t_s[piece])
+    of_each = np.split(times, np.searchsorted(piece, ends[:-1]))
+    rows = [motion.at(np.append(some, motion.t_s[-1])) for motion, some in zip(motions, of_each)]
     at = hand_poses(robot, scene, np.concatenate(rows))[:, :3, 3]
-    ways = np.split(at, np.cumsum([len(q) for q in rows])[:-1])
-    return [float(np.sqrt(((way[1:] - way[:-1]) ** 2).sum(1)).sum()) for way in ways]
+    chords, last = np.sqrt(((at[1:] - at[:-1]) ** 2).sum(1)), np.cumsum([len(some) for some in rows])
+    return [float(chords[end - len(some) : end - 1].sum()) for some, end in zip(rows, last)]
 
 
 def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:

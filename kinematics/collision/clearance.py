@@ -54,7 +54,7 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
     queries, steps_m = make_queries(asked), np.array([step_m if packed.stretches[s].held is None else 2 * step_m for s in of])
     problem, starts = pose_all(packed.model.chain, packed.posed, packed.solids, queries)  # two bodies may both move: hence twice the step
     least, nearest = np.empty(len(of)), np.empty(len(of), np.int64)
-    scratch = make_scratch(problem)
+    scratch = make_scratch(problem, int(np.diff(starts).max()))
     path_clearances(problem, packed.arm, queries.rows, starts, steps_m, FARTHEST_M, TOLERANCE, scratch, least, nearest)
     for s, distance_m, pair in zip(of, least.tolist(), nearest.tolist()):
         known = out[s]

@@ -230,15 +230,18 @@ def some_pairs(problem: Problem, kept: NDArray[np.bool_]) -> Problem:
     return problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept], clearance=problem.clearance[kept])
 
 
-def make_scratch(problem: Problem) -> Scratch:
-    """Memory for one thread; it may serve any number of queries on the same problem."""
-    scratch = scratch_for(len(problem.chain.q_index), len(problem.chain.lower), len(problem.solid_T), len(problem.pairs))
+def make_scratch(problem: Problem, at_once: int | None = None) -> Scratch:
+    """Memory for one thread; it may serve any number of queries on the same problem. at_once: of how many of its pairs a query is, at most,
+    where that are not all."""
+    chain, pairs = problem.chain, len(problem.pairs)
+    scratch = scratch_for(len(chain.q_index), len(chain.lower), len(problem.solid_T), pairs, pairs if at_once is None else at_once)
     enter(problem, scratch)
     return scratch
 
 
-def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scratch:
-    """Memory for one thread, for all problems that are no larger than this; `enter` each of them first."""
+def scratch_for(joints: int, coordinates: int, solids: int, pairs: int, at_once: int) -> Scratch:
+    """Memory for one thread, for all problems that are no larger than this, and queries of so many pairs at once; `enter` each of them
+    first."""
     return Scratch(
         np.zeros((joints + 1 + solids, 4, 4)),
         np.zeros((8, 4)),
@@ -250,7 +253,7 @@ def scratch_for(joints: int, coordinates: int, solids: int, pairs: int) -> Scrat
         np.zeros((joints + 1, 6)),
         np.empty((2, 2048, 2)),
         np.empty((2, 2048, 2), np.int64),
-        np.empty((2, 16384 + 64 * pairs), np.int64),
+        np.empty((2, 16384 + 64 * at_once), np.int64),
         np.zeros(4, np.int64),
         np.zeros(1),
     )

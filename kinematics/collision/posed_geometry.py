@@ -64,17 +64,23 @@ class PosedGeometry(NamedTuple):
 
 def make_geometry_model(hulls: Sequence[Array], covers: Sequence[Levels] = ()) -> GeometryModel:
     """Pack hulls (V_p, 3) and their covers, if there are some. Raises: ValueError when the numbers of both differ."""
-    if covers and len(covers) != len(hulls):
-        raise ValueError(f"covers: {len(covers)} for {len(hulls)} parts")
     points = np.ascontiguousarray(np.concatenate([*hulls, np.zeros((0, 3))]), float)
-    return GeometryModel(
-        *grouped(points, _starts([len(h) for h in hulls])),
-        _starts([len(c.coarse.radii) for c in covers] or [0] * len(hulls)),
-        _rows([np.column_stack((c.coarse.centres, c.coarse.radii, c.coarse.inner_radii())) for c in covers]),
-        _starts([int(n) for c in covers for n in np.diff(c.start)]),
-        np.concatenate([*(c.child for c in covers), np.zeros(0)]).astype(np.int64),
-        _starts([len(c.fine.radii) for c in covers] or [0] * len(hulls)),
-        _rows([np.column_stack((c.fine.centres, c.fine.radii, c.fine.inner_radii())) for c in covers]),
+    none, nothing = np.zeros(len(hulls) + 1, np.int64), np.zeros((0, 5))
+    pieces = GeometryModel(*grouped(points, _starts([len(h) for h in hulls])), none, nothing, none[:1], none[:0], none, nothing)
+    return with_covers(pieces, covers) if covers else pieces
+
+
+def with_covers(pieces: GeometryModel, covers: Sequence[Levels]) -> GeometryModel:
+    """The same pieces with their covers. Raises: ValueError when the numbers of both differ."""
+    if len(covers) != len(pieces.start) - 1:
+        raise ValueError(f"covers: {len(covers)} for {len(pieces.start) - 1} parts")
+    return pieces._replace(
+        coarse_start=_starts([len(c.coarse.radii) for c in covers]),
+        coarse=_rows([np.column_stack((c.coarse.centres, c.coarse.radii, c.coarse.inner_radii())) for c in covers]),
+        child_start=_starts([int(n) for c in covers for n in np.diff(c.start)]),
+        child=np.concatenate([c.child for c in covers]).astype(np.int64),
+        fine_start=_starts([len(c.fine.radii) for c in covers]),
+        fine=_rows([np.column_stack((c.fine.centres, c.fine.radii, c.fine.inner_radii())) for c in covers]),
     )
 
 
@@ -230,4 +236,4 @@ def _starts(counts: Sequence[int]) -> Int:
 
 
 def _rows(blocks: list[Array]) -> Array:
-    return np.ascontiguousarray(np.concatenate([*blocks, np.zeros((0, 5))]), float)
+    return np.ascontiguousarray(np.concatenate(blocks), float)

@@ -9,7 +9,7 @@ import numpy as np
 
 from kinematics.chain import Int
 from kinematics.collision.covers.levels import Levels, box_levels, cylinder_levels, levels
-from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry, pose_others
+from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry, pose_others, with_covers
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.robots.tree import carried
@@ -58,7 +58,7 @@ def bare_geometry(shape: Shape) -> GeometryModel:
 @lru_cache(maxsize=256)
 def shape_geometry(shape: Shape) -> GeometryModel:
     """A shape's convex parts and their covers, ready to be taken in the hand."""
-    return make_geometry_model(convex_parts(shape), shape_covers(shape))
+    return with_covers(bare_geometry(shape), shape_covers(shape))
 
 
 class RobotCollisionModel:

@@ -48,7 +48,7 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     asked: list[tuple[Any, ...]] = []
     monkeypatch.setattr(retrieval, "with_clearances", lambda motions, way: tuple(motions))
     monkeypatch.setattr(retrieval, "replayed", lambda robot, scene, motions: None)
-    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions, **_: asked.append(("verify", robot, scene, tuple(motions))))
+    monkeypatch.setattr(retrieval, "first_touch", lambda robot, scene, motions, way: asked.append(("verify", robot, scene, tuple(motions))))
     monkeypatch.setattr(retrieval, "examine", lambda *about: asked.append(("examine", *about)) or Verdict((), (), True))
     return asked
 
@@ -428,7 +428,7 @@ def test_what_is_free_at_once_needs_no_move_whatever_the_policy_says() -> None:
 def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch, checked: list[tuple[Any, ...]]) -> None:
     """And the verdict is not asked any more."""
     refused = Blocked("verify", "arm", "floor", 0.002)
-    monkeypatch.setattr(retrieval, "verify", lambda robot, scene, motions, **_: refused)
+    monkeypatch.setattr(retrieval, "first_touch", lambda *_: refused)
     plan = plan_with(FakeMotions(scene_of("a"), opens=[frozenset()]), ordered(a=[3]))
     assert (plan.success, plan.reason, plan.verified, plan.faults) == (False, refused, False, ())
     assert (plan.value, len(plan.motions)) == (0.0, 1)
@@ -478,7 +478,7 @@ def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: p
     """Select twice at 1 s, place three times at 0.1 s; 3 looks at the target and 3 tries at 10 s; 4000 s of checks."""
     clock = Clock()
     monkeypatch.setattr(retrieval, "perf_counter", clock)
-    monkeypatch.setattr(retrieval, "verify", lambda *_, **__: setattr(clock, "now", clock.now + 1000.0))
+    monkeypatch.setattr(retrieval, "first_touch", lambda *_: setattr(clock, "now", clock.now + 1000.0))
     monkeypatch.setattr(retrieval, "examine", lambda *_: setattr(clock, "now", clock.now + 3000.0) or Verdict((), (), True))
     motions = FakeMotions(
         scene_of("a", "b"), opens=[frozenset({("b", 1), ("a", 2)})],

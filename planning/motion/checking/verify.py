@@ -48,12 +48,20 @@ def verify(
         if motion.held and (leans := _leans_too_far(robot, scene, motion.held, rows, max_tilt_deg)):
             sound, wrong = number, Blocked("verify", "hand", motion.held.body, detail=f"{_where(number, motion)}: {leans}")
             break
-    kept = sum(number < sound for number in way.number)
+    return first_touch(robot, scene, motions[:sound], way) or wrong
+
+
+def first_touch(robot: Robot, scene: Scene, motions: Sequence[Motion], way: Replayed) -> Blocked | None:
+    """The first contact outside the allowed ones, and how deep it is; None when there is none.
+
+    way: the motions as `replayed` has them, and perhaps more of them, which are left out.
+    """
+    kept = sum(number < len(motions) for number in way.number)
     found = Verdict(robot, scene).along(way.packed.stretches[:kept], broad_phase(way.packed)[:kept])
-    if found is not None:
-        number, worst = way.number[found[0]], found[2][0]
-        return Blocked("verify", worst.a, worst.b, worst.depth_m, _where(number, motions[number]))
-    return wrong
+    if found is None:
+        return None
+    number, worst = way.number[found[0]], found[2][0]
+    return Blocked("verify", worst.a, worst.b, worst.depth_m, _where(number, motions[number]))
 
 
 def _where(number: int, motion: Motion) -> str:

@@ -114,7 +114,10 @@ def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
     """Memory for one thread, for all tasks with this chain that are no larger; `exact.enter` each of them first."""
     K, J = len(chain.q_index), len(chain.lower)
     return Memory(
-        edge_problem.scratch_for(K, J, solids, pairs), scratch_for(K, parts, solids, pairs), np.zeros((_MOST_PIECES, 2)), make_trees(J)
+        edge_problem.scratch_for(K, J, solids, pairs, pairs),
+        scratch_for(K, parts, solids, pairs),
+        np.zeros((_MOST_PIECES, 2)),
+        make_trees(J),
     )
 
 

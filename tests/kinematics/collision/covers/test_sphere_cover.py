@@ -116,7 +116,7 @@ def test_boxes_and_cylinders(seed):
     rng = np.random.default_rng([13, seed])
     for excess in (0.02, 0.005):
         size = tuple(rng.uniform(0.004, 0.26, 3))
-        box = cover_grid.box_cover(size, excess)
+        box, _ = cover_grid.box_cover(size, excess)
         sure(box_corners(np.array(size) / 2), box, excess)
         radius, height = rng.uniform(0.004, 0.08), rng.uniform(0.01, 0.3)
         can = cover_grid.cylinder_cover(radius, height, excess)

@@ -125,15 +125,7 @@ class Motions:
         rest = self.without(state, name)
         if place is None:
             picks = [pick for pick in self.picks(state, name, self.target_grasps)[0] if pick.grasp is found.pick.grasp]
-            outside: dict[bytes, Array] = {}
-
-            def goals(pick: Pick) -> Array:
-                key = pick.held.T_hand_body.tobytes()
-                if key not in outside:
-                    outside[key] = waiting.outside(self.cell, pick.carrying, pick.held)
-                return np.concatenate([waiting.pulled_out(self.cell, pick.carrying, pick.held, pick.lift[-1]), outside[key]])
-
-            return Choices(state, name, rest, found, picks, goals, None)
+            return Choices(state, name, rest, found, picks, self._ways(state).way_out_ends, None)
 
         picks, _ = self.picks(state, name)
 
@@ -174,7 +166,7 @@ class Motions:
             if isinstance(way_in, Blocked):
                 why = way_in
                 continue
-            goals = self._way_out_ends(pick)
+            goals = self._ways(state).way_out_ends(pick)
             if len(goals) == 0:
                 why = Blocked("transfer", "hand", name, detail="no free configuration holds it outside the cabinet")
                 continue
@@ -334,11 +326,6 @@ class Motions:
                 blocked = opening_blocked(self.cell, state, goal[0], pick)
             known[pick] = blocked or self.cell.connect(self.cell.problem(state.poses, gripper), q, goal, rng)
         return known[pick]
-
-    def _way_out_ends(self, pick: Pick) -> Array:
-        """Arm configurations (G, A) with all of the target outside the cabinet: straight out of it where there is a way."""
-        near = waiting.pulled_out(self.cell, pick.carrying, pick.held, pick.lift[-1])
-        return np.concatenate([near, waiting.outside(self.cell, pick.carrying, pick.held)])
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to

@@ -6,9 +6,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
 from kinematics.scene import Grasp, State
 from kinematics.transforms import Array
 from planning.motion.cell.workcell import Workcell
+from planning.motion.handling import waiting
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.picking import Pick, Picking
 from planning.motion.handling.placing import Placing, ReleaseQuery
@@ -30,6 +33,8 @@ class StateWays:
         self._turned: dict[Pick, list[Pick]] = {}
         self._placing: dict[Pick, Placing] = {}
         self._release_query: dict[tuple[str, float, float], ReleaseQuery] = {}
+        self._way_out_ends: dict[Pick, Array] = {}
+        self._outside: dict[tuple[str, bytes], Array] = {}
 
     def rest(self, name: str) -> dict[str, Array]:
         """The poses of the objects besides one."""
@@ -69,6 +74,16 @@ class StateWays:
         if pick not in self._turned:
             self._turned[pick] = pick.turned(self.cell.arm.chain.lower, self.cell.arm.chain.upper)
         return self._turned[pick]
+
+    def way_out_ends(self, pick: Pick) -> Array:
+        """Arm configurations (G, A) with all of what a pick takes hold of outside the cabinet: straight out of it where there is a way."""
+        if pick not in self._way_out_ends:
+            held, carrying = pick.held, pick.carrying
+            near, key = waiting.pulled_out(self.cell, carrying, held, pick.lift[-1]), (held.body, held.T_hand_body.tobytes())
+            if key not in self._outside:
+                self._outside[key] = waiting.outside(self.cell, carrying, held)
+            self._way_out_ends[pick] = np.concatenate([near, self._outside[key]])
+        return self._way_out_ends[pick]
 
     def placing(self, pick: Pick) -> Placing:
         """The ways to put down what a pick takes hold of."""

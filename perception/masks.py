@@ -3,7 +3,8 @@
 Beside depth/ in the folder of a scene stands one of
 - mask_visib/000000_000000.png (image, object), with the objects' ids or names in scene_gt.json;
 - scene_gt_coco.json or another *coco*.json: COCO annotations, or a bare list of results; `segmentation` is a run-length encoding,
-  compressed (a string, as pycocotools writes it) or not (a list), or a list of polygons; names are those of the categories;
+  compressed (a string, as pycocotools writes it) or not (a list), or a list of polygons; names are those of the categories. An image is
+  the frame whose number its file's name says, where `images` has one, else the frame whose number is its id;
 - label/000000.png: a number an object, 0 and (of 8 bits) 255 nobody's; label/names.json may name them: {"1": "mug"}.
 """
 
@@ -41,6 +42,10 @@ def mask_reader(home: Path, objects: dict[str, Any] | None, image: ReadImage) ->
     coco = sorted(home.glob("*coco*.json"))
     if coco:
         by_image, categories = _annotations(coco[0])
+        frames = {int(file.stem) for file in (home / "depth").glob("*.png") if file.stem.isdigit()}
+        if by_image and not frames & set(by_image):
+            said, there = (", ".join(map(str, sorted(some)[:4])) for some in (by_image, frames))
+            raise ValueError(f"{coco[0]}: has masks of the images {said} …, and the frames are {there} …; `images` may say which is which")
         return lambda k, shape: _coco(by_image.get(k, []), categories, shape, f"{coco[0]}: image {k}")
     if any((home / "label").glob("*.png")):
         names = read_json(home / "label" / "names.json") if (home / "label" / "names.json").is_file() else {}
@@ -53,6 +58,8 @@ def mask_reader(home: Path, objects: dict[str, Any] | None, image: ReadImage) ->
 
 def _bop(home: Path, k: int, objects: Any, shape: tuple[int, ...], image: ReadImage) -> Instances:
     """The masks of one image as one image of instances, and the instances' names."""
+    if objects is None and (home / "scene_gt.json").is_file() and any((home / "mask_visib").glob(f"{k:06d}_*.png")):
+        raise ValueError(f"{home / 'scene_gt.json'}: says nothing of image {k}, of which there are masks")
     if objects is None:
         names = [f"object_{j}" for j in range(len(list((home / "mask_visib").glob(f"{k:06d}_*.png"))))]
     else:
@@ -88,10 +95,20 @@ def _annotations(file: Path) -> tuple[dict[int, list[dict[str, Any]]], dict[int,
     if not isinstance(listed, list) or not all(isinstance(a, dict) and "image_id" in a and "segmentation" in a for a in listed):
         raise ValueError(f"{file}: is neither a COCO file with `annotations` nor a list of results, each with image_id and segmentation")
     groups = document.get("categories", []) if isinstance(document, dict) else []
+    images = document.get("images", []) if isinstance(document, dict) else []
     by_image: dict[int, list[dict[str, Any]]] = {}
-    for a in sorted(listed, key=lambda a: float(a.get("score", 1.0))):
-        by_image.setdefault(int(a["image_id"]), []).append(a)
-    return by_image, {int(c["id"]): str(c.get("name", c["id"])) for c in groups}
+    try:
+        stems = {i["id"]: Path(str(i["file_name"])).stem for i in images if "file_name" in i}
+        for a in sorted(listed, key=lambda a: float(a.get("score", 1.0))):
+            stem = stems.get(a["image_id"], "")
+            by_image.setdefault(int(stem if stem.isdigit() else a["image_id"]), []).append(a)
+        return by_image, {int(c["id"]): str(c.get("name", c["id"])) for c in groups}
+    except (TypeError, ValueError, KeyError, AttributeError) as e:
+        raise ValueError(f"{file}: ids of images and categories are whole numbers, and scores are numbers ({_said(e)})") from e
+
+
+def _said(e: Exception) -> str:
+    return f"there is no {e}" if isinstance(e, KeyError) else str(e)
 
 
 def _coco(annotations: Sequence[dict[str, Any]], categories: dict[int, str], shape: tuple[int, ...], where: str) -> Instances:
@@ -111,12 +128,16 @@ def decoded(segmentation: Any, shape: tuple[int, ...], where: str = "segmentatio
         return _polygons(segmentation, shape, where)
     if not isinstance(segmentation, dict) or "counts" not in segmentation:
         raise ValueError(f"{where}: a segmentation is neither a run-length encoding with `counts` nor a list of polygons")
-    if tuple(segmentation.get("size", shape)) != tuple(shape):
-        h, w = segmentation["size"]
-        raise ValueError(f"{where}: a mask has {w} × {h} pixels, the depth image {shape[1]} × {shape[0]}")
-    counts = segmentation["counts"]
-    runs = np.array(_runs(counts) if isinstance(counts, str) else counts, np.int64)
-    if (runs < 0).any() or runs.sum() != shape[0] * shape[1]:
+    size, counts = segmentation.get("size", list(shape)), segmentation["counts"]
+    if not isinstance(size, list) or len(size) != 2:
+        raise ValueError(f"{where}: a mask's size is [height, width], not {size!r}")
+    if tuple(size) != tuple(shape):
+        raise ValueError(f"{where}: a mask has {size[1]} × {size[0]} pixels, the depth image {shape[1]} × {shape[0]}")
+    try:
+        runs = np.array(_runs(counts) if isinstance(counts, str) else counts, np.int64)
+    except (TypeError, ValueError, OverflowError) as e:
+        raise ValueError(f"{where}: the `counts` of a mask are neither a string nor a list of whole numbers ({e})") from e
+    if runs.ndim != 1 or (runs < 0).any() or runs.sum() != shape[0] * shape[1]:
         raise ValueError(f"{where}: the runs of a mask count {runs.sum()} pixels, and the image has {shape[0] * shape[1]}")
     flat = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
     return np.ascontiguousarray(flat.reshape(shape[1], shape[0]).T)  # column by column
@@ -143,7 +164,7 @@ def _polygons(polygons: Sequence[Any], shape: tuple[int, ...], where: str) -> ND
 
     canvas = Image.new("1", (shape[1], shape[0]))
     for polygon in polygons:
-        if not isinstance(polygon, list) or len(polygon) < 6 or len(polygon) % 2:
+        if not isinstance(polygon, list) or len(polygon) < 6 or len(polygon) % 2 or not all(isinstance(p, int | float) for p in polygon):
             raise ValueError(f"{where}: a polygon is a list of at least three points, x and y in turn")
         ImageDraw.Draw(canvas).polygon([float(p) for p in polygon], fill=1)
     return np.array(canvas, bool)

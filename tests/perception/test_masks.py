@@ -64,6 +64,43 @@ def test_coco_annotations_name_the_objects(tmp_path: Path) -> None:
     assert (frame.instance[3:9, 3:10] == 1).all()
 
 
+def test_coco_images_are_the_frames_that_their_files_names_say(tmp_path: Path) -> None:
+    """Annotation tools number images as they like."""
+    home = recording(tmp_path)
+    of_41 = {"image_id": 41, "category_id": 3, "segmentation": [[2, 2, 10, 2, 10, 9, 2, 9]]}
+    document: dict[str, Any] = {
+        "annotations": [of_41],
+        "images": [{"id": 41, "file_name": "rgb/000000.png"}, {"id": 0, "file_name": "000041.png"}],
+    }
+    (home / "masks_coco.json").write_text(json.dumps(document))
+    assert read_frames(tmp_path)[0].names == ("object_3",)
+    (home / "masks_coco.json").write_text(json.dumps({"annotations": [of_41]}))
+    with pytest.raises(ValueError, match="has masks of the images 41 …, and the frames are 0 …; `images` may say which is which"):
+        read_frames(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"image_id": "left"}, {"image_id": None}, {"score": "high"}, {"score": None}],
+    ids=["image", "no image", "score", "no score"],
+)
+def test_what_is_no_number_in_coco_is_told_with_the_file(change: dict[str, Any], tmp_path: Path) -> None:
+    home = recording(tmp_path)
+    (home / "coco_results.json").write_text(json.dumps([{"image_id": 0, "category_id": 1, "segmentation": [], **change}]))
+    with pytest.raises(ValueError, match=r"coco_results\.json: ids of images and categories are whole numbers"):
+        read_frames(tmp_path)
+
+
+def test_masks_of_an_image_of_which_scene_gt_says_nothing(tmp_path: Path) -> None:
+    home = recording(tmp_path)
+    (home / "mask_visib").mkdir()
+    Image.fromarray(painted().astype(np.uint8) * 255).save(home / "mask_visib" / "000000_000000.png")
+    assert read_frames(tmp_path)[0].names == ("object_0",)
+    (home / "scene_gt.json").write_text(json.dumps({"4": [{"obj_id": 1}]}))
+    with pytest.raises(ValueError, match="says nothing of image 0, of which there are masks"):
+        read_frames(tmp_path)
+
+
 def test_the_surer_of_two_results_wins_where_they_overlap(tmp_path: Path) -> None:
     home = recording(tmp_path)
     everything, middle = [[0, 0, 63, 0, 63, 47, 0, 47]], [[20, 10, 40, 10, 40, 30, 20, 30]]
@@ -98,7 +135,11 @@ def test_label_images_say_nothing_with_0_and_255(tmp_path: Path) -> None:
         ({"size": [40, 64], "counts": [40 * 64]}, "64 × 40 pixels, the depth image 64 × 48"),
         ({"size": [48, 64], "counts": [5, 6]}, "count 11 pixels, and the image has 3072"),
         ({"size": [48, 64]}, "neither a run-length encoding"),
+        ({"size": [48, 64], "counts": {"a": 1}}, "neither a string nor a list of whole numbers"),
+        ({"size": [48, 64], "counts": ["x"]}, "neither a string nor a list of whole numbers"),
+        ({"size": "big", "counts": [3072]}, "is \\[height, width\\], not 'big'"),
         ([[1, 2, 3]], "at least three points"),
+        ([[1, 2, "x", 3, 4, 5]], "at least three points"),
     ],
 )
 def test_a_bad_mask_is_told(segmentation: Any, complaint: str) -> None:

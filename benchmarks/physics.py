@@ -41,6 +41,7 @@ CONTACT = [0.004, 1.0], [0.95, 0.99, 0.0005, 0.5, 2.0]  # MuJoCo's own contacts 
 SETTLE_S = 0.3  # that objects have to come to rest before anything moves
 LOST_M = 0.03  # an object that is so far from where the hand should hold it was dropped
 FALLEN_DEG = 30.0
+SIDES = 96  # of the prism that stands for a cylinder
 SINK_M = 0.0005  # contacts shallower than this are the solver's
 
 
@@ -66,6 +67,15 @@ class Outcome:
     fallen: tuple[str, ...]
     error_rad: float
     torque_nm: float
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """How the gripper's joint closes: the torque or force at it, and the speed beyond which it does not go, as the plan closes it. Fingers
+    that nothing slows come at half a metre a second, and strike what they meet out of the hand."""
+
+    force: float
+    speed: float
 
 
 class World:
@@ -137,10 +147,8 @@ class World:
         match solid.shape:
             case Box():
                 parts.append({"type": mujoco.mjtGeom.mjGEOM_BOX, "size": solid.shape.half})
-            case Cylinder():
-                parts.append({"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [solid.shape.radius_m, solid.shape.height_m / 2, 0.0]})
-            case _:
-                for n, part in enumerate(convex_parts(solid.shape)):
+            case shape:
+                for n, part in enumerate([_prism(shape)] if isinstance(shape, Cylinder) else convex_parts(shape)):
                     spec.add_mesh(name=f"part:{solid.name}:{n}", uservert=part.ravel())
                     parts.append({"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": f"part:{solid.name}:{n}"})
         for n, part in enumerate(parts):
@@ -170,8 +178,8 @@ class World:
         self.data.qpos[self.q_at] = self.scale * q[self.drives] + self.offset
         mujoco.mj_forward(self.model, self.data)
 
-    def step(self, q: Array, qd: Array, qdd: Array, squeeze: float | None) -> float:
-        """One time step after a reference (J,); squeeze: the torque at the gripper's joint, None to hold it at q. The largest arm error."""
+    def step(self, q: Array, qd: Array, qdd: Array, squeeze: Squeeze | None) -> float:
+        """One time step after a reference (J,); squeeze: how the gripper closes, None to hold it at q. The largest arm error."""
         m, d = self.model, self.data
         error = self.scale * q[self.drives] + self.offset - d.qpos[self.q_at]
         rate = self.scale * qd[self.drives] - d.qvel[self.v_at]
@@ -184,9 +192,11 @@ class World:
         d.qfrc_applied[arm] = force[arm] + d.qfrc_bias[arm] - d.qfrc_gravcomp[arm]
         g = self.robot.gripper_joint
         if squeeze is None:
+            m.dof_damping[self.grip_dof] = 0.0
             d.qfrc_applied[self.grip_dof] = 200.0 * (q[g] - d.qpos[self.grip_q]) + 4.0 * (qd[g] - d.qvel[self.grip_dof])
         else:
-            d.qfrc_applied[self.grip_dof] = squeeze - 1.0 * d.qvel[self.grip_dof]
+            m.dof_damping[self.grip_dof] = abs(squeeze.force) / squeeze.speed
+            d.qfrc_applied[self.grip_dof] = squeeze.force
         mujoco.mj_step(m, d)
         return float(np.abs(error[self.arm]).max())
 
@@ -215,12 +225,11 @@ def execute(robot: Robot, scene: Scene, plan: Plan, settings: Settings, rng: np.
     touched: Counter[tuple[str, str, str]] = Counter()
     worst, torque, squeeze = 0.0, 0.0, None
     for motion in plan.motions:
-        pulls = _squeeze(robot, motion, settings.force_n)
+        if motion.stage == "grasp":
+            squeeze = _squeeze(robot, motion, settings.force_n)
+        elif motion.held is None:
+            squeeze = None
         for n, (q, qd, qdd) in enumerate(references(motion, settings.step_s)):
-            if motion.stage == "grasp":
-                squeeze = pulls
-            elif motion.held is None:
-                squeeze = None
             worst = max(worst, world.step(q, qd, qdd, squeeze))
             torque = max(torque, float(np.abs(world.data.qfrc_applied[world.v_at[world.arm]]).max()))
             if n % 4 == 0:
@@ -244,13 +253,14 @@ def references(motion: Motion, step_s: float) -> Iterator[tuple[Array, Array, Ar
         yield motion.q[k] + s * way, 30 * x * x * (1 - x) ** 2 / h * way, 60 * x * (1 - x) * (1 - 2 * x) / h**2 * way
 
 
-def _squeeze(robot: Robot, motion: Motion, force_n: float) -> float:
-    """The torque or force at the gripper's joint that presses each pad with so much: virtual work over the opening's table."""
+def _squeeze(robot: Robot, motion: Motion, force_n: float) -> Squeeze:
+    """What presses each pad with so much force, by virtual work over the opening's table, as fast as a motion moves the fingers."""
     value = float(motion.q[-1, robot.gripper_joint])
     table = robot.opening
     order = np.argsort(table.value)
     width = np.interp([value - 1e-3, value + 1e-3], table.value[order], table.width_m[order])
-    return -force_n * float(width[1] - width[0]) / 2e-3
+    fastest = np.abs(np.diff(motion.q[:, robot.gripper_joint]) / np.diff(motion.t_s)).max(initial=0.0)
+    return Squeeze(-force_n * float(width[1] - width[0]) / 2e-3, max(float(fastest), 1e-3))
 
 
 def _unwanted(world: World, motion: Motion) -> Iterator[tuple[str, str]]:
@@ -287,6 +297,15 @@ def _judge(
     if fallen and why is None:
         why = f"{', '.join(fallen)} fell"
     return Outcome(why is None, why, touched, tuple(fallen), worst, torque)
+
+
+def _prism(can: Cylinder) -> Array:
+    """The corners (2 SIDES, 3) of a cylinder as MuJoCo gets it. Of its own cylinder and an edge of a pad that lie along each other it finds
+    one contact, now at one end of their line and now at the other: a can held by the pads' ends was turned about and thrown out of a hand
+    that had hardly any angle to hold. Of a prism it finds both ends of the line."""
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    ring = can.radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
+    return np.concatenate([ring + [0.0, 0.0, z] for z in (-can.height_m / 2, can.height_m / 2)])
 
 
 def _direction(rng: np.random.Generator) -> Array:

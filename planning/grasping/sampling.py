@@ -24,7 +24,7 @@ class Sampling:
     between what they hold and what lies behind their pads, if they can; those with the first come before all others. steps_m: how far
     apart, ahead and up, those are that hold upright boxes and cans by however little (`marginal_grasps`), after all others; None: none.
     beyond_m: how much further off than where the pads just hold something hands are looked at, and whether the line in which they meet a
-    can may lie a little beyond their ends, from where they may push it out: for proofs."""
+    can may lie a little beyond their ends, where friction alone keeps it: for proofs."""
 
     yaws: int = 12
     backs_m: tuple[float, ...] = (0.0,)

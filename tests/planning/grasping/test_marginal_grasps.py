@@ -113,7 +113,7 @@ def test_an_arm_of_few_joints_looks_as_it_has_to(ur5e: Robot) -> None:
 @pytest.mark.parametrize(("sampling", "beyond"), [(DENSEST, False), (SAMPLINGS[0], True)])
 @pytest.mark.parametrize("kind", APPROACHES)
 def test_pads_meet_a_can_with_their_faces_but_for_proofs(ur5e: Robot, kind: str, sampling: Sampling, beyond: bool) -> None:
-    """A line that lies beyond the pads' ends pushes the can out of the hand: one such plan in a hundred failed in physics."""
+    """A line beyond the pads' ends is held, but by friction alone: plans don't rely on it, and proofs have to."""
     pad, can, outside = pad_of(ur5e), on_floor(CAN), 0
     for grasp in marginal_grasps(can, ur5e.opening, (kind,), 0.0, sampling, pad):
         line = np.array(

@@ -305,7 +305,7 @@ def _prism(can: Cylinder) -> Array:
     that had hardly any angle to hold. Of a prism it finds both ends of the line."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     ring = can.radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
-    return np.concatenate([ring + [0.0, 0.0, z] for z in (-can.height_m / 2, can.height_m / 2)])
+    return np.concatenate([ring + np.array([0.0, 0.0, z]) for z in (-can.height_m / 2, can.height_m / 2)])
 
 
 def _direction(rng: np.random.Generator) -> Array:

@@ -102,6 +102,21 @@ def test_the_slip_angle_of_contacts_that_are_offset() -> None:
     assert slip_angle(a, Touch(0.0, b.normal, b.patch - [0.03, 0.0, 0.0], 0.002)) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("mu", [0.1, 0.15, 0.2])
+def test_a_can_beyond_the_pads_ends_is_held_as_far_as_friction_goes(ur5e: Robot, mu: float) -> None:
+    """MuJoCo says the same (benchmarks/edge_grasps.py). The pads' edges meet it where it leans by as much as its line is beyond them."""
+    hand, radius = hand_of(ur5e), CAN.radius_m
+    for degrees in np.linspace(1.0, 14.0, 27):
+        lean = float(np.radians(degrees))
+        width = 2 * radius * float(np.cos(lean))
+        frames = in_hand(hand, closing_value(hand, width))
+        end = max(float((frames[p.carrier] @ p.T_carrier_face @ [*corner, 0.0, 1.0])[2]) for p in hand.pads for corner in p.window.corners)
+        found = faults(ur5e, CAN, transform(UPRIGHT, [0.0, 0.0, end + radius * np.sin(lean)]), width, mu=mu)
+        if abs(lean - np.arctan(mu)) > np.radians(2.0):  # of a side of the prism that stands for the can
+            assert [text for text in found if "slips" not in text] == []
+            assert bool(found) == (lean > np.arctan(mu)), (degrees, found)
+
+
 def test_nothing_lies_before_a_pad_that_is_past_the_body(ur5e: Robot) -> None:
     hand = hand_of(ur5e)
     T = transform(np.stack([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]], 1), [0, 0, 0.2])

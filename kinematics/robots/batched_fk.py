@@ -6,6 +6,10 @@ joints for free inputs, so they are driven from the actuated ones here. Torch is
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from kinematics.robots.tree import FIXED
@@ -24,13 +28,12 @@ class Forward:
     """
 
     def __init__(self, robot: Robot) -> None:
-        import pytorch_kinematics
         import torch
 
         self.robot = robot
         self._torch = torch
         self._urdf = _with_all_limits(robot.urdf)
-        self._chain = pytorch_kinematics.build_chain_from_urdf(self._urdf).to(dtype=torch.float64)
+        self._chain = _readers().build_chain_from_urdf(self._urdf).to(dtype=torch.float64)
         self._serial: dict[str, Any] = {}
         driven = _driven(robot)
         self._expand, self._offset = self._matrix([driven[n] for n in self._chain.get_joint_parameter_names()])
@@ -45,15 +48,13 @@ class Forward:
 
         Raises: ValueError for a link that the robot doesn't have.
         """
-        import pytorch_kinematics
-
         if link not in self.robot.tree.index:
             raise ValueError(f"robot {self.robot.name} has no link {link!r}; it has {', '.join(self.robot.tree.names)}")
         q, arm = self._inputs(q), list(self.robot.arm_joints)
         if all(self.robot.tree.kind[i] == FIXED for i in self.robot.tree.path(self.robot.tree.index[link])):
             return q.new_zeros(len(q), 6, len(arm))
         if link not in self._serial:
-            chain = pytorch_kinematics.build_serial_chain_from_urdf(self._urdf, link).to(dtype=self._torch.float64)
+            chain = _readers().build_serial_chain_from_urdf(self._urdf, link).to(dtype=self._torch.float64)
             driven = _driven(self.robot)
             self._serial[link] = chain, *self._matrix([driven[n] for n in chain.get_joint_parameter_names()])
         chain, expand, offset = self._serial[link]
@@ -68,6 +69,18 @@ class Forward:
         for row, (j, scale, _) in enumerate(driven):
             expand[row, j] = scale
         return expand, self._torch.tensor([offset for _, _, offset in driven], dtype=self._torch.float64)
+
+
+def _readers() -> ModuleType:
+    """pytorch-kinematics' readers of URDFs, without what its package imports besides: MuJoCo and Matplotlib, half a second for each first
+    load of a robot. Who imports the package afterwards gets all of it."""
+    if (package := "pytorch_kinematics") in sys.modules or (spec := importlib.util.find_spec(package)) is None:
+        return importlib.import_module(f"{package}.urdf")
+    sys.modules[package] = importlib.util.module_from_spec(spec)
+    try:
+        return importlib.import_module(f"{package}.urdf")
+    finally:
+        del sys.modules[package]
 
 
 def _with_all_limits(urdf: str) -> bytes:

@@ -32,6 +32,9 @@ PARTS, HAND_PARTS, FRAME_PARTS = 4, 12, 16
 FRAME_FILLS = 0.25
 """A mesh that fills less of its hull is a frame or a sheet, and needs more parts."""
 SMALL_M3 = 2e-6
+FLAT_M = 1e-4  # what is thinner becomes twice as thick as that, for it takes a volume to be covered by balls
+VOXELS, ARM_VOXELS = 30_000, 8_000
+"""Of which V-HACD looks at a mesh; of an arm's link mostly to see that its parts are hardly smaller than its hull."""
 PATIENCE_S = 20.0
 """How long V-HACD may take for a mesh."""
 EDGE_M = 0.02  # triangles are cut so fine before they are given to parts, so that parts don't grow along large ones
@@ -92,9 +95,17 @@ def link_hulls(link: Any, at_hand: Collection[str], *, apart: bool = True) -> tu
             continue
         T = np.eye(4) if collision.origin is None else collision.origin
         for points in parts:
-            hull = trimesh.convex.convex_hull(np.asarray(points @ T[:3, :3].T + T[:3, 3]))
+            hull = trimesh.convex.convex_hull(_not_flat(np.asarray(points @ T[:3, :3].T + T[:3, 3])))
             hulls.append(LinkHull(link.name, np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)))
     return hulls, notes
+
+
+def _not_flat(points: Array) -> Array:
+    """Points (P, 3), or where they lie in a plane (a printed marker, a label) or a line, such to both sides of it."""
+    _, axes = np.linalg.eigh(np.cov(points.T))
+    for axis in axes.T[np.ptp(points @ axes, axis=0) < FLAT_M]:
+        points = np.concatenate([points + FLAT_M * axis, points - FLAT_M * axis])
+    return points
 
 
 def _scale(mesh: Any) -> tuple[float, float, float]:
@@ -117,7 +128,8 @@ def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
         why = str(e).strip().split("\n")[0] or type(e).__name__
         raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}") from e
     vertices, faces = np.asarray(merged.vertices, float), np.asarray(merged.faces, np.int64)
-    return MeshSolid(points, vertices, faces, abs(float(merged.volume)), float(hull.volume))
+    with np.errstate(all="ignore"):  # of what is flat
+        return MeshSolid(points, vertices, faces, abs(float(merged.volume)), float(hull.volume))
 
 
 @lru_cache(maxsize=256)
@@ -166,7 +178,7 @@ def take_apart(links: Iterable[Any], at_hand: Collection[str]) -> None:
 
 def _name_of(mesh: MeshSolid, most: int) -> str:
     """Parts are kept on disk by the mesh's content: a changed URDF has the same meshes, and so have arms with the same gripper."""
-    return f"parts-2-{cache.key(mesh.vertices.tobytes(), mesh.faces.tobytes(), str(most))}"
+    return f"parts-3-{cache.key(mesh.vertices.tobytes(), mesh.faces.tobytes(), str(most))}"
 
 
 def _kept(mesh: MeshSolid, most: int) -> tuple[Array, ...] | None:
@@ -178,7 +190,8 @@ def _taken_apart(wanted: Sequence[tuple[MeshSolid, int]]) -> list[tuple[Array, .
     """Convex parts of meshes, each of so many at most, of which each triangle lies in one; None where V-HACD does not come to an end, or
     can't do it, and for those behind it. One process takes all: V-HACD may crash."""
     given = io.BytesIO()
-    arrays = {f"{what}{k}": a for k, (mesh, most) in enumerate(wanted) for what, a in zip("pfm", (mesh.vertices, mesh.faces, most))}
+    asked = [(mesh.vertices, mesh.faces, most, ARM_VOXELS if most == PARTS else VOXELS) for mesh, most in wanted]
+    arrays = {f"{what}{k}": a for k, each in enumerate(asked) for what, a in zip("pfmv", each)}
     np.savez(given, **arrays)  # type: ignore[arg-type]
     command, patience = [sys.executable, "-P", "-c", _TAKE_APART], PATIENCE_S * len(wanted)
     try:
@@ -213,11 +226,11 @@ import io, sys
 import numpy as np
 import vhacdx
 given = np.load(io.BytesIO(sys.stdin.buffer.read()))
-for k in range(len(given.files) // 3):
-    points, faces, most = (given[f"{what}{k}"] for what in "pfm")
+for k in range(len(given.files) // 4):
+    points, faces, most, voxels = (given[f"{what}{k}"] for what in "pfmv")
     faces = np.c_[np.full(len(faces), 3), faces].ravel().astype(np.uint32)
     out = io.BytesIO()
-    how = dict(resolution=30000, maxNumVerticesPerCH=32, maxRecursionDepth=7, asyncACD=False)
+    how = dict(resolution=int(voxels), maxNumVerticesPerCH=32, maxRecursionDepth=7, asyncACD=False)
     np.savez(out, *(np.asarray(vertices, float) for vertices, _ in vhacdx.compute_vhacd(points, faces, maxConvexHulls=int(most), **how)))
     sys.stdout.buffer.write(len(out.getvalue()).to_bytes(8, "little") + out.getvalue())
     sys.stdout.buffer.flush()

@@ -90,6 +90,18 @@ def test_torch_is_not_imported_before_it_is_needed() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_the_comparison_imports_no_simulator_and_leaves_the_package_whole() -> None:
+    """pytorch-kinematics' readers alone: who imports all of it afterwards gets all of it."""
+    code = (
+        "import sys; from kinematics.robots.batched_fk import Forward; from kinematics.robots.load import load\n"
+        "robot = load('ur5e'); Forward(robot).jacobian(robot.home[None])\n"
+        "assert not {'mujoco', 'matplotlib', 'pytorch_kinematics'} & set(sys.modules)\n"
+        "import pytorch_kinematics; assert pytorch_kinematics.build_chain_from_urdf and pytorch_kinematics.Transform3d\n"
+        "Forward(robot).poses(robot.home[None])"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_home_is_free_and_open(robot: Robot) -> None:
     assert (robot.lower <= robot.home).all()
     assert (robot.home <= robot.upper).all()

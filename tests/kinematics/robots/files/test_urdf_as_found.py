@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from lxml import etree
 
+from kinematics.collision.covers.levels import levels
 from kinematics.robots import link_geometry
 from kinematics.robots.derive import derive
 from kinematics.robots.files import mesh_files, urdf
@@ -301,6 +302,16 @@ def test_collada_files_say_their_unit_and_which_way_is_up(up: str, tool: str, si
     assert np.linalg.det(collada_frame(file)) == pytest.approx(1e-6)
 
 
+def test_a_flat_link_has_a_cover(tmp_path: Path) -> None:
+    """A marker that is printed on a sheet: its mesh is two triangles."""
+    corners = np.array([[-0.03, -0.03, 0.0], [0.03, -0.03, 0.0], [0.03, 0.03, 0.0], [-0.03, 0.03, 0.0]]) @ rotation_rpy((0.3, 0.5, 0.7)).T
+    write_mesh(tmp_path / "marker.stl", trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]))
+    (found,) = hulls(tmp_path, arm('<mesh filename="marker.stl"/>'))
+    balls = levels(found.vertices).coarse
+    assert (np.linalg.norm(corners[:, None] - balls.centres, axis=2) <= balls.radii).any(1).all()
+    assert np.ptp(found.vertices @ rotation_rpy((0.3, 0.5, 0.7)), axis=0) == pytest.approx([0.06, 0.06, 2 * link_geometry.FLAT_M], abs=1e-5)
+
+
 def test_a_frame_is_taken_apart_once_and_every_triangle_lies_in_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     frame = trimesh.creation.box((0.9, 0.9, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0)))
@@ -323,7 +334,7 @@ def test_a_frame_is_taken_apart_once_and_every_triangle_lies_in_a_part(tmp_path:
 
 def test_a_mesh_that_the_process_for_several_did_not_come_to_is_taken_apart_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(link_geometry, "_TAKE_APART", link_geometry._TAKE_APART.replace("len(given.files) // 3", "1"))
+    monkeypatch.setattr(link_geometry, "_TAKE_APART", link_geometry._TAKE_APART.replace("len(given.files) // 4", "1"))
     frames = [trimesh.creation.box((size, size, 0.1)).difference(trimesh.creation.box((0.7, 0.7, 1.0))) for size in (0.9, 0.92)]
     for k, frame in enumerate(frames):
         write_mesh(tmp_path / f"frame{k}.stl", frame)

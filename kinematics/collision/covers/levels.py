@@ -28,7 +28,8 @@ that 5 mm would take; edges take 1 % longer to prove free."""
 SLIVER_M = 1e-9
 """Where cells overlap by less, the balls around the others that meet there hold it."""
 LONG_M, MOST_BALLS = 0.9, 400
-"""Covers of hulls that are longer are coarser, by the square of how much longer they are and so that about so many fine balls would do."""
+"""Covers are coarser of hulls that are longer, by the square of how much longer they are, and of those that would take more fine balls, by
+an estimate: of no link of the named robots, but of columns, chassis and plates."""
 SHIPPED = Path(__file__).with_name("shipped.npz")
 """The covers of the named robots' hulls: `make covers` makes them."""
 
@@ -48,13 +49,11 @@ class Levels(NamedTuple):
 def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, *, on_step: OnStep | None = None) -> Levels:
     """A coarse and a fine cover of the hull of vertices (V, 3), from those that ship or the disk cache if these hold them.
 
-    Both are coarser for a hull longer than `LONG_M`. The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that
+    Both are coarser for a large hull (`MOST_BALLS`). The vertices are taken to 0.1 nm, so that a hull is the same hull on every CPU: that
     is a tenth of what the proof leaves for rounding.
     Raises: ValueError as `cover` does.
     """
     points = _rounded(vertices)
-    coarser = _coarser(points)
-    coarse_m, fine_m = coarser * coarse_m, coarser * fine_m
     name = _name(points, coarse_m, fine_m)
     known = cache.shipped(SHIPPED, name) or cache.load(name)
     if known is None:
@@ -62,26 +61,26 @@ def levels(vertices: Array, coarse_m: float = COARSE_M, fine_m: float = FINE_M, 
         cache.store(name, known)
     c, f = known["coarse"].astype(float), known["fine"].astype(float)
     start, child = known["start"].astype(np.int64), known["child"].astype(np.int64)
+    coarse_m, fine_m = (float(m) for m in known.get("excess_m", (coarse_m, fine_m)))
     return Levels(Cover(c[:, :3], c[:, 3], coarse_m), Cover(f[:, :3], f[:, 3], fine_m), start, child)
 
 
 def derived(vertices: Array) -> tuple[str, dict[str, NDArray[np.generic]]]:
     """The levels of a hull of vertices (V, 3) as arrays, and the name that `levels` finds them under. Raises: as `cover` does."""
     points = _rounded(vertices)
-    coarse_m, fine_m = _coarser(points) * COARSE_M, _coarser(points) * FINE_M
-    return _name(points, coarse_m, fine_m), _derived(points, coarse_m, fine_m, None)
+    return _name(points, COARSE_M, FINE_M), _derived(points, COARSE_M, FINE_M, None)
 
 
-def _coarser(points: Array) -> float:
-    """How much coarser the covers of a hull of points (V, 3) are than those of a link of usual size."""
-    if not np.isfinite(points).all() or (long := float(np.ptp(points, axis=0).max())) <= LONG_M:
-        return 1.0
+def _coarser(points: Array, fine_m: float) -> float:
+    """How much coarser the covers of a hull of points (V, 3) are than those of a link of usual size. Raises: as `cover` does."""
+    if not fine_m > 0:
+        raise ValueError(f"excess_m: {fine_m} is not positive")
     t = convex_solid(points).triangles
     across = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
     area, middle = np.linalg.norm(across, axis=1).sum() / 2, points.mean(0)
     thick = np.abs(((t[:, 0] - middle) * across).sum(1)).sum() / 6 / area
-    coarser = (long / LONG_M) ** 2
-    while area > MOST_BALLS * np.pi * (2 * thick + coarser * FINE_M) * coarser * FINE_M:  # what a ball cuts out of a flat side
+    coarser = max(1.0, float(np.ptp(points, axis=0).max()) / LONG_M) ** 2
+    while area > MOST_BALLS * np.pi * (2 * thick + coarser * fine_m) * coarser * fine_m:  # what a ball cuts out of a flat side
         coarser *= 1.25
     return float(coarser)
 
@@ -95,9 +94,13 @@ def _name(points: Array, coarse_m: float, fine_m: float) -> str:
 
 
 def _derived(points: Array, coarse_m: float, fine_m: float, on_step: OnStep | None) -> dict[str, NDArray[np.generic]]:
-    a, b = _by_size(cover(points, coarse_m, on_step=on_step)), cover(points, fine_m, on_step=on_step)
+    coarser = _coarser(points, fine_m)
+    excess_m = np.array([coarser * coarse_m, coarser * fine_m])
+    a, b = (cover(points, float(m), on_step=on_step) for m in excess_m)
+    a = _by_size(a)
     start, child = _csr(links(convex_solid(points).fan, a.centres, a.radii - ROUNDING_M, b.centres, b.radii - ROUNDING_M))
-    return {"coarse": np.c_[a.centres, a.radii], "fine": np.c_[b.centres, b.radii], "start": start, "child": child}
+    found = {"coarse": np.c_[a.centres, a.radii], "fine": np.c_[b.centres, b.radii], "start": start, "child": child}
+    return found if coarser == 1.0 else {**found, "excess_m": excess_m}
 
 
 def moved(balls: Levels, T: Array) -> Levels:

@@ -24,13 +24,13 @@ from planning.motion.cell.workcell import Workcell
 from planning.motion.handling.carry import Carry, setting_out
 from planning.motion.handling.picking import Pick
 from planning.motion.handling.placing import Place
+from planning.motion.handling.turns import nearest_turns
+from planning.motion.polishing import polished
 from planning.motion.way_cost import WayCost
 from planning.plan import Blocked
 
 PUT_DOWN_S = 0.9
 """Lowering and retreating, until these are known."""
-WORTH = 1.2
-"""A way that was planned anew is made quicker only if it takes no more than so many times what the quickest takes already."""
 HINTS = 3
 """So many known ways at most are what a way that is planned may begin with."""
 UNKNOWN, BENT, KNOWN = 0, 1, 2
@@ -73,7 +73,7 @@ class _Layer:
         of = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
         lifted = np.array([turned.lift[-1] for turned in self.picks])
         self.pick_of = np.append(0, of)
-        self.ends = np.concatenate([found.across[-1:], _nearest_turns(np.concatenate(ends), lifted[of], lower, upper)])
+        self.ends = np.concatenate([found.across[-1:], nearest_turns(np.concatenate(ends), lifted[of], lower, upper)])
         self.solution = np.concatenate([[-1], *(np.arange(len(e)) for e in ends)]).astype(np.int64)
         self.grasp = np.array([id(pick.grasp) for pick in self.picks])[self.pick_of]
         self.leaves = self.ends.copy()
@@ -183,27 +183,11 @@ class _Graph:
         for k, (before, n) in enumerate(zip([0, *path], path)):
             layer, p = self.layers[k], int(self.layers[k].pick_of[n])
             if len(layer.transits[before, p]) > 2:
-                better = self._better(layer.cost, self._moving(layer, p), layer.transits[before, p])
+                better = polished(self.cell, layer.cost, self._moving(layer, p), layer.transits[before, p], self.rng)
                 if self._opens(k, before, p, better) is not None:
                     layer.transits[before, p] = better
             if len(layer.across[n]) > 2:
-                layer.across[n] = self._better(layer.cost, layer.picks[p].carrying, layer.across[n])
-
-    def _better(self, cost: WayCost, query: PlanningQuery, path: Array) -> Array:
-        best, misses = self.cell.quickened(query, path, self.rng), 0
-        best_s, least_s = cost.path(best), float(cost.straight(path[-1] - path[0]))
-        for _ in range(self.settings.again):
-            if misses == self.settings.patience or best_s - least_s < self.settings.gain_s:
-                break
-            misses += 1
-            other = self.cell.connect_clear(query, path[0], path[-1], self.rng, self.settings.iterations)
-            if other is None or cost.path(other) > WORTH * best_s:
-                continue
-            other = self.cell.quickened(query, other, self.rng)
-            other_s = cost.path(other)
-            misses = 0 if other_s < best_s - self.settings.gain_s else misses
-            best, best_s = (other, other_s) if other_s < best_s else (best, best_s)
-        return best
+                layer.across[n] = polished(self.cell, layer.cost, layer.picks[p].carrying, layer.across[n], self.rng)
 
     def _leaves(self, k: int) -> Array:
         return self.layers[k - 1].leaves if k else self.start[None]
@@ -322,13 +306,3 @@ def quickest(cell: Workcell, start: Array, moves: Sequence[Choices], rng: np.ran
             sure_s, path = graph.shortest(sure=True)
     graph.polish(path)
     return [layer.carry(before, n) for layer, before, n in zip(graph.layers, [0, *path], path)]
-
-
-def _nearest_turns(solutions: Array, near: Array, lower: Array, upper: Array) -> Array:
-    """Arm configurations (S, A), each joint by whole turns as near to `near` (S, A) as limits allow."""
-    best, far = solutions.copy(), np.abs(solutions - near)
-    for by in (2 * np.pi, -2 * np.pi):
-        other = solutions + by
-        nearer = (np.abs(other - near) < far) & (other >= lower) & (other <= upper)
-        best, far = np.where(nearer, other, best), np.where(nearer, np.abs(other - near), far)
-    return best

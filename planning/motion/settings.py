@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from kinematics.scene import Body
@@ -62,17 +62,16 @@ def tilt_limit_deg(body: Body, max_tilt_deg: float) -> float:
 @dataclass(frozen=True)
 class QuickestSettings:
     """How hard quick ways are sought. looks: how many shortest paths are looked at. planned: how many ways that are not straight are
-    planned for each move. again: how often those that are used at last are planned anew, the quickest of which is kept and made
-    quicker; patience: so many of these in a row that bring nothing are the last. gain_s: what is to be hoped for from a move, or from
-    planning a way anew, for it to be looked at further. iterations: of each search for a way. metre_s, target_metre_s: what a metre of
-    the hand's way counts, in seconds, of the moves before the target and of the target's own; so the arm turns over, where it has to,
-    on its way to the target rather than to another object. tight_s: what it counts that a straight way has less than 3 mm of
-    clearance."""
+    planned for each move. again: how often those that are used at last are planned anew; quickened: so many of them, those that promise
+    most, are made quicker, and the quickest is kept. gain_s: what is to be hoped for from a move, or from planning a way anew, for it to
+    be looked at further. iterations: of each search for a way. metre_s, target_metre_s: what a metre of the hand's way counts, in
+    seconds, of the moves before the target and of the target's own; so the arm turns over, where it has to, on its way to the target
+    rather than to another object. tight_s: what it counts that a way has less than 3 mm of clearance."""
 
     looks: int = 500
     planned: int = 20
     again: int = 4
-    patience: int = 2
+    quickened: int = 2
     gain_s: float = 0.05
     iterations: int = 400
     metre_s: float = 1.5
@@ -109,6 +108,11 @@ class MotionSettings:
     patience: PatienceSettings = field(default_factory=PatienceSettings)
     quicken: QuickenSettings = field(default_factory=QuickenSettings)
     quickest: QuickestSettings = field(default_factory=QuickestSettings)
+
+    @cached_property
+    def unshortened(self) -> MotionSettings:
+        """The same without random shortcuts, for ways that are made quicker anyway."""
+        return replace(self, shortcuts=replace(self.shortcuts, tries=0))
 
     def __post_init__(self) -> None:
         """Raises ValueError for a tilt that is none, or too narrow."""

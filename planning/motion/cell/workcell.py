@@ -110,12 +110,10 @@ class Workcell(PackedCell):
         memory, middle = self.enter(query), np.empty((2, len(qa)))
         return bool(connects_from_ends(near, clear, qa, qb, 3, NEAR_M, middle, memory))
 
-    def quickened(self, query: PlanningQuery, path: Array, rng: np.random.Generator) -> Array:
+    def quickened(self, query: PlanningQuery, path: Array, rng: np.random.Generator) -> tuple[Array, float]:
         """A certified path (K, A) that takes less time, with the same ends and as much clearance as it has now, graded, apart from its ends
-        and near them."""
+        and near them; and how much that is, in metres, at least."""
         seed = int(rng.integers(2**31))
-        if len(path) < 3:
-            return path
         memory, middle, last = self.enter(query), np.empty((2, path.shape[1])), len(path) - 2
         for level, ends in self.settings.clearance.grades_m:
             clear, near = self.keeping(query, level).task, self.keeping(query, ends).task
@@ -124,7 +122,7 @@ class Workcell(PackedCell):
                 for k, (a, b) in enumerate(pairwise(path))
             ):
                 break
-        return quicken(near, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken)
+        return quicken(near, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken), min(level, ends)
 
     def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
         """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home."""
@@ -189,14 +187,16 @@ class Workcell(PackedCell):
         rng: np.random.Generator,
         iterations: int,
         known: Sequence[Array] = (),
+        *,
+        shortened: bool = True,
     ) -> Array | None:
-        """A shortened, certified path (K, A) from start (A,) to goal (A,), both free, that keeps the wanted clearance but near its ends.
+        """A certified path (K, A) from start (A,) to goal (A,), both free, that keeps the wanted clearance but near its ends.
 
-        None when none is found in so many iterations. known: see `rrt_connect.plan`.
+        None when none is found in so many iterations. known: see `rrt_connect.plan`. shortened: whether shortcuts are tried at random.
         """
-        seed = int(rng.integers(2**31))
-        clear, memory = self.keeping(query, self.settings.clearance.wanted_m).task, self.enter(query)
-        found = connect_clear(query.task, clear, start[None], goal[None], iterations, seed, memory, self.settings, known)
+        seed, settings = int(rng.integers(2**31)), self.settings if shortened else self.settings.unshortened
+        clear, memory = self.keeping(query, settings.clearance.wanted_m).task, self.enter(query)
+        found = connect_clear(query.task, clear, start[None], goal[None], iterations, seed, memory, settings, known)
         self.forget()
         return None if found is None else found.path
 

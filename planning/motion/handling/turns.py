@@ -26,3 +26,13 @@ def whole_turns(way: Array, lower: Array, upper: Array, most: int = MOST) -> Arr
     ]
     turns = sorted(product(*fits), key=lambda by: sum(map(abs, by)))
     return 2 * np.pi * np.array(list(islice(turns, most)), float)
+
+
+def nearest_turns(solutions: Array, near: Array, lower: Array, upper: Array) -> Array:
+    """Arm configurations (S, A), each joint by whole turns as near to `near` (S, A) as limits (A,) allow."""
+    best, far = solutions.copy(), np.abs(solutions - near)
+    for by in (2 * np.pi, -2 * np.pi):
+        other = solutions + by
+        nearer = (np.abs(other - near) < far) & (other >= lower) & (other <= upper)
+        best, far = np.where(nearer, other, best), np.where(nearer, np.abs(other - near), far)
+    return best

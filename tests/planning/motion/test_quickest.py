@@ -15,6 +15,7 @@ from planning.motion import quickest
 from planning.motion.checking.verify import verify
 from planning.motion.handling.carry import Carry, Done
 from planning.motion.pick_place import Motions
+from planning.motion.polishing import polished
 from planning.motion.quickest import _Graph
 from planning.motion.settings import ClearanceSettings
 from planning.motion.smoothing.blending import choose_speeds, make_corners
@@ -112,11 +113,30 @@ def test_a_quickened_path_is_free_and_never_slower(found: tuple[Motions, Found],
         path = cell.connect(query, at, goal[None], rng)
         if not isinstance(path, np.ndarray) or len(path) < 3:
             continue
-        quick = cell.quickened(query, path, rng)
+        quick, _ = cell.quickened(query, path, rng)
         assert np.array_equal(quick[[0, -1]], path[[0, -1]])
         assert polyline_s(quick, ur5e.arm_limits) < polyline_s(path, ur5e.arm_limits) + 1e-9
         q = np.array([ur5e.with_arm(a, float(state.q[ur5e.gripper_joint])) for a in quick])
         assert verify(ur5e, motions.scene, [Motion("transit", ur5e.joint_names, q, np.arange(len(q), dtype=float))]) is None
+        bent += 1
+    assert bent > 0
+
+
+def test_a_polished_way_is_free_no_slower_and_as_clear(found: tuple[Motions, Found], ur5e: Robot) -> None:
+    """Nor is it another one when it is asked for again."""
+    motions, ((state, _), *_) = found
+    cell, cost, ends_m = motions.cell, WayCost(motions.cell.arm, ur5e.arm_limits, 0.0), motions.settings.clearance.ends_m
+    query, at, bent = cell.problem(state.poses, float(state.q[ur5e.gripper_joint])), ur5e.arm_q(state.q), 0
+    for goal in [p.approach[0] for name in state.poses for p in motions.picks(state, name)[0]][:12]:
+        path = cell.connect(query, at, goal[None], np.random.default_rng(7))
+        if not isinstance(path, np.ndarray) or len(path) < 3:
+            continue
+        way, again = (polished(cell, cost, query, path, np.random.default_rng(8)) for _ in range(2))
+        assert np.array_equal(way, again)
+        assert np.array_equal(way[[0, -1]], path[[0, -1]])
+        assert cell.free_along(query, way)
+        assert cost.path(way) < cost.path(path) + 1e-9
+        assert cell.keeps(query, way, ends_m) or not cell.keeps(query, path, ends_m)
         bent += 1
     assert bent > 0
 

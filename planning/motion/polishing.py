@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from operator import itemgetter
 
 import numpy as np
@@ -15,9 +16,16 @@ WORTH = 1.2
 """A way is made quicker, too, only if it takes no more than so many times what the quickest takes already."""
 
 
-def polished(cell: Workcell, cost: WayCost, query: PlanningQuery, path: Array, rng: np.random.Generator) -> Array:
-    """The best of a certified path (K, A) and of others with its ends, made quicker; one with little clearance counts more than it takes.
-    What is planned anew is not shortened first: to make it quicker does that, too."""
+def polished(
+    cell: Workcell,
+    cost: WayCost,
+    query: PlanningQuery,
+    path: Array,
+    rng: np.random.Generator,
+    more_s: Callable[[Array], float] = lambda way: 0.0,
+) -> Array:
+    """The best of a certified path (K, A) and of others with its ends, made quicker; one with little clearance counts more than it takes,
+    and any so much more as more_s says. What is planned anew is not shortened first: to make it quicker does that, too."""
     settings, ends_m, least_s = cell.settings.quickest, cell.settings.clearance.ends_m, float(cost.straight(path[-1] - path[0]))
     ways = [(cost.path(path), path)]
     for _ in range(settings.again):
@@ -31,7 +39,7 @@ def polished(cell: Workcell, cost: WayCost, query: PlanningQuery, path: Array, r
         if way_s > WORTH * best_s or best_s - least_s < settings.gain_s:
             break
         quicker, clearance_m = cell.quickened(query, way, rng)
-        quicker_s = cost.path(quicker) + (settings.tight_s if clearance_m < ends_m else 0.0)
+        quicker_s = cost.path(quicker) + (settings.tight_s if clearance_m < ends_m else 0.0) + more_s(quicker)
         if quicker_s < best_s:
             best, best_s = quicker, quicker_s
     return best

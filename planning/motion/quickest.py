@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from kinematics.scene import State
 from kinematics.transforms import Array
 from planning.motion.cell.queries import PlanningQuery
 from planning.motion.cell.workcell import Workcell
-from planning.motion.handling.carry import Carry, setting_out
+from planning.motion.handling.carry import Carry, opens_on_the_way, setting_out
 from planning.motion.handling.picking import Pick
 from planning.motion.handling.placing import Place
 from planning.motion.handling.turns import nearest_turns
@@ -29,6 +30,8 @@ from planning.motion.polishing import polished
 from planning.motion.way_cost import WayCost
 from planning.plan import Blocked
 
+OPENING_S = 0.35
+"""To set the fingers to an opening before the arm moves."""
 PUT_DOWN_S = 0.9
 """Lowering and retreating, until these are known."""
 HINTS = 3
@@ -183,7 +186,8 @@ class _Graph:
         for k, (before, n) in enumerate(zip([0, *path], path)):
             layer, p = self.layers[k], int(self.layers[k].pick_of[n])
             if len(layer.transits[before, p]) > 2:
-                better = polished(self.cell, layer.cost, self._moving(layer, p), layer.transits[before, p], self.rng)
+                opening_s = partial(self._opening_s, k, before, p)
+                better = polished(self.cell, layer.cost, self._moving(layer, p), layer.transits[before, p], self.rng, opening_s)
                 if self._opens(k, before, p, better) is not None:
                     layer.transits[before, p] = better
             if len(layer.across[n]) > 2:
@@ -262,13 +266,20 @@ class _Graph:
     def _opens(self, k: int, before: int, p: int, path: Array) -> Array | None:
         """A transit's path where the fingers can be set to the pick's opening."""
         layer = self.layers[k]
-        state = layer.choices.before
-        gripper = float(state.q[self.cell.robot.gripper_joint])
-        if k:
-            last = self.layers[k - 1]
-            gripper = last.picks[last.pick_of[before]].gripper_open
-        state = replace(state, q=self.cell.robot.with_arm(path[0], gripper))
+        state = replace(layer.choices.before, q=self.cell.robot.with_arm(path[0], self._gripper(k, before)))
         return None if isinstance(setting_out(self.cell, state, layer.picks[p], path), Blocked) else path
+
+    def _opening_s(self, k: int, before: int, p: int, path: Array) -> float:
+        """What a transit counts more than it takes where the fingers are to be set to the pick's opening before."""
+        poses, opened = self.layers[k].choices.before.poses, self.layers[k].picks[p].gripper_open
+        return 0.0 if opens_on_the_way(self.cell, poses, path, self._gripper(k, before), opened) else OPENING_S
+
+    def _gripper(self, k: int, before: int) -> float:
+        """The gripper's value before a transit to layer k."""
+        if not k:
+            return float(self.layers[k].choices.before.q[self.cell.robot.gripper_joint])
+        last = self.layers[k - 1]
+        return float(last.picks[last.pick_of[before]].gripper_open)
 
     def _plan(self, query: PlanningQuery, a: Array, b: Array, known: Iterable[Array]) -> Array | None:
         """Plan a way from a to b (A,); it may go where known ones go, those first whose ends are nearest."""

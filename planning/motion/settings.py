@@ -43,6 +43,12 @@ class ClearanceSettings:
         """What is preferred near the ends of a way, which may have to be nearer to things than its middle: the next to the wanted."""
         return self.levels_m[:2][-1]
 
+    @property
+    def opening_m(self) -> float:
+        """What fingers that open on the way keep, or they open before: the next to the least, for how they move is known to a millimetre or
+        two only, and they keep that besides."""
+        return self.levels_m[-2:][0]
+
     @cached_property
     def grades_m(self) -> tuple[tuple[float, float], ...]:
         """The clearances that a way may have, of its middle and of what is near its ends, falling."""

@@ -63,10 +63,15 @@ class Workcell(PackedCell):
         memory = self.enter(query)
         return all(connects(query.task, a, b, memory) for a, b in pairwise(path))
 
-    def free_however_open(self, poses: Mapping[str, Array], path: Array, first: float, last: float) -> bool:
-        """Whether a path (K, A), K > 1, of an empty hand is free with the fingers anywhere between two gripper values all along."""
+    def free_however_open(
+        self, poses: Mapping[str, Array], path: Array, first: float, last: float, clearance_m: float | None = None
+    ) -> bool:
+        """Whether a path (K, A), K > 1, of an empty hand is free with the fingers anywhere between two gripper values all along, and keeps
+        so far from everything, in metres, by default the least."""
         query = self.any_opening(poses, first, last)
-        return query is not None and self.free_along(query, path)
+        if query is None:
+            return False
+        return self.free_along(query, path) if clearance_m is None else self.keeps(query, path, clearance_m)
 
     def placed(self, body: Body, T: Array, poses: Mapping[str, Array]) -> CollisionPair | None:
         """What an object standing at T would touch, or where it would stick out of the cabinet; None when it stands free."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,11 +77,12 @@ def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], car
 
 
 def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside: bool = True) -> list[Motion] | Blocked:
-    """The motions along a path (K, A) to a pick, the fingers moving to its opening on the way where that is free, else first, or last."""
+    """The motions along a path (K, A) to a pick, the fingers moving to its opening on the way where that is clear enough, else first, or
+    last."""
     q, gripper = cell.robot.arm_q(state.q), float(state.q[cell.robot.gripper_joint])
     if abs(gripper - pick.gripper_open) <= SAME:
         return [motion(cell, "transit", path, pick.gripper_open)]
-    if beside and cell.free_however_open(state.poses, path, gripper, pick.gripper_open):
+    if beside and opens_on_the_way(cell, state.poses, path, gripper, pick.gripper_open):
         return [motion(cell, "transit", path, gripper, to_gripper=pick.gripper_open)]
     touch = opening_blocked(cell, state, q, pick)
     if touch is not None:
@@ -94,6 +96,11 @@ def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside
         motion(cell, "transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open),
         motion(cell, "transit", path, pick.gripper_open),
     ]
+
+
+def opens_on_the_way(cell: Workcell, poses: Mapping[str, Array], path: Array, gripper: float, opened: float) -> bool:
+    """Whether fingers may move from a gripper value to another while an empty hand goes along a path (K, A), and keep clear enough."""
+    return abs(gripper - opened) <= SAME or cell.free_however_open(poses, path, gripper, opened, cell.settings.clearance.opening_m)
 
 
 def opening_blocked(cell: Workcell, state: State, q: Array, pick: Pick) -> Blocked | None:

@@ -19,17 +19,17 @@ from kinematics.transforms import Array
 from planning.motion.cell.packed_cell import PackedCell
 from planning.motion.cell.queries import CollisionPair, ContactQuery, PlanningQuery, in_the_way, pair_of
 from planning.motion.search.connecting import connect, connect_clear
-from planning.motion.search.edges import connects, connects_from_ends
+from planning.motion.search.edges import NOTHING, TILT, connects, connects_from_ends, lacks
 from planning.motion.search.reaching import PlacementQuery, make_hand, stands, stands_over
 from planning.motion.search.rrt_connect import plan, reach
 from planning.motion.search.shortcut import shorten
-from planning.motion.search.upright import edge_is_upright
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.smoothing.quicken import quicken
 from planning.plan import Blocked
 
 TIME_IS_UP = "the time for it is up"
 TILTS = "what is carried would lean too far"
+LOOKS = 64  # along a way that is not free, for what touches
 NEAR_M = 0.2  # so far from the ends of a path, in metres moved, the least clearance will do
 
 
@@ -99,15 +99,17 @@ class Workcell(PackedCell):
         return pair_of(query, edge_check.first_contact(query.task.exact, q, self.enter(query).exact))
 
     def edge(self, query: PlanningQuery, qa: Array, qb: Array) -> CollisionPair | None:
-        """What touches on the straight way from qa to qb (A,); None is certain: nothing does, anywhere on it."""
+        """What touches on the straight way from qa to qb (A,), by a look here and there. None is certain: nothing does, anywhere
+        on it."""
         qa, qb = (checked("q", q, len(self.arm.chain.lower)) for q in (qa, qb))
         memory = self.enter(query)
         if connects(query.task, qa, qb, memory):
             return None
-        if not edge_is_upright(query.task.exact.chain, query.task.upright, qa, qb, memory.exact):
-            return CollisionPair(detail=TILTS)
-        pair = edge_check.edge_contact(query.task.exact, qa, qb, memory.exact)
-        return pair_of(query, pair) if pair >= 0 else CollisionPair(detail="touches by less than the margin")
+        said = lacks(query.task, qa + np.linspace(0, 1, LOOKS)[:, None] * (qb - qa), memory)
+        pair = next((int(n) for n in said if n != NOTHING), NOTHING)
+        if pair == NOTHING:
+            return CollisionPair(detail="touches by less than the margin, or between two looks")
+        return CollisionPair(detail=TILTS) if pair == TILT else pair_of(query, pair)
 
     def straight(self, query: PlanningQuery, qa: Array, qb: Array, ends_m: float) -> bool:
         """Whether the straight way from qa to qb (A,) keeps the clearance that is wanted, and near its ends so many metres, for certain."""

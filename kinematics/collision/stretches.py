@@ -26,7 +26,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene
 from kinematics.transforms import Array
 
-FINGERS_AT = 3
+FINGERS_AT = 5
 """At so many places of their way, both ends among them, fingers that move are looked at."""
 
 

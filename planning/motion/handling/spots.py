@@ -27,12 +27,12 @@ WayProblems = tuple[Problem, Problem, Problem]
 
 
 class _Asked(NamedTuple):
-    """A question about some spots: flags that are 0 for their solids, which rows of solids go where, and those rows one by one, with the
-    spot of each."""
+    """A question about some spots: flags that are 0 for their solids, which rows (S,) of solids go where (S, 4, 4), and the spot of each of
+    these rows."""
 
     flags: Flags
-    placed: list[tuple[list[int], Array]]
-    rows: list[int]
+    rows: Int
+    T: Array
     spots: list[int]
 
 
@@ -84,24 +84,24 @@ class SpotQueries:
     def ask(self, spots: int) -> Flags:
         """Flags of a question about some spots, whose objects are put there."""
         if spots not in self._asked:
-            found = [(spot, self._rows[name], T) for spot, name, T in self._spots.members(spots)]
-            flags, rows = np.ones(len(self.solids.T) + 1, np.uint8), [i for _, at, _ in found for i in at]
+            found = [(i, T, spot) for spot, name, T in self._spots.members(spots) for i in self._rows[name]]
+            rows, poses, spot_of = ([*column] for column in zip(*found))
+            flags = np.ones(len(self.solids.T) + 1, np.uint8)
             flags[rows] = 0
-            self._asked[spots] = _Asked(flags, [(at, T) for _, at, T in found], rows, [spot for spot, at, _ in found for _ in at])
+            self._asked[spots] = _Asked(flags, np.array(rows, np.int64), np.array(poses), spot_of)
         asked = self._asked[spots]
         if spots != self._placed:
-            for at, T in asked.placed:
-                self.solids.T[at] = T
+            self.solids.T[asked.rows] = asked.T
             self._placed = spots
         return asked.flags.copy()
 
     def met(self, spots: int, flags: Flags) -> list[int]:
         """For each of the answers (N, B + 1) to a question about some spots, those that were met."""
-        asked = self._asked[spots]
-        touched = flags[:, asked.rows]
-        if not touched.any():
+        asked, S = self._asked[spots], len(self._asked[spots].rows)
+        touched = flags.take(asked.rows, 1).tobytes()  # a byte a flag
+        if 1 not in touched:
             return [0] * len(flags)
-        return [_together(spot for spot, hit in zip(asked.spots, row) if hit) for row in touched.tolist()]
+        return [_together(spot for spot, hit in zip(asked.spots, touched[i : i + S]) if hit) for i in range(0, len(touched), S)]
 
     def clear_of(self, problems: WayProblems, approach: Array, lift: Array, name: str, T: Array) -> NDArray[np.bool_]:
         """Whether a way is clear of an object at each of poses T (R, 4, 4): (R,). See `contacts.clear_of`."""

@@ -19,7 +19,7 @@ from perception.objects.normals import surface_normals
 from perception.objects.patches import CELL_M, Cells, surface_patches, touching
 from perception.objects.prepared_frames import prepare
 from perception.objects.segment import segment
-from perception.objects.supports import base_heights
+from perception.objects.supports import _lowest, base_heights
 
 ABOVE = ((-0.25, 0.0, 0.45),)
 CAMERA = realsense_d435i(640, 480)
@@ -150,6 +150,13 @@ def test_what_is_hidden_below_stands_on_the_floor() -> None:
     bases = base_heights({"behind": behind, "below": below})
     assert bases["below"] == 0.0
     assert bases["behind"] == pytest.approx(behind[:, 2].min())
+
+
+def test_the_foot_of_a_thing_is_its_first_percentile_to_the_digit() -> None:
+    rng = np.random.default_rng(2)
+    for n in (1, 2, 99, 100, 101, 102, *rng.integers(1, 3000, 40)):
+        z = rng.normal(size=(n, 3))[:, 2]
+        assert _lowest(z) == np.percentile(z, 1)
 
 
 def test_one_view_of_a_far_plane_has_no_object() -> None:

@@ -51,6 +51,19 @@ def test_an_object_is_free_just_when_it_can_be_picked(ur5e: Robot, spec: str) ->
     assert 5 < sum(answers) < len(answers) - 5
 
 
+@pytest.mark.parametrize("spec", ["paper-any", "shelf"])
+def test_moving_fingers_meet_only_what_the_open_or_the_closed_hand_meets(ur5e: Robot, spec: str) -> None:
+    """So labels need not ask what they meet on their way."""
+    scene, answers = generate(load_spec(spec), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 4), []
+    motions, standing = Motions(ur5e, scene), frozenset(scene.poses()) - {scene.target_name}
+    whole, without = (motions.obstructions(scene.poses(), fingers=fingers) for fingers in (True, False))
+    for name in scene.poses():
+        ways = [[w.approach.tobytes() for w in view.free_ways(name, standing - {name})] for view in (whole, without)]
+        assert ways[0] == ways[1]
+        answers += ways[0]
+    assert len(answers) > 20
+
+
 def test_blockers_are_the_smallest_sets_without_which_it_is_free(ur5e: Robot) -> None:
     for index in range(3):
         scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, index)

@@ -10,6 +10,7 @@ from itertools import chain
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
+from kinematics.shapes import ConvexMesh
 from planning.grasping.sampling import USUAL, Sampling
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.verdict import judge_grasp
@@ -63,6 +64,8 @@ def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGras
 
     def more(sampling: Sampling) -> Iterator[Grasp]:
         found = sampled_grasps(robot, scene, target.name, target.T_world_body, sampling=sampling)
+        if isinstance(target.shape, ConvexMesh):
+            return found  # they were judged
         return (grasp for grasp in found if judge_grasp(robot, scene, grasp) is None)
 
     grasps = TargetGrasps(good, more)

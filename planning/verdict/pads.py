@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinematics.transforms import Array, inverse
 from planning.verdict import polygons
@@ -19,6 +21,7 @@ from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import Pad
 from planning.verdict.polyhedra import Polyhedron, Window, nearest_in_window, section_below
 
+SLACK_M = 1e-9  # that a corner may be elsewhere by another order of sums
 PATCH_M = 0.001  # what comes within so much of the nearest point belongs to the patch: rubber gives way
 
 
@@ -58,14 +61,22 @@ def touch(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_bod
 
 
 def _over(body: Sequence[Polyhedron], T_face_body: Array, window: Window) -> list[tuple[float, int]]:
-    """The numbers of a body's parts that may be over a window, by how low, at least, their lowest points are."""
+    """The numbers of a body's parts that may be over a window, by how low their lowest corners are."""
     if len(body) == 1:
         return [(-np.inf, 0)]
-    centres, radii = np.array([p.ball[0] for p in body]) @ T_face_body[:3, :3].T + T_face_body[:3, 3], np.array([p.ball[1] for p in body])
-    middle, radius = window.circle
-    near = (np.hypot(*(centres[:, :2] - middle).T) <= radii + radius) & (centres[:, 2] + radii > 0.0)
-    lowest = centres[:, 2] - radii
-    return [(float(lowest[i]), int(i)) for i in np.argsort(lowest, kind="stable") if near[i]]
+    corners, starts = _corners(tuple(body))
+    at = corners @ T_face_body[:3, :3].T + T_face_body[:3, 3]
+    low, high = np.minimum.reduceat(at, starts) - SLACK_M, np.maximum.reduceat(at, starts) + SLACK_M
+    beside = (high[:, :2] < window.corners.min(0)) | (low[:, :2] > window.corners.max(0))
+    near = ~beside.any(1) & (high[:, 2] > 0.0)
+    return [(float(low[i, 2]), int(i)) for i in np.argsort(low[:, 2], kind="stable") if near[i]]
+
+
+@lru_cache(maxsize=64)
+def _corners(body: tuple[Polyhedron, ...]) -> tuple[Array, NDArray[np.int64]]:
+    """The corners (V, 3) of all parts, one part's after the other's, and where each part's begin (P,)."""
+    counts = [len(part.vertices) for part in body]
+    return np.concatenate([part.vertices for part in body]), np.cumsum([0, *counts[:-1]])
 
 
 def touch_of(

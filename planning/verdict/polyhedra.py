@@ -28,12 +28,6 @@ class Polyhedron:
     volume_m3: float
     centroid: Array
 
-    @cached_property
-    def ball(self) -> tuple[Array, float]:
-        """Centre (3,) and radius of a ball around the solid."""
-        centre = (self.vertices.min(0) + self.vertices.max(0)) / 2
-        return centre, float(np.linalg.norm(self.vertices - centre, axis=1).max())
-
     def moved(self, T: Array) -> Polyhedron:
         """The same solid at pose T (4, 4)."""
         R, p = T[:3, :3], T[:3, 3]
@@ -47,12 +41,6 @@ class Window:
     """A convex polygon in the plane z = 0, corners (N, 2) counter-clockwise, through which solids are looked at along z."""
 
     corners: Array
-
-    @cached_property
-    def circle(self) -> tuple[Array, float]:
-        """Middle (2,) and radius of a circle around it."""
-        middle = (self.corners.min(0) + self.corners.max(0)) / 2
-        return middle, float(np.linalg.norm(self.corners - middle, axis=1).max())
 
     @cached_property
     def along(self) -> Array:

@@ -77,6 +77,10 @@ class Obstruction:
         """All whole ways to the object at a spot that nothing of `present` blocks, each when it is asked for."""
         return (way.found for way in open_ways(self._ways_to(spot), present, WHOLE_WAY) if way.found is not None)
 
+    def open_grasps(self, spot: int, present: int) -> Iterator[int]:
+        """The numbers of the grasps by which a whole way leads to the object at a spot that nothing of `present` blocks."""
+        return (way.number for way in self._ways_to(spot) if any(True for _ in open_ways([way], present, WHOLE_WAY)))
+
     def clear_of(self, way: FreeWay, name: str, T: Array) -> NDArray[np.bool_]:
         """Whether a way to another object is clear of this one at each of poses T (R, 4, 4): (R,)."""
         return self.queries.clear_of(way.problems, way.approach, way.lift, name, T)
@@ -114,6 +118,10 @@ class View:
     def free_ways(self, name: str, standing: frozenset[str]) -> Iterator[FreeWay]:
         """All whole ways to an object while only `standing`, itself and the target stand."""
         return self.ways.free_ways(self.spots[name], self._present(name, standing))
+
+    def open_grasps(self, name: str, standing: frozenset[str]) -> Iterator[int]:
+        """The numbers of the grasps by which an object can be picked while only `standing`, itself and the target stand."""
+        return self.ways.open_grasps(self.spots[name], self._present(name, standing))
 
     def clear_of(self, way: FreeWay, name: str, T: Array) -> NDArray[np.bool_]:
         """Whether a way to another object is clear of this one at each of poses T (R, 4, 4): (R,)."""

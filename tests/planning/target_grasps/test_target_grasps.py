@@ -24,14 +24,14 @@ from planning.target_grasps.proposals import propose
 from planning.verdict import judge_grasp
 from retrieve_cli.__main__ import main
 
-PROVED = 515151, 22  # what blocks x_g can't be picked, and another grasp of the target would help
+PROVED = 880011, 358  # of `shelf`: what blocks x_g can't be picked, and another grasp of the target would help
 
 
 @pytest.fixture(scope="module")
 def scene(ur5e: Robot) -> Scene:
     """A scene whose proof says that another grasp of the target would help."""
     seed, index = PROVED
-    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), seed, index)
+    return generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), seed, index)
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, inverse, rotation_about, transform
-from planning.motion.handling.finest_look import SAMPLINGS, FinestLook, with_more_room
-from planning.motion.settings import UNCONSTRAINED
+from planning.grasping.hand_poses import level_hand
+from planning.motion.handling.finest_look import HALVINGS, SAMPLING, STEPS_M, FinestLook, quartered, room_m, with_more_room
+from planning.motion.pick_place import Motions
+from planning.motion.settings import DEFAULTS
+from planning.scenes.generation import generate, load_spec
 
 UP = (0, 0, 1)
 CABINET = Cabinet(np.array([0.5, 0.6, 0.4]), transform(rotation_about(UP, 0.3), [0.3, 0.1, 0.2]), 0.03)
@@ -47,20 +50,26 @@ def test_everything_is_further_from_any_point_by_as_much_as_is_asked() -> None:
     assert np.linalg.norm(in_cabinet - nearest, axis=1)[solid].min() > by_m - 1e-9
 
 
-@pytest.mark.parametrize(("gap_m", "free"), [(0.01, False), (0.06, True)])
-def test_what_is_tight_is_stuck_and_what_is_not_is_not(ur5e: Robot, gap_m: float, free: bool) -> None:
-    """A tall box between two that reach as far: fingers need 3 cm on both sides."""
-    cabinet = replace(CABINET, T_world_cabinet=transform(p=[0.35, 0.0, 0.0]))
-    sizes = {"it": (0.06, 0.05, 0.38), "a": (0.3, 0.05, 0.38), "b": (0.3, 0.05, 0.38)}
-    at = {"it": 0.0, "a": 0.05 + gap_m, "b": -0.05 - gap_m}
-    bodies = (Body(n, Box(np.array(s)), cabinet.T_world_cabinet @ transform(p=[0.2, at[n], s[2] / 2])) for n, s in sizes.items())
-    scene = replace(scene_of(*bodies), robot=RobotRef(transform(p=ur5e.base_p), "ur5e"), cabinet=cabinet)
-    look = FinestLook(ur5e, scene, UNCONSTRAINED).obstructions(scene.poses())
-    assert look.free("it", frozenset({"a", "b"})) == free
+def test_what_is_stuck_is_so_by_what_stands_around_it(ur5e: Robot) -> None:
+    """Three boxes of a shelf keep each other; what can be picked is free."""
+    scene = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
+    look, stuck = FinestLook(ur5e, scene, DEFAULTS).obstructions(scene.poses()), frozenset({"box_0", "box_1", "box_4"})
+    assert not any(look.free(name, stuck - {name}) for name in stuck)
+    motions = Motions(ur5e, scene)
+    pickable = [name for name in sorted(scene.poses()) if name != scene.target and motions.picks(motions.start(), name)[0]]
+    assert pickable
+    assert look.free(pickable[0], frozenset(scene.poses()) - {scene.target_name, pickable[0]})
 
 
-def test_the_room_is_what_lies_between_two_hands() -> None:
-    """Any point is within half a step ahead and half a step up of the nearest."""
-    for sampling in SAMPLINGS:
-        assert sampling.steps_m is not None
-        assert sampling.beyond_m == pytest.approx(np.hypot(*sampling.steps_m) / 2)
+@pytest.mark.parametrize("level", range(HALVINGS))
+def test_four_hands_stand_for_all_around_one(level: int) -> None:
+    """Whoever is within half a step of a hand is within half of the next steps of one of its four, and within that level's room."""
+    R, rng = level_hand(np.array([0.6, 0.8, 0.0]), 0.4), np.random.default_rng(level)
+    hand = Grasp(transform(R, [0.5, 0.1, 0.3]), 0.05)
+    ahead, half = np.array([0.6, 0.8, 0.0]), np.array(STEPS_M) / 2 ** (level + 1)
+    four = np.array([part.T_world_hand[:3, 3] - hand.T_world_hand[:3, 3] for part in quartered(hand, level)])
+    for share in rng.uniform(-1, 1, (50, 2)):
+        along, up = share * half
+        off = np.abs(four - (along * ahead + up * np.array(UP, float)))
+        assert np.linalg.norm(off, axis=1).min() <= room_m(level + 1) + 1e-12
+    assert room_m(0) == pytest.approx(SAMPLING.beyond_m)

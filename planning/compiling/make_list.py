@@ -1,8 +1,8 @@
 """Makes `ahead.json`, the list of entries that are compiled ahead, and what ships of them (`kinematics.jit.shipped`): `python -m
 planning.compiling.make_list`, or `make ahead`.
 
-A process of its own, with an empty cache, generates and plans a few scenes; the list is what it called, in its order. Then it draws, whose
-functions ship, too.
+A process of its own, with an empty cache, generates and plans a few scenes, the last one with a mesh, too; the list is what it called, in
+its order. Then it draws, whose functions ship, too.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from time import process_time
 from typing import Any
 
@@ -49,6 +50,7 @@ def recorded() -> tuple[list[Ahead], list[Ahead]]:
 def _plan_some() -> None:
     from kinematics.robots.load import load
     from kinematics.scene import RobotRef
+    from kinematics.shapes import ConvexMesh, box_corners
     from kinematics.transforms import transform
     from planning.library import plan_scene
     from planning.scenes.generation import generate, load_spec
@@ -57,6 +59,10 @@ def _plan_some() -> None:
     for index in range(SCENES):
         scene = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index)
         plan_scene(scene, robot=robot)
+    target = scene.target_body
+    mesh = ConvexMesh((box_corners(target.shape.half), box_corners(0.5 * target.shape.half)))
+    among = replace(scene, objects=tuple(replace(body, shape=mesh) if body is target else body for body in scene.objects))
+    plan_scene(among, robot=robot, policy="local", grasp="any")
 
 
 def main() -> None:

@@ -234,10 +234,13 @@ def test_what_is_wrong_is_named(honest: Handmade, ur5e: Robot, change: Change, s
 
 @pytest.mark.parametrize("spec", ["paper", "paper-any"])
 def test_a_clearance_is_measured_again(ur5e: Robot, spec: str) -> None:
-    """A plan of ours keeps what each of its motions says, and not half a millimetre more."""
+    """A plan of ours keeps what each of its motions says, and not half a millimetre more; what it says where fingers move beside the arm
+    holds for any opening on their way, so there it may keep more."""
     made = make_plan(ur5e, spec, 0, "local")
     scene, plan = scene_from_json(made.scene), plan_from_json(made.plan)
-    said = {i: m.clearance_m for i, m in enumerate(plan.motions) if m.clearance_m is not None}
+    g = ur5e.gripper_joint
+    exactly = [i for i, m in enumerate(plan.motions) if m.stage != "transit" or m.q[0, g] == m.q[-1, g]]
+    said = {i: m.clearance_m for i, m in enumerate(plan.motions) if m.clearance_m is not None and i in exactly}
     assert len(said) > 3
     for i, least in said.items():
         more = replace(plan.motions[i], clearance_m=max(least + 5e-4, 1.01 * least))

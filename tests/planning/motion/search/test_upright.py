@@ -32,7 +32,7 @@ def arms(seed: int) -> tuple[Chain, Scratch, np.random.Generator]:
     """An arm of any kind: the UR5e, or one of random joints, sliding and mimic ones among them."""
     rng = np.random.default_rng([seed, 3])
     chain = load("ur5e").chain(transform()) if seed == 0 else random_chain(rng, 3 + seed)
-    return chain, scratch_for(len(chain.q_index), len(chain.lower), 0, 1), rng
+    return chain, scratch_for(len(chain.q_index), len(chain.lower), 0, 1, 1), rng
 
 
 def tilts(chain: Chain, axis: Array, Q: Array) -> Array:

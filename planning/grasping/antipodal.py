@@ -10,7 +10,7 @@ from kinematics.scene import Body, Grasp
 from kinematics.shapes import ConvexMesh, Cylinder
 from kinematics.transforms import Array, transform
 from planning.grasping.candidates import Candidate
-from planning.grasping.hand_poses import STAY, UP
+from planning.grasping.hand_poses import STAY, UP, level_across
 from planning.grasping.line_contacts import Contact, line_contacts, stretch_at
 from planning.grasping.pads import Pad, under_pads
 
@@ -24,7 +24,7 @@ def crossed(body: Body, point: Array, u: Array, beside: float, hits: dict[tuple[
     along it."""
     line = (float(u[0]), float(point[2]), beside)
     if line not in hits:
-        hits[line] = line_contacts(body.shape, body.T_world_body, point + beside * np.array([-u[1], u[0], 0.0]) if beside else point, u)
+        hits[line] = line_contacts(body.shape, body.T_world_body, point + beside * level_across(u) if beside else point, u)
     return hits[line]
 
 

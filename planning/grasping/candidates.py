@@ -13,7 +13,19 @@ from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, transform
-from planning.grasping.hand_poses import STAY, STEEP, Lowest, Move, fit_box, fit_round, height_of, level_hand, most_above
+from planning.grasping.hand_poses import (
+    STAY,
+    STEEP,
+    Lowest,
+    Move,
+    ahead_of,
+    fit_box,
+    fit_round,
+    height_of,
+    level_across,
+    level_hand,
+    most_above,
+)
 from planning.grasping.line_contacts import line_contacts
 from planning.grasping.sampling import USUAL, Headings, Sampling
 
@@ -93,15 +105,13 @@ class Candidates:
                 T = transform(level_hand(there, pitch), [middle[0], middle[1], z])
                 through = line_contacts(body.shape, body.T_world_body, T[:3, 3], T[:3, 1])
                 for R in [] if through is None else headings(T, through.leave - through.enter):
-                    level = np.array([-R[1, 1], R[0, 1], 0.0])
-                    ahead = level * np.sign(level @ (R[:, 2] if pitch < STEEP else there))
-                    yield from self._hand(R, self._turned(ahead), R[:, 1], pitch, order, z)
+                    yield from self._hand(R, self._turned(ahead_of(R, pitch, there)), R[:, 1], pitch, order, z)
 
     def all_round(self) -> Iterator[Candidate]:
         """Hands from both sides of every closing direction."""
         for yaw in closing_directions(self.body.shape, self.body.T_world_body, self.sampling):
             u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-            sides = [(ahead, self._turned(ahead)) for ahead in (side * np.array([-u[1], u[0], 0.0]) for side in (1.0, -1.0))]
+            sides = [(ahead, self._turned(ahead)) for ahead in (side * level_across(u) for side in (1.0, -1.0))]
             for kind, pitch in self.kinds:
                 for ahead, turned in sides:
                     R = level_hand(ahead, pitch)

@@ -27,6 +27,17 @@ Lowest = Callable[[str, float], float]
 """How high the pads' centre is above the floor, at least, by the approach and its pitch (rad), in metres."""
 
 
+def level_across(u: Array) -> Array:
+    """The level vector (3,) that stands square on what u (3,) has that is level, and is as long."""
+    return np.array([-u[1], u[0], 0.0])
+
+
+def ahead_of(R: Array, pitch: float, there: Array) -> Array:
+    """The level direction (3,) in which a hand R (3, 3) looks; where it looks straight down, the nearer to `there` of its two."""
+    level = level_across(R[:, 1])
+    return np.asarray(level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)))
+
+
 def usual_lowest(kind: str, pitch: float) -> float:
     """Of the named robots."""
     return LOWEST_M[kind]

@@ -20,7 +20,8 @@ from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, transform
 from planning.grasping.antipodal import SPARE_M
-from planning.grasping.hand_poses import STEEP, level_hand
+from planning.grasping.candidates import is_upright
+from planning.grasping.hand_poses import UP, ahead_of, level_across, level_hand
 from planning.grasping.pads import Pad
 from planning.grasping.sampling import Headings, Sampling
 
@@ -30,7 +31,6 @@ SAG_M = 0.001
 """A pad meets what is round in a strip that is nowhere further from it."""
 LINE_M = LEAST_M * float(np.sqrt(0.5))
 """Half the width of that strip, where the line in its middle has to be on the pad: at any pitch a square just fits."""
-UPRIGHT = np.cos(np.radians(1))
 TURNS, SAME_WAY = 4, 1e-9
 """So often is an arm of few joints asked again how it looks at a place ahead of the object's middle, till it is ahead as the hand looks."""
 
@@ -61,7 +61,7 @@ def marginal_grasps(
 
     toward, headings: see `finger_grasps.sample_grasps`.
     """
-    if sampling.steps_m is None or opening.cup_m or opening.round_only or abs(body.T_world_body[2, 2]) < UPRIGHT:
+    if sampling.steps_m is None or opening.cup_m or opening.round_only or not is_upright(body):
         return
     pitches, steps = [pitch for kind in approaches for pitch in sampling.pitches[kind]], sampling.steps_m
 
@@ -93,9 +93,9 @@ def _all_round(
     for pitch in pitches:
         offsets = places(pitch)
         for u, side in product(closing, (1.0, -1.0)):
-            ahead = side * np.array([-u[1], u[0], 0.0]) / np.hypot(u[0], u[1])
+            ahead = side * level_across(u) / np.hypot(u[0], u[1])
             R = level_hand(ahead, pitch)
-            for middle in body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * [0.0, 0.0, 1.0]:
+            for middle in body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * UP:
                 yield Grasp(transform(R, opening.hand_position(middle, R, width_m)), width_m)
 
 
@@ -110,21 +110,15 @@ def _headed(
         for along, up in places(pitch):
             at = body.T_world_body[:3, 3] + [0.0, 0.0, up]
             for first in headings(transform(level_hand(there, pitch), at), width_m):
-                R, ahead = first, _ahead(first, pitch, there)
+                R, ahead = first, ahead_of(first, pitch, there)
                 for _ in range(TURNS if along else 0):
                     again = headings(transform(R, at + along * ahead), width_m)
                     R = max(again, key=lambda other: float(np.sum(other * R)), default=R)
-                    before, ahead = ahead, _ahead(R, pitch, there)
+                    before, ahead = ahead, ahead_of(R, pitch, there)
                     if np.abs(ahead - before).max() < SAME_WAY:
                         break
                 middle = at + along * ahead
                 yield Grasp(transform(R, opening.hand_position(middle, R, width_m)), width_m)
-
-
-def _ahead(R: Array, pitch: float, there: Array) -> Array:
-    """The level direction (3,) in which a hand R (3, 3) looks; where it looks straight down, the nearer to `there` of its two."""
-    level = np.array([-R[1, 1], R[0, 1], 0.0])
-    return np.asarray(level * np.sign(level @ (R[:, 2] if pitch < STEEP else there)))
 
 
 def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pad: Pad, beyond_m: float) -> Array:

@@ -18,7 +18,7 @@ from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.antipodal import FRICTION_ANGLE, MESH_FRICTION_ANGLE, SPARE_M, antipodal, crossed, skew
 from planning.grasping.candidates import Candidate, half_along
-from planning.grasping.hand_poses import STAY, STEEP
+from planning.grasping.hand_poses import STAY, STEEP, level_across
 from planning.grasping.line_contacts import Contact, line_stretches, stretch_at
 from planning.grasping.many_lines import Sieve
 from planning.grasping.pads import Pad, under_pads
@@ -100,7 +100,7 @@ def _less_squarely(
 ) -> Grasp | None:
     """A mesh's grasp by a candidate that does not meet it squarely in its middle: beside it, or set back less."""
     reach, above, pitch = c.extent
-    level = np.array([-c.u[1], c.u[0], 0.0])
+    level = level_across(c.u)
     wide = half_along(body, level)
     lines = [(beside, crossed(body, c.point, c.u, beside, hits)) for beside in (share * wide for share in (0.0, *BESIDE))]
     for (beside, hit), share in product(sorted(lines, key=lambda line: skew(line[1], c.u)), SET_BACKS):

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import islice, product
 
 import numpy as np
@@ -21,6 +20,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, transform
+from planning.grasping.hand_poses import UP, level_across
 from planning.grasping.sampling import DENSEST
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling.object_grasps import sampled_grasps
@@ -33,10 +33,18 @@ STEPS_M = (0.005, 0.003)
 """How far apart hands are at first, ahead and up."""
 HALVINGS = 6
 """So often is that halved where a hand meets nothing: the room that is left then is 0.05 mm."""
-SAMPLING = replace(DENSEST, steps_m=STEPS_M, beyond_m=math.hypot(*STEPS_M) / 2)
 AT_ONCE = 16  # so many hands are looked at together
 SMALLEST_M = 0.002
 """What is left of a shape that is made smaller, at least."""
+
+
+def room_m(level: int) -> float:
+    """How much more room there is after so many halvings: half of the way from one hand to the next."""
+    return math.hypot(*STEPS_M) * 0.5 ** (level + 1)
+
+
+SAMPLING = replace(DENSEST, steps_m=STEPS_M, beyond_m=room_m(0))
+"""Of the hands that are looked at first."""
 
 
 class FinestLook:
@@ -44,6 +52,7 @@ class FinestLook:
 
     def __init__(self, robot: Robot, scene: Scene, settings: MotionSettings) -> None:
         self.robot, self.scene, self.settings = robot, scene, settings
+        self._cells: dict[int, Workcell] = {}
 
     def obstructions(self, poses: Mapping[str, Array]) -> Closed:
         """What is in the way of what, if objects stand at poses."""
@@ -51,13 +60,14 @@ class FinestLook:
 
     def sampled(self, name: str, T: Array) -> Iterator[Grasp]:
         """The hands that are looked at first, of an object at T (4, 4)."""
-        return iter(sampled_grasps(self.robot, self.scene, name, T, sampling=SAMPLING))
+        return sampled_grasps(self.robot, self.scene, name, T, sampling=SAMPLING)
 
-    @cached_property
-    def cells(self) -> list[Workcell]:
-        """The cabinet with more room, less after each halving."""
-        scenes = [with_more_room(self.scene, room_m(level)) for level in range(HALVINGS + 1)]
-        return [Workcell(self.robot, scene, iterations=0, time_budget_s=None, settings=self.settings) for scene in scenes]
+    def cell(self, level: int) -> Workcell:
+        """The cabinet with more room, less after each halving; made when asked for."""
+        if level not in self._cells:
+            scene = with_more_room(self.scene, room_m(level))
+            self._cells[level] = Workcell(self.robot, scene, iterations=0, time_budget_s=None, settings=self.settings)
+        return self._cells[level]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,22 +94,17 @@ class Closed:
 
     def _open(self, hands: Sequence[Grasp], level: int, name: str, standing: Names) -> Iterator[Grasp]:
         """Which of some hands meet nothing."""
-        among = Obstruction(self.look.cells[level], lambda name, T: hands, ik_tries=THOROUGH.ik_tries)
+        among = Obstruction(self.look.cell(level), lambda name, T: hands, ik_tries=THOROUGH.ik_tries)
         return (hands[i] for i in among.at(self.poses).open_grasps(name, standing))
-
-
-def room_m(level: int) -> float:
-    """How much more room there is after so many halvings: half of the way from one hand to the next."""
-    return math.hypot(*STEPS_M) / float(2 ** (level + 1))
 
 
 def quartered(hand: Grasp, level: int) -> Iterator[Grasp]:
     """The four hands of the next level that stand for a hand and those around it."""
     T = hand.T_world_hand
-    ahead, up = np.array([-T[1, 1], T[0, 1], 0.0]), np.array([0.0, 0.0, 1.0])
+    ahead = level_across(T[:3, 1])
     along, above = (step / 2 ** (level + 2) for step in STEPS_M)
     for i, k in product((-along, along), (-above, above)):
-        yield replace(hand, T_world_hand=transform(p=i * ahead + k * up) @ T)
+        yield replace(hand, T_world_hand=transform(p=i * ahead + k * UP) @ T)
 
 
 def with_more_room(scene: Scene, by_m: float) -> Scene:

@@ -82,12 +82,6 @@ def edge_upright(chain: Chain, upright: Upright, qa: Array, qb: Array, scratch: 
 
 
 @jit_entry
-def edge_is_upright(chain: Chain, upright: Upright, qa: Array, qb: Array, scratch: Scratch) -> bool:
-    """As `edge_upright`; true when there is no limit."""
-    return not upright.limited or edge_upright(chain, upright, qa, qb, scratch)
-
-
-@jit_entry
 def bring_upright(chain: Chain, upright: Upright, weight: Array, most: float, q: Array, scratch: Scratch, work: Array) -> bool:
     """Turn q (J,), in place, until what is carried tilts by no more than `most` rad, as little as possible by the metric `weight` (J,).
 

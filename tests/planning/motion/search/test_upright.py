@@ -20,7 +20,7 @@ from planning.motion.search.upright import (
     Upright,
     _rates,
     bring_upright,
-    edge_is_upright,
+    edge_upright,
     is_upright,
     make_upright,
 )
@@ -33,6 +33,12 @@ def arms(seed: int) -> tuple[Chain, Scratch, np.random.Generator]:
     rng = np.random.default_rng([seed, 3])
     chain = load("ur5e").chain(transform()) if seed == 0 else random_chain(rng, 3 + seed)
     return chain, scratch_for(len(chain.q_index), len(chain.lower), 0, 1, 1), rng
+
+
+@jit_entry
+def edge_is_upright(chain: Chain, upright: Upright, qa: Array, qb: Array, scratch: Scratch) -> bool:
+    """As `edge_upright`; true when there is no limit, as callers have it."""
+    return not upright.limited or edge_upright(chain, upright, qa, qb, scratch)
 
 
 def tilts(chain: Chain, axis: Array, Q: Array) -> Array:

@@ -65,7 +65,7 @@ VERDICT = {
 GROUPS = (
     Group(
         _in("planning/policies", "search", "lookahead", "neural", "regions", "unsolvable", "rrt", "local", "random", "__init__")
-        + _in("planning", "relaxed_plan", "retrieval", "metrics"),
+        + _in("planning", "relaxed_plan", "retrieval", "conclusion", "metrics"),
         ("tests/planning/policies", *_in("tests/planning", "test_relaxed_plan", "test_retrieval", "test_metrics")),
     ),
     Group(

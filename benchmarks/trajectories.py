@@ -30,6 +30,7 @@ from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import Array, transform
+from planning.conclusion import hand_travel
 from planning.motion.checking.verify import hand_poses
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
@@ -37,7 +38,7 @@ from planning.motion.smoothing.blending import choose_speeds, make_corners, writ
 from planning.motion.trajectory import STRAIGHT, Pace
 from planning.plan import Motion, Plan
 from planning.policies import make_policy
-from planning.retrieval import Rule, hand_travel, retrieve
+from planning.retrieval import Rule, retrieve
 from planning.scenes.generation import generate, load_spec
 
 PATH_POINTS = 60

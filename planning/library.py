@@ -19,6 +19,7 @@ from kinematics.robots.load import from_ref, load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from perception.observation import is_seen
+from planning.conclusion import failed
 from planning.io import files
 from planning.io.results import plan_writer
 from planning.learning.networks.model import Model, ships
@@ -27,7 +28,7 @@ from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
 from planning.plan import Plan
 from planning.policies import make_policy
-from planning.retrieval import MAX_MOVES, Policy, Rule, failed, retrieve
+from planning.retrieval import MAX_MOVES, Policy, Rule, retrieve
 from planning.sensing.unseen_space import unseen_space
 from planning.target_grasps.allowed import GraspChoice, target_grasps
 from planning.verdict import Fault, judge

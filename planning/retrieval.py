@@ -8,21 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
 
-from kinematics.robots.robot import Robot
-from kinematics.scene import Grasp, Scene, State
+from kinematics.scene import Scene, State
 from perception.observation import Observation, observe
-from planning.motion.checking.replay import hand_poses, replayed, with_clearances
-from planning.motion.checking.verify import first_touch
+from planning.conclusion import conclude
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
-from planning.motion.settings import DEFAULTS, MotionSettings
-from planning.plan import SCENE, Blocked, Fault, Motion, Move, Outlook, Plan
-from planning.verdict import Settings, examine
+from planning.plan import Blocked, Move, Outlook, Plan
+from planning.stopwatch import Stopwatch
 
 MAX_MOVES = 5
 Thing = TypeVar("Thing")
@@ -52,19 +48,6 @@ class Policy:
     outlook: Callable[[], Outlook] = Outlook
     certain: Callable[[str, int], bool] = lambda name, region: False
     choosy: int = 0
-
-
-class Stopwatch:
-    """Adds up the time spent inside its `with` blocks."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __enter__(self) -> None:
-        self._start = perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        self.seconds += perf_counter() - self._start
 
 
 def proposals(
@@ -143,31 +126,14 @@ def retrieve(
         if steps == max_moves:
             break
         steps += 1
-        possible, more, out_of_reach = list[tuple[str, int, Done]](), policy.choosy, set[str]()
-        for object_name, region in proposals(policy, observe(scene, state), rule, failed, rng, thinking, out_of_reach, possible):
-            with moving:
-                moved = motions.relocate(state, object_name, region, rng)
-            if isinstance(moved, Blocked):
-                failed.add((object_name, region))
-                T_from = state.poses[object_name]
-                moves.append(Move(object_name, region, T_from, motions.place_pose(object_name, T_from, region), False, moved))
-                if not motions.picks(state, object_name)[0]:
-                    out_of_reach.add(object_name)  # another region would not help
-            elif moved.tight and not policy.certain(object_name, region):
-                possible.append((object_name, region, moved))
-            else:
-                possible.insert(0, (object_name, region, moved))
-                break
-            if possible and more == 0:
-                break
-            more -= bool(possible)
-        for object_name, region, moved in possible[:1]:
-            on_step(f"moved {object_name} to region {region}")
-            moves.append(Move(object_name, region, state.poses[object_name], moved.after.poses[object_name], True))
-            found.append((state, moved))
-            state = moved.after
+        attempts, done = one_move(policy, motions, state, rule, failed, rng, thinking, moving)
+        moves += attempts
+        if done is not None:
+            on_step(f"moved {moves[-1].object} to region {moves[-1].region}")
+            found.append((state, done))
+            state = done.after
             failed.clear()  # a new state: what failed before may work now
-        if not possible and rule is Rule.DEEP:
+        elif rule is Rule.DEEP:
             break  # everything that the policy has was tried in this state: another round would be the same
     outlook = policy.outlook()
     if steps == 0:
@@ -184,6 +150,45 @@ def retrieve(
     return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in))
 
 
+def one_move(
+    policy: Policy,
+    motions: Motions,
+    state: State,
+    rule: Rule,
+    failed: set[tuple[str, int]],
+    rng: np.random.Generator,
+    thinking: Stopwatch,
+    moving: Stopwatch,
+) -> tuple[list[Move], Done | None]:
+    """The moves that were tried in this state, and the motions of the last, if one was found: the first that keeps room, else the first.
+
+    failed: what has failed in this state; what fails now is added.
+    """
+    attempts: list[Move] = []
+    found: list[tuple[Move, Done]] = []
+    more, out_of_reach = policy.choosy, set[str]()
+    for name, region in proposals(policy, observe(motions.scene, state), rule, failed, rng, thinking, out_of_reach, found):
+        T_from = state.poses[name]
+        with moving:
+            done = motions.relocate(state, name, region, rng)
+        if isinstance(done, Blocked):
+            failed.add((name, region))
+            attempts.append(Move(name, region, T_from, motions.place_pose(name, T_from, region), False, done))
+            if not motions.picks(state, name)[0]:
+                out_of_reach.add(name)  # another region would not help
+        else:
+            move = Move(name, region, T_from, done.after.poses[name], True)
+            if not done.tight or policy.certain(name, region):
+                return [*attempts, move], done
+            found.append((move, done))
+        if found and more == 0:
+            break
+        more -= bool(found)
+    for move, done in found[:1]:
+        return [*attempts, move], done
+    return attempts, None
+
+
 def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
     """Why the target was not taken: the proof that it can't be, or that so many moves are too few; else what blocked it at last."""
     if outlook.unsolvable is not None:
@@ -191,99 +196,3 @@ def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
     if outlook.least_moves is not None and outlook.least_moves > max_moves:
         return Blocked("moves", taken.link, taken.body, detail=f"at least {outlook.least_moves} moves are needed, {max_moves} are allowed")
     return taken
-
-
-def conclude(
-    robot: Robot,
-    scene: Scene,
-    reason: Blocked | None,
-    moves: Sequence[Move],
-    way: Sequence[Motion],
-    *,
-    name: str,
-    rule: Rule,
-    thinking: Stopwatch,
-    moving: Stopwatch,
-    settings: MotionSettings = DEFAULTS,
-    grasp: Grasp | None = None,
-    is_truth: bool = True,
-) -> Plan:
-    """The plan that a loop ends with, after the final check and the verdict, with the clearances measured.
-
-    reason: why the target was not taken, None when it was. grasp: how it was taken, by default the scene's x_g. is_truth: whether
-    the scene is as things were when the motions began; otherwise nothing is judged by it.
-    """
-    success = reason is None
-    travel = hand_travels(robot, scene, way)
-    plan = Plan(
-        scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        sum(travel, 0.0), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled,
-        relocation_travel_m=sum((length for length, counts in zip(travel, relocating(way)) if counts), 0.0),
-    )  # fmt: skip
-    if not way:
-        return plan
-    if not is_truth:
-        return replace(plan, verified=True)
-    faults: tuple[Fault, ...] = ()
-    notes: tuple[Fault, ...] = ()
-    with moving:
-        sampled = replayed(robot, scene, way)
-        touch = first_touch(robot, scene, way, sampled)
-        if touch is None:  # all besides contacts is for the verdict to judge
-            limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)
-            verdict = examine(scene, plan, robot, limits)
-            faults, notes = verdict.faults, verdict.notes
-        motions = with_clearances(way, sampled)
-    plan = replace(plan, motions=motions, motion_time_s=moving.seconds, faults=faults, notes=notes)
-    plan = replace(plan, verified=touch is None and not faults)
-    return _judged(scene, plan, touch)
-
-
-def _judged(scene: Scene, plan: Plan, touch: Blocked | None) -> Plan:
-    """The plan, which fails if it is not verified: touch is why, or its first fault."""
-    if plan.verified:
-        return plan
-    why = touch or Blocked("verify", detail=str(plan.faults[0]))
-    return replace(plan, success=False, reason=why, value=objective(scene, plan.moves, False))
-
-
-def failed(scene: str, detail: str, *, name: str, rule: Rule) -> Plan:
-    """The plan of a scene, told by its id, that can't be meant: nothing was tried."""
-    return Plan(scene, name, str(rule), False, Blocked(SCENE, detail=detail), (), (), 0.0, 0.0, 0.0, 0.0, None)
-
-
-def relocating(motions: Sequence[Motion]) -> list[bool]:
-    """Which motions the paper counts as travel: those of the relocations, before the target is gone for. Looks are none of them."""
-    last = max((i for i, motion in enumerate(motions) if motion.stage == "retreat"), default=-1)
-    return [i <= last and motion.stage != "look" for i, motion in enumerate(motions)]
-
-
-def hand_travel(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> float:
-    """Length in metres of the hand's path, measured along chords of about `step` rad (or m) in any joint."""
-    return sum(hand_travels(robot, scene, motions, step), 0.0)
-
-
-def hand_travels(robot: Robot, scene: Scene, motions: Sequence[Motion], step: float = 0.05) -> list[float]:
-    """The same for each motion."""
-    if not motions:
-        return []
-    q, t_s = (np.concatenate([getattr(motion, name) for motion in motions]) for name in ("q", "t_s"))
-    ends = np.cumsum([len(motion.q) for motion in motions])
-    parts = np.maximum(1, np.ceil(np.abs(q[1:] - q[:-1]).max(1, initial=0.0) / step)).astype(np.int64)
-    parts[ends[:-1] - 1] = 0  # from one motion to the next
-    piece = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]) / parts[piece]
-    times = t_s[piece] + share * (t_s[piece + 1] - t_s[piece])
-    of_each = np.split(times, np.searchsorted(piece, ends[:-1]))
-    rows = [motion.at(np.append(some, motion.t_s[-1])) for motion, some in zip(motions, of_each)]
-    at = hand_poses(robot, scene, np.concatenate(rows))[:, :3, 3]
-    chords, last = np.sqrt(((at[1:] - at[:-1]) ** 2).sum(1)), np.cumsum([len(some) for some in rows])
-    return [float(chords[end - len(some) : end - 1].sum()) for some, end in zip(rows, last)]
-
-
-def objective(scene: Scene, moves: Sequence[Move], success: bool) -> float:
-    """The paper's return (eq. 1): the sum over steps of I − d, d = |l_r → object| + |object → region|, over the moves carried out."""
-    base = scene.robot.T_world_base[:3, 3]
-    ends = [(m.T_world_from[:3, 3], m.T_world_to[:3, 3]) for m in moves if m.done]
-    d = [np.linalg.norm(start - base) + np.linalg.norm(end - start) for start, end in ends]
-    return float(success) - float(sum(d))

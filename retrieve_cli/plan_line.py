@@ -31,7 +31,8 @@ class Answer:
 
 def plan_line(job: Job, line: SceneLine) -> Answer:
     """The plan of a line, or one that failed at stage `scene`. Raises: InputError for such a line when the job is to fail fast."""
-    from planning.retrieval import Rule, failed
+    from planning.conclusion import failed
+    from planning.retrieval import Rule
 
     error = line.error
     if line.scene is not None:

@@ -19,18 +19,20 @@ from kinematics.scene import Grasp, Scene, State
 from kinematics.transforms import Array
 from perception.belief import observation
 from perception.objects.clustering import NoSurfaces
+from planning.conclusion import conclude
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
 from planning.plan import Blocked, Fault, Motion, Move, Plan
-from planning.retrieval import MAX_MOVES, Policy, Rule, Stopwatch, conclude, proposals
+from planning.retrieval import MAX_MOVES, Policy, Rule, proposals
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.carrying_out import Driven, carry_out
 from planning.sensing.focus import wanted
 from planning.sensing.hiding_places import SMALLEST_M, smallest
 from planning.sensing.look_around import Limits, Looked
 from planning.sensing.world import AsBelieved, Truth, World
+from planning.stopwatch import Stopwatch
 from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
 from planning.verdict import Settings, judge_motions
 

@@ -16,22 +16,11 @@ from fakes import BASE, HEIGHT_M, Choice, Clock, FakeMotions, motion, scene_of, 
 
 from kinematics.transforms import Array, rotation_about, transform
 from perception.observation import Observation
-from planning import retrieval
+from planning import conclusion, stopwatch
+from planning.conclusion import conclude, failed, hand_travel, hand_travels, objective, relocating
 from planning.plan import Blocked, Fault, Move, Outlook, Plan, Unsolvable
-from planning.retrieval import (
-    MAX_MOVES,
-    Policy,
-    Rule,
-    Stopwatch,
-    conclude,
-    failed,
-    hand_travel,
-    hand_travels,
-    objective,
-    proposals,
-    relocating,
-    retrieve,
-)
+from planning.retrieval import MAX_MOVES, Policy, Rule, proposals, retrieve
+from planning.stopwatch import Stopwatch
 from planning.verdict import Settings, Verdict
 
 NEVER = frozenset({("never", 0)})
@@ -46,10 +35,10 @@ def ordered(**regions: Sequence[int]) -> Policy:
 def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """The final check and the verdict pass everything here, and note what they were asked."""
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(retrieval, "with_clearances", lambda motions, way: tuple(motions))
-    monkeypatch.setattr(retrieval, "replayed", lambda robot, scene, motions: None)
-    monkeypatch.setattr(retrieval, "first_touch", lambda robot, scene, motions, way: asked.append(("verify", robot, scene, tuple(motions))))
-    monkeypatch.setattr(retrieval, "examine", lambda *about: asked.append(("examine", *about)) or Verdict((), (), True))
+    monkeypatch.setattr(conclusion, "with_clearances", lambda motions, way: tuple(motions))
+    monkeypatch.setattr(conclusion, "replayed", lambda robot, scene, motions: None)
+    monkeypatch.setattr(conclusion, "first_touch", lambda *about: asked.append(("verify", *about[:2], tuple(about[2]))))
+    monkeypatch.setattr(conclusion, "examine", lambda *about: asked.append(("examine", *about)) or Verdict((), (), True))
     return asked
 
 
@@ -428,7 +417,7 @@ def test_what_is_free_at_once_needs_no_move_whatever_the_policy_says() -> None:
 def test_what_the_final_check_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch, checked: list[tuple[Any, ...]]) -> None:
     """And the verdict is not asked any more."""
     refused = Blocked("verify", "arm", "floor", 0.002)
-    monkeypatch.setattr(retrieval, "first_touch", lambda *_: refused)
+    monkeypatch.setattr(conclusion, "first_touch", lambda *_: refused)
     plan = plan_with(FakeMotions(scene_of("a"), opens=[frozenset()]), ordered(a=[3]))
     assert (plan.success, plan.reason, plan.verified, plan.faults) == (False, refused, False, ())
     assert (plan.value, len(plan.motions)) == (0.0, 1)
@@ -439,7 +428,7 @@ def test_what_the_verdict_refuses_is_no_success(monkeypatch: pytest.MonkeyPatch)
     """The first fault is the reason; the return is that of a failure."""
     faults = (Fault("grasp", ("pad", "a"), "the pads close on air"), Fault("lift", ("a",), "it falls"))
     notes = (Fault("transit", ("finger", "hand"), "they touch, and may"),)
-    monkeypatch.setattr(retrieval, "examine", lambda *_: Verdict(faults, notes, False))
+    monkeypatch.setattr(conclusion, "examine", lambda *_: Verdict(faults, notes, False))
     motions = FakeMotions(scene_of("a"), opens=[frozenset({("a", 13)})], possible=lambda made, c: True)
     plan = plan_with(motions, ordered(a=[13]))
     assert (plan.success, plan.verified, plan.faults, plan.notes) == (False, False, faults, notes)
@@ -477,9 +466,9 @@ def test_a_scene_that_cannot_be_meant_has_a_plan_that_says_so() -> None:
 def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Select twice at 1 s, place three times at 0.1 s; 3 looks at the target and 3 tries at 10 s; 4000 s of checks."""
     clock = Clock()
-    monkeypatch.setattr(retrieval, "perf_counter", clock)
-    monkeypatch.setattr(retrieval, "first_touch", lambda *_: setattr(clock, "now", clock.now + 1000.0))
-    monkeypatch.setattr(retrieval, "examine", lambda *_: setattr(clock, "now", clock.now + 3000.0) or Verdict((), (), True))
+    monkeypatch.setattr(stopwatch, "perf_counter", clock)
+    monkeypatch.setattr(conclusion, "first_touch", lambda *_: setattr(clock, "now", clock.now + 1000.0))
+    monkeypatch.setattr(conclusion, "examine", lambda *_: setattr(clock, "now", clock.now + 3000.0) or Verdict((), (), True))
     motions = FakeMotions(
         scene_of("a", "b"), opens=[frozenset({("b", 1), ("a", 2)})],
         possible=lambda made, c: c == ("b", 1) or bool(made), clock=clock, seconds=10.0,
@@ -498,7 +487,7 @@ def test_planning_time_is_the_policys_and_motion_time_the_motions(monkeypatch: p
 
 def test_a_stopwatch_adds_up_its_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock()
-    monkeypatch.setattr(retrieval, "perf_counter", clock)
+    monkeypatch.setattr(stopwatch, "perf_counter", clock)
     watch = Stopwatch()
     for seconds in (1.0, 2.5):
         with watch:

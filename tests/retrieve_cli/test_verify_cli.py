@@ -11,9 +11,9 @@ import pytest
 from conftest import Handmade, Json
 
 from kinematics.robots.robot import Robot
+from planning.conclusion import hand_travel, objective
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
-from planning.retrieval import hand_travel, objective
 from retrieve_cli.__main__ import main
 
 Files = Callable[..., tuple[str, str]]

@@ -11,6 +11,7 @@ import pytest
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef, State
 from kinematics.transforms import Array, transform
+from planning.conclusion import hand_travel
 from planning.motion import quickest
 from planning.motion.checking.verify import verify
 from planning.motion.handling.carry import Carry, Done
@@ -22,7 +23,6 @@ from planning.motion.smoothing.blending import choose_speeds, make_corners
 from planning.motion.smoothing.estimates import polyline_s, straight_s
 from planning.motion.way_cost import WayCost
 from planning.plan import Blocked, Motion
-from planning.retrieval import hand_travel
 from planning.scenes.generation import generate, load_spec
 
 Found = list[tuple[State, Done]]

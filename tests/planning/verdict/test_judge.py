@@ -16,9 +16,9 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Held
 from kinematics.shapes import Box, ConvexMesh
 from kinematics.transforms import rotation_about, transform
+from planning.conclusion import hand_travel, objective
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
-from planning.retrieval import hand_travel, objective
 from planning.verdict import Settings, Verdict, examine
 
 Change = Callable[[Json, Json], object]

@@ -157,10 +157,12 @@ class Unsolvable:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a policy that looks ahead knows of a scene: the fewest moves that can solve it, or why none do; None where it doesn't know."""
+    """What a policy that looks ahead knows of a scene: the fewest moves that can solve it, or why none do; None where it doesn't know.
+    undecided: why it can't be told, in words, whether any moves help."""
 
     least_moves: int | None = None
     unsolvable: Unsolvable | None = None
+    undecided: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

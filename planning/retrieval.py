@@ -195,4 +195,4 @@ def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
         return Blocked("unsolvable", taken.link, taken.body, detail=outlook.unsolvable.words)
     if outlook.least_moves is not None and outlook.least_moves > max_moves:
         return Blocked("moves", taken.link, taken.body, detail=f"at least {outlook.least_moves} moves are needed, {max_moves} are allowed")
-    return taken
+    return taken if outlook.undecided is None else replace(taken, detail=outlook.undecided)

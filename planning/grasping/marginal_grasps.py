@@ -27,6 +27,9 @@ from planning.grasping.sampling import Headings, Sampling
 
 LEAST_M = 0.004
 """The side of the square in which a pad and what it holds overlap; the verdict asks for 3 mm."""
+SURELY_M = 0.003 * float(np.sqrt(2.0)) / 3
+"""The side of a square in which they surely overlap where the verdict calls a thing held, for proofs: what is 3 mm wide in all directions,
+a corner aslant as well, has a circle in it with a third of that for a radius."""
 SAG_M = 0.001
 """A pad meets what is round in a strip that is nowhere further from it."""
 LINE_M = LEAST_M * float(np.sqrt(0.5))
@@ -74,7 +77,7 @@ def marginal_grasps(
             for axis, outline in ((0, _Outline(y, z, 2 * x)), (1, _Outline(x, z, 2 * y))):
                 yield from _all_round(body, opening, outline.width_m, [body.T_world_body[:3, axis]], pitches, places(outline))
         case Cylinder(radius_m=radius, height_m=height):
-            strip = min(float(np.sqrt(2 * radius * SAG_M)), radius) if sampling.beyond_m else LINE_M
+            strip = _strip_m(radius) if sampling.beyond_m else LINE_M
             outline = _Outline(strip, height / 2, 2 * radius)
             if headings is not None:
                 yield from _headed(body, opening, outline.width_m, toward, pitches, places(outline), headings)
@@ -121,14 +124,29 @@ def _headed(
                 yield Grasp(transform(R, opening.hand_position(middle, R, width_m)), width_m)
 
 
+def lacks_m(body: Body, opening: Opening, pad: Pad, grasp: Grasp) -> float:
+    """By how much, at least, a level-closing hand has to be moved ahead or up till it may hold an upright box or can, a pad overlapping it
+    by a square of SURELY_M; 0 where it does, or where that can't be said."""
+    if not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body):
+        return 0.0
+    R, T = grasp.T_world_hand[:3, :3], body.T_world_body
+    if isinstance(body.shape, Cylinder):
+        outline = _Outline(_strip_m(body.shape.radius_m), body.shape.height_m / 2, 2 * body.shape.radius_m)
+    else:
+        x, y, z = map(float, body.shape.half)
+        outline = _Outline(y, z, 2 * x) if abs(R[:, 1] @ T[:3, 0]) > abs(R[:, 1] @ T[:3, 1]) else _Outline(x, z, 2 * y)
+    ahead = level_across(R[:, 1])
+    z_axis, x_axis = (np.array([axis @ ahead, axis[2]]) for axis in (R[:, 2], R[:, 0]))
+    middle = (grasp.T_world_hand @ [0.0, opening.pad_y_at(grasp.width_m), opening.pad_z_at(grasp.width_m), 1.0])[:3] - T[:3, 3]
+    face = np.array([middle @ ahead, middle[2]]) + (pad.high_z_m + pad.low_z_m) / 2 * z_axis
+    return max(0.0, -float(_left(outline, pad, face[None], z_axis, x_axis, SURELY_M).min()))
+
+
 def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pad: Pad, beyond_m: float) -> Array:
     """How far ahead of an outline's middle, and up from it, the pads' middle may be (N, 2): where a square with sides of LEAST_M, along the
-    pads', lies in both, or would if they were moved by beyond_m; the most overlap in front. The two rectangles, less half of the square,
-    meet: no side of either parts them."""
-    co, si = np.cos(pitch), np.sin(pitch)
-    half_x, half_z = pad.half_x_m - LEAST_M / 2, (pad.high_z_m - pad.low_z_m - LEAST_M) / 2
-    less = LEAST_M / 2 * (abs(co) + abs(si))
-    ahead, up = outline.ahead_m - less, outline.up_m - less
+    pads', lies in both; or for proofs, with beyond_m, where one of SURELY_M would if they were moved by that. The most overlap in front."""
+    co, si, side_m = np.cos(pitch), np.sin(pitch), SURELY_M if beyond_m else LEAST_M
+    half_x, half_z, ahead, up = _halves(outline, pad, side_m, abs(co) + abs(si))
     if min(half_x, half_z, ahead, up) < 0.0:
         return np.zeros((0, 2))
     z_axis, x_axis = np.array([co, -si]), np.array([si, co])  # of the hand, in the plane of ahead and up
@@ -136,16 +154,30 @@ def _overlapping(outline: _Outline, pitch: float, steps: tuple[float, float], pa
     most = beyond_m + np.array([ahead + half_x * abs(si) + half_z * abs(co), up + half_x * abs(co) + half_z * abs(si)])
     grids = [_steps(reach, step) for reach, step in zip(most, steps)]
     faces = np.stack(np.meshgrid(*grids, indexing="ij"), -1).reshape(-1, 2)
-    left = np.round(
-        [
-            half_z + ahead * abs(co) + up * abs(si) - np.abs(faces @ z_axis),
-            half_x + ahead * abs(si) + up * abs(co) - np.abs(faces @ x_axis),
-        ],
-        9,
-    )  # by how much more they overlap, along both axes of the hand
+    left = np.round(_left(outline, pad, faces, z_axis, x_axis, side_m), 9)
     best_first = np.lexsort((-left.sum(0), -left.min(0)))
     meets = best_first[left.min(0)[best_first] >= -beyond_m]
     return np.asarray(faces[meets] - shift)
+
+
+def _halves(outline: _Outline, pad: Pad, side_m: float, slant: float) -> tuple[float, float, float, float]:
+    """Half of the pad's sides, and of the outline's, less half of a square's that stands aslant in it; slant: |cos| + |sin|."""
+    less = side_m / 2 * slant
+    return pad.half_x_m - side_m / 2, (pad.high_z_m - pad.low_z_m - side_m) / 2, outline.ahead_m - less, outline.up_m - less
+
+
+def _left(outline: _Outline, pad: Pad, faces: Array, z_axis: Array, x_axis: Array, side_m: float) -> Array:
+    """By how much more a pad and an outline overlap than a square of side_m, along the hand's z_axis and x_axis (2,) in the plane of ahead
+    and up (2, N), the pad's middle at faces (N, 2). Where neither is negative the two rectangles, less half of the square, meet: no side of
+    either parts them."""
+    co, si = abs(z_axis)
+    half_x, half_z, ahead, up = _halves(outline, pad, side_m, co + si)
+    return np.stack([half_z + ahead * co + up * si - np.abs(faces @ z_axis), half_x + ahead * si + up * co - np.abs(faces @ x_axis)])
+
+
+def _strip_m(radius_m: float) -> float:
+    """Half the width of the strip in which a pad that faces what is round is nowhere further from it than SAG_M."""
+    return min(float(np.sqrt(2 * radius_m * SAG_M)), radius_m)
 
 
 def _steps(reach: float, step: float) -> Array:

@@ -286,12 +286,20 @@ class Motions:
         return self.thorough if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene) else self._with(EXHAUSTIVE)
 
     @cached_property
-    def finest(self) -> FinestLook | Motions | None:
-        """The look that proofs rest on: only to ask whether something is stuck. None where no look is fine enough for that: with meshes,
-        and with a hand of one's own whose pads are askew, where each grasp has to be judged."""
-        if self.partly_unseen:
-            return self.thorough
-        return FinestLook(self.robot, self.scene, self.settings) if can_be_exhaustive(self.robot, self.scene) else None
+    def finest(self) -> FinestLook | None:
+        """The look that proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: where
+        space is unseen, with meshes, and with a hand of one's own whose pads are askew, where each grasp has to be judged."""
+        if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene):
+            return None
+        return FinestLook(self.robot, self.scene, self.settings, self.cell)
+
+    def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Motions:
+        """The exhaustive look with some more grasps of objects that stand at poses."""
+        other, known = copy(self.exhaustive), self.exhaustive._obstruction
+        other._picking = self.exhaustive._picking.with_more(poses, hands)
+        other._states = deque(maxlen=KEPT)
+        other._obstruction = {fingers: obstruction.with_more(poses, hands) for fingers, obstruction in known.items()}
+        return other
 
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)

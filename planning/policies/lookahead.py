@@ -16,10 +16,11 @@ import numpy as np
 
 from kinematics.scene import State
 from perception.observation import Observation
-from planning.plan import Outlook, Unsolvable
+from planning.plan import Outlook
 from planning.policies.regions import free_regions
 from planning.policies.search import Effort, Preferences, Search, Step, World
-from planning.relaxed_plan import relaxed_plan
+from planning.policies.unsolvable import Finding
+from planning.relaxed_plan import RelaxedPlan, relaxed_plan
 
 GLANCED = 12
 """Regions that are proposed at a glance, and for each object where nothing but a guess is left."""
@@ -27,7 +28,7 @@ QUICKLY = 2 / 3
 """Share of all attempts that may be made with the grasps that are quick to sample."""
 ONCE_MORE = 1 / 2
 """As many attempts more, as a share of all, may be made with the likeliest regions where near ones have not done."""
-Prove = Callable[[State], Unsolvable | None]
+Prove = Callable[[State], Finding]
 
 
 def nearest_regions(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
@@ -122,16 +123,22 @@ class Lookahead:
 
     def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
         """The moves that a search finds: with the grasps that are quick to sample; where these don't do, with many more, and where none of
-        them holds out any hope, with as many as can be; and at last in other orders."""
+        them holds out any hope, with as many as can be, or with hands that a proof was missed by; and at last in other orders."""
         assert self._state is not None
-        left, attempts = self.most - self._made, self.effort.attempts
+        state, left, attempts = self._state, self.most - self._made, self.effort.attempts
         hopeful: World | None = None
+        plan: RelaxedPlan | None = None
         natural = True
-        looks = ((self.world, QUICKLY, False), (self.world.thorough, 1.0, False), (self.world.exhaustive, 1.0, True))
-        for world, share, only_without_hope in looks:
+        looks: tuple[tuple[Callable[[], World | None], float, bool], ...] = (
+            (lambda: self.world, QUICKLY, False), (lambda: self.world.thorough, 1.0, False), (lambda: self.world.exhaustive, 1.0, True),
+            (lambda: self._missed_by(state) if plan is None else None, 1.0, True),
+        )  # fmt: skip
+        for look, share, only_without_hope in looks:
             if hopeful is not None and only_without_hope:
                 break
-            plan = relaxed_plan(world.obstructions(self._state.poses), self._target, frozenset(seen.movable))
+            if (world := look()) is None:
+                return []
+            plan = relaxed_plan(world.obstructions(state.poses), self._target, frozenset(seen.movable))
             if plan is None:
                 continue
             self._needed(plan.length)
@@ -139,15 +146,19 @@ class Lookahead:
                 continue
             hopeful, natural = world, not only_without_hope
             search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
-            if found := search.run(self._state):
+            if found := search.run(state):
                 return found
             attempts -= search.tried
-        if hopeful is not None:
-            many = self.effort.last if natural and not hopeful.partly_unseen else 0
-            return self._searched_at_last(hopeful, self._state, left, many, rng)
-        if plan is None:
-            self.outlook = replace(self.outlook, unsolvable=self.prove(self._state))
-        return []
+        if hopeful is None:
+            return []
+        many = self.effort.last if natural and not hopeful.partly_unseen else 0
+        return self._searched_at_last(hopeful, state, left, many, rng)
+
+    def _missed_by(self, state: State) -> World | None:
+        """The look with the hands that were found where a proof was sought that there is no hope; None where none were."""
+        found = self.prove(state)
+        self.outlook = replace(self.outlook, unsolvable=found.unsolvable, undecided=found.undecided)
+        return found.hope
 
     def _searched_at_last(self, world: World, state: State, left: int, many: int, rng: np.random.Generator) -> list[Step]:
         """The moves to the likeliest regions, not the near ones first; and if there are none of them, those that many attempts find as the

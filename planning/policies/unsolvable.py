@@ -9,11 +9,15 @@ far more densely for it than where moves are planned, those that hold an object 
 the verdict would call it held; and at last in a cabinet with as much more room as there is between one such grasp and the next
 (`handling/finest_look.py`). Of meshes, and of hands whose pads are askew, grasps can't be sampled as densely: there nothing is proved by
 what is stuck. It says nothing about pushing.
+
+The finest look may find a hand that takes one of the stuck objects after all. Then there are fewer of them, and either these still are a
+proof, or there is hope: what can be done with those hands.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from kinematics.scene import APPROACHES, Grasp, State
 from kinematics.transforms import Array
@@ -25,6 +29,16 @@ from planning.plan import Unsolvable
 from planning.relaxed_plan import Names, stuck_set
 
 
+@dataclass(frozen=True)
+class Finding:
+    """What is found where no look at grasps holds out hope. unsolvable: the proof that there is none. hope: the motions with hands that the
+    finest look found, if these leave some. undecided: why neither is known, in words."""
+
+    unsolvable: Unsolvable | None = None
+    hope: Motions | None = None
+    undecided: str | None = None
+
+
 class Prover:
     """Proofs for the states of one scene."""
 
@@ -32,22 +46,37 @@ class Prover:
         self.motions, self.target = motions, motions.scene.target_name
         self._known: dict[tuple[tuple[str, ...], bool], Obstruction] = {}
 
-    def __call__(self, state: State) -> Unsolvable | None:
-        """The proof that no moves take the target out of a state; None when there is no such proof."""
-        approaches = self.motions.scene.approaches
-        stuck = self._stuck(state, approaches)
-        if self._view(state, approaches).free(self.target, stuck):
-            return None
-        if stuck and not self._surely(state, stuck):
-            return None
-        return Unsolvable(tuple(sorted(stuck)), tuple(self._would_help(state, stuck)))
+    def __call__(self, state: State) -> Finding:
+        """The proof that no moves take the target out of a state, or the hands that perhaps do; nothing where usual ones may."""
+        look, hands = self.motions.exhaustive, dict[str, list[Grasp]]()
+        while True:
+            view = look.obstructions(state.poses)
+            stuck = stuck_set(view, frozenset(state.poses) - {self.target})
+            if view.free(self.target, stuck):
+                return Finding(hope=look) if hands else Finding()
+            found, doubt = self._finest_look(state, stuck)
+            if found:
+                hands |= found
+                look = self.motions.with_hands(state.poses, hands)
+            elif doubt is not None:
+                return Finding(undecided=doubt)
+            else:
+                return Finding(Unsolvable(tuple(sorted(stuck)), tuple(self._would_help(state, stuck))))
 
-    def _surely(self, state: State, stuck: Names) -> bool:
-        """Whether the finest look finds no way either to any object of a set while the others of it stand; no look may be fine enough."""
+    def _finest_look(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
+        """A hand that takes one of a set of objects while the others of it stand; or else why it is in doubt that there is none."""
+        if not stuck or self.motions.partly_unseen:  # space that nobody has seen is solid, and what it hides is not asked so finely
+            return {}, None
         if self.motions.finest is None:
-            return False
-        finest = self.motions.finest.obstructions(state.poses)
-        return not any(finest.free(name, stuck - {name}) for name in sorted(stuck))
+            return {}, "grasps on meshes, or by pads that are askew, can't be looked at densely enough for a proof"
+        view, doubt = self.motions.finest.at(state.poses), None
+        for name in sorted(stuck):
+            access = view.access(name, stuck - {name})
+            if access.hand is not None:
+                return {name: [access.hand]}, None
+            if not access.closed:
+                doubt = f"{name} is hardly reachable, if at all: {access.between} hands between others were looked at, and no more are"
+        return {}, doubt
 
     def _would_help(self, state: State, stuck: Names) -> Iterator[str]:
         """What would change it, one thing at a time: another grasp of the target, other approaches, both, an object taken away by hand."""

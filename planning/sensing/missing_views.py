@@ -34,7 +34,7 @@ def for_want_of_views(robot: Robot, scene: Scene, plan: Plan) -> Plan:
     if plan.success or plan.reason is None or plan.reason.stage in ("scene", "verify"):
         return plan
     whole = Motions(robot, scene)
-    if plan.unsolvable is not None and Prover(whole)(whole.start()) is not None:
+    if plan.unsolvable is not None and Prover(whole)(whole.start()).unsolvable is not None:
         return plan
     stuck = () if plan.unsolvable is None else plan.unsolvable.stuck
     hindered = dict.fromkeys([*stuck, *(m.object for m in plan.moves if not m.done)])

@@ -397,6 +397,7 @@ def test_the_reason_is_what_blocks_the_target_last() -> None:
             Outlook(7, Unsolvable(("a", "b"), ("another grasp",))), 1,
             Blocked("unsolvable", "hand", "can", detail="none of a, b can be picked while the others of them stand"),
         ),
+        (Outlook(undecided="a is hardly reachable"), 1, Blocked("approach", "hand", "can", detail="a is hardly reachable")),
     ],
 )  # fmt: skip
 def test_a_policy_that_looks_ahead_knows_why(outlook: Outlook, limit: int, reason: Blocked) -> None:

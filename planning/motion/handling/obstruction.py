@@ -8,14 +8,16 @@ questions about sets of spots (`spots.py`), which all states of a scene share.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
-from itertools import count
+from itertools import chain, count
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.scene import Grasp
 from kinematics.transforms import Array
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling.spots import SpotQueries, Spots
@@ -37,6 +39,15 @@ class Obstruction:
         self.spots = Spots()
         self.queries = SpotQueries(cell, self.spots, fingers=fingers)
         self._ways: dict[int, LazyList[Way]] = {}
+
+    def with_more(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Obstruction:
+        """The same with more grasps of objects that stand at poses, numbered like the others; what is known of those is kept."""
+        other = copy(self)
+        other._ways = dict(self._ways)
+        for name, more in hands.items():
+            spot, T = self.spots.at(name, poses[name]), poses[name]
+            other._ways[spot] = LazyList(chain(self._reach(name, T, lambda *_, more=more: more).ways(), self._ways_to(spot)))
+        return other
 
     def at(self, poses: Mapping[str, Array], stage: int = WHOLE_WAY) -> View:
         """The obstructions of a state whose objects stand at poses. stage: how far ways are judged; leaving out the last saves time."""
@@ -88,8 +99,11 @@ class Obstruction:
     def _ways_to(self, spot: int) -> LazyList[Way]:
         if spot not in self._ways:
             _, name, T = self.spots.members(spot)[0]
-            self._ways[spot] = LazyList(Reach(self.queries, name, T, self.grasps_on, self.ik_tries).ways())
+            self._ways[spot] = LazyList(self._reach(name, T, self.grasps_on).ways())
         return self._ways[spot]
+
+    def _reach(self, name: str, T: Array, grasps_on: GraspsOn) -> Reach:
+        return Reach(self.queries, name, T, grasps_on, self.ik_tries)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
@@ -81,6 +82,14 @@ class Picking:
         self.cell, self.settings = cell, settings
         self._known: dict[tuple[str, bytes], _Grasps] = {}
         self._among: dict[LazyList[Grasp], _Grasps] = {}
+
+    def with_more(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Picking:
+        """The same with more grasps of objects that stand at poses, before all others."""
+        other = copy(self)
+        grasps = {name: chain(more, self.grasps(poses, name)) for name, more in hands.items()}
+        more = {(name, poses[name].tobytes()): _Grasps(self.cell, some, self.settings.ik_tries) for name, some in grasps.items()}
+        other._known = {**self._known, **more}
+        return other
 
     def picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object that hold up to all checks but RRT-Connect's, those first that turn the arm least from q (A,);

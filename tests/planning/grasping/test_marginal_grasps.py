@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import APPROACHES, Body, Cabinet, RobotRef, Scene
+from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.cup_grasps import grasps_on
-from planning.grasping.hand_poses import level_hand
-from planning.grasping.marginal_grasps import LEAST_M, _Outline, _overlapping, marginal_grasps
+from planning.grasping.hand_poses import level_across, level_hand
+from planning.grasping.marginal_grasps import LEAST_M, SURELY_M, _Outline, _overlapping, lacks_m, marginal_grasps
 from planning.grasping.pads import Pad, pad_of
 from planning.grasping.sampling import DENSEST, USUAL, Sampling
 from planning.motion.handling.finest_look import SAMPLING
-from planning.verdict import judge_grasp
+from planning.verdict import Settings, judge_grasp, judge_hold
 
 CABINET = Cabinet(np.array([3.0, 3.0, 3.0]), transform(p=[-1.0, 0.0, 0.0]), 0.02)
 PAD = Pad(0.010, -0.012, 0.020)
@@ -128,6 +128,33 @@ def test_the_most_overlap_comes_first() -> None:
     at = _overlapping(_Outline(0.03, 0.06, 0.05), 0.0, (0.01, 0.006), PAD, 0.0)
     assert np.abs(at[0]).max() < 0.01
     assert np.abs(at[-1]).max() > 0.03
+
+
+@pytest.mark.parametrize("shape", [BOX, CAN], ids=["box", "can"])
+def test_no_hand_that_lacks_something_holds_and_what_lacks_is_how_far_it_is_off(shape: Shape, ur5e: Robot) -> None:
+    """Hands moved at random from those that hold: what each lacks is no more than it was moved by, and the verdict calls none held that
+    lacks something."""
+    body, pad, rng = on_floor(shape), pad_of(ur5e), np.random.default_rng(3)
+    grasps = [*marginal_grasps(body, ur5e.opening, APPROACHES, 0.2, DENSEST, pad)]
+    assert pytest.approx(Settings().overlap_m * 2**0.5 / 3) == SURELY_M
+    lacking = 0
+    for grasp in [grasps[i] for i in rng.integers(len(grasps), size=600)]:
+        assert lacks_m(body, ur5e.opening, pad, grasp) == 0.0
+        ahead, by = level_across(grasp.T_world_hand[:3, 1]), rng.uniform(-0.02, 0.02, 2)
+        moved = replace(grasp, T_world_hand=transform(p=by[0] * ahead + by[1] * np.array([0.0, 0.0, 1.0])) @ grasp.T_world_hand)
+        lacks = lacks_m(body, ur5e.opening, pad, moved)
+        assert lacks <= np.linalg.norm(by) + 1e-9
+        if lacks > 0.0:
+            lacking += 1
+            assert judge_hold(ur5e, body, moved) is not None
+    assert lacking > 20
+
+
+def test_of_what_lies_it_is_not_said_what_a_hand_lacks(ur5e: Robot) -> None:
+    lying = Body("it", CAN, transform(rotation_about((1, 0, 0), np.pi / 2), [0.5, 0.0, 0.03]))
+    far = Grasp(transform(p=[9.0, 0.0, 0.0]), 0.05)
+    assert lacks_m(lying, ur5e.opening, PAD, far) == 0.0
+    assert lacks_m(on_floor(CAN), ur5e.opening, PAD, far) > 8.0
 
 
 def test_they_come_after_all_others(ur5e: Robot) -> None:

@@ -15,9 +15,10 @@ from kinematics.transforms import transform
 from perception.observation import Observation, observe
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Choice
-from planning.plan import Blocked, Unsolvable
+from planning.plan import Blocked, Outlook, Unsolvable
 from planning.policies.lookahead import NEAREST, Lookahead, nearest_regions
 from planning.policies.search import Effort, Preferences, Search
+from planning.policies.unsolvable import Finding
 
 SOME = Effort(attempts=200)
 IN_ORDER = Preferences(lambda seen: lambda name: 0.0, lambda seen, name, rng: range(len(seen.regions)))
@@ -227,12 +228,12 @@ def test_nearest_regions_are_in_front_and_of_those_as_near_the_first() -> None:
     assert nearest_regions(seen, "a", rng()) == [i for i in in_order if grid[i] != (0, 0.125)]
 
 
-def proved(state: State) -> Unsolvable:
-    return Unsolvable(("a", "b"), ("another grasp of t",))
+def proved(state: State) -> Finding:
+    return Finding(Unsolvable(("a", "b"), ("another grasp of t",)))
 
 
-def no_proof(state: State) -> None:
-    return None
+def no_proof(state: State) -> Finding:
+    return Finding()
 
 
 def look(world: WrittenWorld, **more: object) -> Lookahead:
@@ -333,8 +334,38 @@ def test_a_proof_ends_it_and_is_remembered() -> None:
     world = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": ["a"]}))
     policy = look(world, prove=proved)
     assert asked(policy, world) == []
-    assert policy.outlook.unsolvable == proved(world.state)
+    assert policy.outlook.unsolvable == proved(world.state).unsolvable
     assert not world.tried
+
+
+def test_hands_that_a_proof_was_missed_by_are_searched_with() -> None:
+    """As the exhaustive look: with all attempts, and no last search."""
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": ["a"]}))
+    with_hand = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": [""]}), tried=world.tried)
+    policy = look(world, prove=lambda state: Finding(hope=with_hand))  # type: ignore[arg-type]
+    assert [name for name, _ in asked(policy, world)] == ["b"]
+    assert policy.outlook == Outlook(least_moves=2)
+    with_hand.can = lambda choice: False
+    world.tried.clear()
+    patient = Effort(attempts=9, last=16)
+    policy = Lookahead(world, IN_ORDER, patient, lambda state: Finding(hope=with_hand), most=5)  # type: ignore[arg-type]
+    assert asked(policy, world) == []
+    assert len(world.tried) == 9
+
+
+def test_hands_that_a_proof_was_missed_by_may_leave_too_many_moves() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": ["a"]}))
+    with_hand = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": [""]}), tried=world.tried)
+    policy = look(world, prove=lambda state: Finding(hope=with_hand), most=1)  # type: ignore[arg-type]
+    assert asked(policy, world) == []
+    assert (policy.outlook.least_moves, world.tried) == (2, [])
+
+
+def test_why_nothing_is_known_is_told() -> None:
+    world = WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": ["a"]}))
+    policy = look(world, prove=lambda state: Finding(undecided="too narrow"))
+    assert asked(policy, world) == []
+    assert policy.outlook == Outlook(undecided="too narrow")
 
 
 def test_too_many_moves_are_not_begun() -> None:
@@ -365,7 +396,7 @@ def test_a_glance_proposes_the_cheapest_first() -> None:
     for costs, order in (({"a": 2.0, "b": 1.0}, ["b", "a"]), ({"a": 1.0, "b": 2.0}, ["a", "b"]), ({"a": 1.0, "b": 1.0}, ["a", "b"])):
         world = WrittenWorld("ab", at_first({"t": ["b", "a"], "a": [""], "b": [""]}))
         preferences = Preferences(lambda seen, costs=costs: costs.__getitem__, IN_ORDER.regions)  # type: ignore[misc]
-        policy = Lookahead(world, preferences, SOME, lambda state: None, most=5, glance=True)
+        policy = Lookahead(world, preferences, SOME, no_proof, most=5, glance=True)
         names = policy.select(observe(world.scene, world.state), rng())
         assert [next(names), next(names)] == order
         assert not world.tried

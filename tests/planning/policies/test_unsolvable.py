@@ -12,10 +12,11 @@ from fakes import scene_of
 
 from kinematics.scene import APPROACHES, State
 from kinematics.transforms import Array
+from planning.motion.handling.finest_look import Access
 from planning.motion.handling.picking import THOROUGH
 from planning.plan import Unsolvable
 from planning.policies import unsolvable as module
-from planning.policies.unsolvable import Prover
+from planning.policies.unsolvable import Finding, Prover
 from planning.relaxed_plan import Names
 
 HERE = State(np.zeros(1), scene_of(*"abcdefgh", target="t").poses())
@@ -35,6 +36,22 @@ class Written:
         return any(not frozenset(way) & standing for way in self.ways.get(name, [""]))
 
 
+class Finest:
+    """Objects in `doubtful` may have a way, though none is found; others have one where the table says so, by a hand called after them."""
+
+    def __init__(self, ways: Ways, doubtful: str) -> None:
+        self.written, self.doubtful, self.asked = Written(ways), doubtful, list[tuple[str, Names]]()
+
+    def at(self, poses: Mapping[str, Array]) -> Finest:
+        assert poses is HERE.poses
+        return self
+
+    def access(self, name: str, standing: Names) -> Access:
+        self.asked.append((name, standing))
+        free = self.written.free(name, standing)
+        return Access(name.upper() if free else None, not free and name not in self.doubtful, 7)  # type: ignore[arg-type]
+
+
 class Cabinet:
     """Stands for `Motions`: what blocks what in the exhaustive look, with any grasp of the target, with all approaches, with both, and in
     the finest look.
@@ -50,6 +67,7 @@ class Cabinet:
         freely: Ways | None = None,
         both: Ways | None = None,
         finest: Ways | None = None,
+        doubtful: str = "",
     ) -> None:
         freely = freely or usual
         self.answers = {
@@ -60,8 +78,17 @@ class Cabinet:
         self.scene = SimpleNamespace(target_name="t", approaches=("horizontal",))
         self.robot, self.cell, self.made = object(), object(), 0
         self.exhaustive = SimpleNamespace(obstructions=self._look(usual))
-        self.finest: SimpleNamespace | None = SimpleNamespace(obstructions=self._look(finest or usual))
+        self.finest: Finest | None = Finest(finest or usual, doubtful)
+        self.partly_unseen, self.usual = False, usual
         self.thorough = SimpleNamespace(target_grasps=("the target's own",))
+
+    def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Any]]) -> Any:
+        """With a hand an object can be picked in the way that the finest look has found."""
+        assert poses is HERE.poses
+        assert self.finest is not None
+        assert all(found == [name.upper()] for name, found in hands.items())
+        ways = {**self.usual, **{name: self.finest.written.ways.get(name, [""]) for name in hands}}
+        return SimpleNamespace(obstructions=self._look(ways), hands=sorted(hands))
 
     def _look(self, ways: Ways) -> Callable[[Mapping[str, Array]], Written]:
         def look(poses: Mapping[str, Array]) -> Written:
@@ -96,21 +123,55 @@ def grasps_that_tell(monkeypatch: pytest.MonkeyPatch) -> None:
 CABINETS: list[Cabinet] = []
 
 
-def proof(cabinet: Cabinet) -> Unsolvable | None:
+def found(cabinet: Cabinet) -> Finding:
     CABINETS[:] = [cabinet]
     return Prover(cabinet)(HERE)  # type: ignore[arg-type]
+
+
+def proof(cabinet: Cabinet) -> Unsolvable | None:
+    return found(cabinet).unsolvable
 
 
 def test_there_is_no_proof_where_the_stuck_ones_leave_a_way() -> None:
     """Though others are in it: they can go."""
     assert proof(Cabinet({**STUCK, "t": ["a", "c"]})) is None
-    assert proof(Cabinet({**STUCK, "t": [""]})) is None
+    assert found(Cabinet({**STUCK, "t": [""]})) == Finding()
 
 
-def test_nothing_is_proved_where_the_finest_look_finds_a_way_to_one_of_the_stuck() -> None:
-    """Not if only others' ways are found there."""
-    assert proof(Cabinet(STUCK, finest={**STUCK, "b": ["c"]})) is None
-    assert proof(Cabinet(STUCK, finest={**STUCK, "c": []})) == proof(Cabinet(STUCK))
+def test_hands_that_the_finest_look_finds_leave_hope() -> None:
+    """The stuck ones are asked with the others of them standing, and no longer than till one has a hand. Other objects are not asked."""
+    cabinet = Cabinet(STUCK, finest={**STUCK, "b": ["c"]})
+    finding = found(cabinet)
+    assert (finding.unsolvable, finding.undecided) == (None, None)
+    assert finding.hope.hands == ["b"]  # type: ignore[union-attr]
+    assert cabinet.finest is not None
+    assert cabinet.finest.asked == [("a", frozenset("b")), ("b", frozenset("a"))]
+    assert found(Cabinet(STUCK, finest={**STUCK, "c": []})) == Finding(proof(Cabinet(STUCK)))
+
+
+def test_with_hands_on_some_the_others_may_be_a_proof_still() -> None:
+    """c has a hand, and after it d; a and b keep each other."""
+    ways: Ways = {**STUCK, "c": ["d"], "d": ["c"], "t": ["ac"]}
+    finest = {**ways, "c": [""], "d": ["a"]}
+    assert proof(Cabinet(ways, finest=finest)) == Unsolvable(("a", "b"), proof(Cabinet(ways)).would_help)  # type: ignore[union-attr]
+    both = found(Cabinet({**ways, "t": ["cd"]}, finest={**ways, "c": [""], "d": [""]}))
+    assert both.hope.hands == ["c"]  # type: ignore[union-attr]
+
+
+def test_what_is_in_doubt_is_said_where_no_hand_is_found() -> None:
+    for doubtful, hand in (("a", "b"), ("b", "a")):
+        finding = found(Cabinet(STUCK, doubtful=doubtful))
+        assert (finding.unsolvable, finding.hope) == (None, None)
+        assert finding.undecided == f"{doubtful} is hardly reachable, if at all: 7 hands between others were looked at, and no more are"
+        open_ = found(Cabinet(STUCK, doubtful=doubtful, finest={**STUCK, hand: [""]}))
+        assert (open_.unsolvable, open_.undecided) == (None, None)
+        assert open_.hope.hands == [hand]  # type: ignore[union-attr]
+
+
+def test_where_space_is_unseen_the_thorough_look_is_fine_enough() -> None:
+    cabinet = Cabinet(STUCK, doubtful="ab")
+    cabinet.partly_unseen = True
+    assert proof(cabinet) == proof(Cabinet(STUCK))
 
 
 def test_nothing_is_proved_by_what_is_stuck_where_no_look_is_fine_enough() -> None:
@@ -118,6 +179,7 @@ def test_nothing_is_proved_by_what_is_stuck_where_no_look_is_fine_enough() -> No
     cabinet, walled = Cabinet(STUCK), Cabinet({"t": [], "a": [""], "b": [""], "c": [""]})
     cabinet.finest = walled.finest = None
     assert proof(cabinet) is None
+    assert "meshes" in (found(cabinet).undecided or "")
     assert proof(walled) == Unsolvable((), ())
 
 

@@ -17,7 +17,7 @@ from planning.grasping.sampling import DENSE, USUAL
 from planning.io.results import scene_writer
 from planning.motion.pick_place import Motions
 from planning.plan import SCENE
-from planning.policies.unsolvable import Prover
+from planning.policies.unsolvable import Finding, Prover
 from planning.scenes.generation import generate, load_spec
 from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
 from planning.target_grasps.proposals import propose
@@ -112,13 +112,13 @@ def test_all_that_is_sampled_can_be_meant_and_densely_there_is_more(ur5e: Robot,
 def test_what_the_proof_says_would_help_does(ur5e: Robot, scene: Scene) -> None:
     """Proved unsolvable with x_g; by another grasp it is solved; and where any may be taken there is no such proof."""
     motions = Motions(ur5e, scene)
-    proof = Prover(motions)(motions.start())
+    proof = Prover(motions)(motions.start()).unsolvable
     assert proof is not None
     assert f"another grasp of {scene.target}" in proof.would_help
     chosen = target_grasps(ur5e, scene, GraspChoice.ANY)
     assert isinstance(chosen, TargetGrasps)
     freer = Motions(ur5e, scene, target_grasps=chosen.first, more_grasps=chosen.more)
-    assert Prover(freer)(freer.start()) is None
+    assert Prover(freer)(freer.start()) == Finding()
     plan = plan_scene(scene, "lookahead", grasp="any")
     assert plan.success
     assert not same(plan.grasp, scene.x_g)

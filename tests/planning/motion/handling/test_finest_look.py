@@ -12,10 +12,12 @@ from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.grasping.hand_poses import level_hand
+from planning.motion.handling import finest_look
 from planning.motion.handling.finest_look import HALVINGS, SAMPLING, STEPS_M, FinestLook, quartered, room_m, with_more_room
 from planning.motion.pick_place import Motions
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
+from planning.verdict import judge_hold
 
 UP = (0, 0, 1)
 CABINET = Cabinet(np.array([0.5, 0.6, 0.4]), transform(rotation_about(UP, 0.3), [0.3, 0.1, 0.2]), 0.03)
@@ -53,12 +55,49 @@ def test_everything_is_further_from_any_point_by_as_much_as_is_asked() -> None:
 def test_what_is_stuck_is_so_by_what_stands_around_it(ur5e: Robot) -> None:
     """Three boxes of a shelf keep each other; what can be picked is free."""
     scene = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
-    look, stuck = FinestLook(ur5e, scene, DEFAULTS).obstructions(scene.poses()), frozenset({"box_0", "box_1", "box_4"})
-    assert not any(look.free(name, stuck - {name}) for name in stuck)
-    motions = Motions(ur5e, scene)
+    motions, stuck = Motions(ur5e, scene), frozenset({"box_0", "box_1", "box_4"})
+    look = FinestLook(ur5e, scene, DEFAULTS, motions.cell).at(scene.poses())
+    assert all(look.access(name, stuck - {name}).closed for name in stuck)
     pickable = [name for name in sorted(scene.poses()) if name != scene.target and motions.picks(motions.start(), name)[0]]
     assert pickable
-    assert look.free(pickable[0], frozenset(scene.poses()) - {scene.target_name, pickable[0]})
+    assert look.access(pickable[0], frozenset(scene.poses()) - {scene.target_name, pickable[0]}).hand is not None
+
+
+def below_a_board(ur5e: Robot, height_m: float) -> Motions:
+    """A box, and over it a board so low, in the middle, that level hands hardly fit between the two; the target is elsewhere."""
+    box = Body("box", Box(np.array([0.05, 0.05, 0.10])), transform(p=[0.45, 0.0, 0.30]))
+    can = Body("can", Cylinder(0.025, 0.12), transform(p=[0.60, 0.2, 0.31]))
+    board = Body("board", Box(np.array([0.3, 0.3, 0.02])), transform(p=[0.45, 0.0, height_m]))
+    cabinet = Cabinet(np.array([0.5, 0.9, 0.5]), transform(p=[0.3, 0.0, 0.25]), 0.03)
+    ref = RobotRef(transform(p=ur5e.base_p), "ur5e")
+    return Motions(ur5e, Scene("s", ref, cabinet, (box, can), "can", None, approaches=("horizontal",), obstacles=(board,)))
+
+
+def test_a_hand_between_those_that_are_sampled_is_found_and_can_be_picked_with(ur5e: Robot) -> None:
+    motions = below_a_board(ur5e, 0.4412)
+    state, alone = motions.start(), frozenset[str]()
+    assert not motions.exhaustive.obstructions(state.poses).free("box", alone)
+    assert motions.finest is not None
+    hand = motions.finest.at(state.poses).access("box", alone).hand
+    assert hand is not None
+    assert judge_hold(ur5e, motions.scene.body("box"), hand) is None
+    there = motions.with_hands(state.poses, {"box": [hand]})
+    picks, _ = there.picks(state, "box")
+    assert {id(pick.grasp) for pick in picks} == {id(hand)}
+    assert there.obstructions(state.poses).free("box", alone)
+    assert not motions.exhaustive.obstructions(state.poses).free("box", alone)  # and nothing is changed there
+
+
+def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_long(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    motions = below_a_board(ur5e, 0.4408)
+    assert motions.finest is not None
+    look = motions.finest.at(motions.scene.poses())
+    access = look.access("box", frozenset())
+    assert (access.hand, access.closed) == (None, True)
+    monkeypatch.setattr(finest_look, "MOST_BETWEEN", access.between // 2)
+    doubtful = look.access("box", frozenset())
+    assert (doubtful.hand, doubtful.closed) == (None, False)
+    assert access.between // 2 <= doubtful.between < access.between
 
 
 @pytest.mark.parametrize("level", range(HALVINGS))

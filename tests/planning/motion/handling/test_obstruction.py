@@ -16,7 +16,7 @@ from planning.motion.handling.carry import Done
 from planning.motion.handling.picking import THOROUGH, Picking
 from planning.motion.handling.spots import SpotQueries, Spots
 from planning.motion.pick_place import Motions
-from planning.policies.unsolvable import Prover
+from planning.policies.unsolvable import Finding, Prover
 from planning.relaxed_plan import relaxed_plan, stuck_set
 from planning.scenes.generation import generate, load_spec
 
@@ -119,7 +119,7 @@ def test_a_box_that_no_hand_can_take_proves_that_no_move_helps(ur5e: Robot) -> N
     view, standing = motions.obstructions(state.poses), frozenset({"box", "tin"})
     assert relaxed_plan(view, "can", standing) is None
     assert stuck_set(view, standing) == {"box"}
-    proof = Prover(motions)(state)
+    proof = Prover(motions)(state).unsolvable
     assert proof is not None
     assert proof.stuck == ("box",)
     assert "box taken away by hand" in proof.would_help
@@ -133,7 +133,7 @@ def test_no_proof_where_a_move_helps(ur5e: Robot) -> None:
     plan = relaxed_plan(motions.obstructions(state.poses), "can", frozenset({"box"}))
     assert plan is not None
     assert plan.order == ("box",)
-    assert Prover(motions)(state) is None
+    assert Prover(motions)(state) == Finding()
     free = State(state.q, {"can": state.poses["can"]})
     assert isinstance(motions.retrieve_target(free, np.random.default_rng(0)), Done)
 

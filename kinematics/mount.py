@@ -22,6 +22,7 @@ def standing_still(scene: Scene) -> tuple[Body, ...]:
     return scene.fixtures() if under is None else (*scene.fixtures(), under)
 
 
+@lru_cache(maxsize=8)
 def mount(scene: Scene) -> Body | None:
     """The mount as a box under the base's plane; None where there is none: for a robot of one's own, unless the scene's robot says so, and
     for a named one whose scene says that it has none (`mount`).

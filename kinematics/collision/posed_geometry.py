@@ -84,6 +84,25 @@ def with_covers(pieces: GeometryModel, covers: Sequence[Levels]) -> GeometryMode
     )
 
 
+def several_times(pieces: GeometryModel, times: int) -> GeometryModel:
+    """The same pieces so many times, one after the other: what `make_geometry_model` makes of hulls that are repeated."""
+
+    def starts(table: Int) -> Int:
+        return _joined([table] * times)
+
+    return GeometryModel(
+        np.tile(pieces.vertices, times),
+        np.tile(pieces.groups, times),
+        starts(pieces.start),
+        starts(pieces.coarse_start),
+        np.tile(pieces.coarse, (times, 1)),
+        starts(pieces.child_start),
+        np.tile(pieces.child, times),
+        starts(pieces.fine_start),
+        np.tile(pieces.fine, (times, 1)),
+    )
+
+
 def make_posed_geometry(chain: Chain, parts: Parts, covers: Sequence[Levels] = ()) -> PosedGeometry:
     """Parts and their covers, both given in the frames that carry them."""
     hulls = [parts.vertices[i:j] for i, j in zip(parts.start[:-1], parts.start[1:])]
@@ -154,8 +173,11 @@ def without_covers(posed: PosedGeometry) -> PosedGeometry:
 
 def _joined(starts: Sequence[Int]) -> Int:
     """Where rows start when tables are put one after the other: starts (n + 1,) of each, the last of which is how long it is."""
-    before = np.cumsum([0, *(start[-1] for start in starts)])
-    return np.concatenate([starts[0][:1], *(start[1:] + n for start, n in zip(starts, before))])
+    out, rows = [starts[0]], starts[0][-1]
+    for start in starts[1:]:
+        out.append(start[1:] + rows)
+        rows = rows + start[-1]
+    return np.concatenate(out)
 
 
 @jit_entry

@@ -9,7 +9,15 @@ import numpy as np
 
 from kinematics.chain import Int
 from kinematics.collision.covers.levels import Levels, box_levels, cylinder_levels, levels
-from kinematics.collision.posed_geometry import GeometryModel, PosedGeometry, make_geometry_model, pose_geometry, pose_others, with_covers
+from kinematics.collision.posed_geometry import (
+    GeometryModel,
+    PosedGeometry,
+    make_geometry_model,
+    pose_geometry,
+    pose_others,
+    several_times,
+    with_covers,
+)
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
 from kinematics.robots.robot import Robot
 from kinematics.robots.tree import carried
@@ -34,7 +42,9 @@ def _link_pieces(robot: Robot) -> GeometryModel:
 @lru_cache(maxsize=16)
 def _finger_pieces(robot: Robot, times: int, covered: bool) -> GeometryModel:
     """The hulls that move with the gripper's joint, so many times: each time they may stand elsewhere."""
-    own = [i for i, hull in enumerate(robot.hulls) if hull.link in robot.fingers] * times
+    if times != 1:
+        return several_times(_finger_pieces(robot, 1, covered), times)
+    own = [i for i, hull in enumerate(robot.hulls) if hull.link in robot.fingers]
     return make_geometry_model([robot.hulls[i].vertices for i in own], [link_covers(robot)[i] for i in own] if covered else [])
 
 

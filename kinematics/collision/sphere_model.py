@@ -123,6 +123,31 @@ def posed_sphere_model(chain: Chain, posed: PosedGeometry) -> SphereModel:
     )
 
 
+def with_more_parts(chain: Chain, model: SphereModel, posed: PosedGeometry, more: PosedGeometry) -> SphereModel:
+    """What `posed_sphere_model` makes of posed geometry whose first parts are packed as `model`, and whose last ones are `more`: an arm has
+    thousands of vertices, and an object in its hand a hundred."""
+    own = posed_sphere_model(chain, more)
+    slack = np.concatenate([model.slack, own.slack])
+    many, balls, all_slack = np.zeros_like(model.many), np.zeros_like(model.all), np.zeros_like(model.all_slack)
+    _around_all(posed, slack, many, balls, all_slack)
+    fine_before = np.uint64(len(model.fine))
+    return model._replace(
+        frame=np.concatenate([model.frame, own.frame]),
+        bound=np.concatenate([model.bound, own.bound]),
+        box=np.concatenate([model.box, own.box]),
+        many=many,
+        all=balls,
+        all_slack=all_slack,
+        coarse_start=posed.coarse_start.astype(np.uint64),
+        coarse=np.concatenate([model.coarse, own.coarse]),
+        child_start=posed.child_start.astype(np.uint64),
+        child=np.concatenate([model.child, own.child + fine_before]),
+        fine=np.concatenate([model.fine, own.fine]),
+        reach=np.concatenate([model.reach, own.reach]),
+        slack=slack,
+    )
+
+
 def make_sphere_world(solids: Solids, query: Query) -> SphereWorld:
     """Pack the bodies and the question about them."""
     B = len(solids.kind)

@@ -69,7 +69,7 @@ class Robot:
         """Limits (J,) in rad/s³ or m/s³."""
         return self.limits.jerk
 
-    @property
+    @cached_property
     def arm_limits(self) -> tuple[Array, Array, Array]:
         """Limits of velocity, acceleration and jerk of the arm's joints (A,)."""
         return self.arm_q(self.velocity), self.arm_q(self.acceleration), self.arm_q(self.jerk)

@@ -74,13 +74,16 @@ def polyhedra(shape: Shape, sides: int = SIDES) -> tuple[Polyhedron, ...]:
             return _parts(shape)
 
 
+_FACES = np.concatenate([np.eye(3), -np.eye(3)])
+_CORNERS = box_corners(np.ones(3))
+_BOX_EDGES = np.array([(i, j) for i in range(8) for j in range(i) if np.count_nonzero(_CORNERS[i] != _CORNERS[j]) == 1])
+
+
 @lru_cache(maxsize=256)
 def _box(x: float, y: float, z: float) -> Polyhedron:
     half = np.array([x, y, z]) / 2
-    corners = box_corners(half)
-    edges = np.array([(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corners[i] != corners[j]) == 1])
-    planes = np.concatenate([np.c_[np.eye(3), half], np.c_[-np.eye(3), half]])
-    return Polyhedron(corners, edges, planes, x * y * z, np.zeros(3))
+    planes = np.concatenate([_FACES, np.concatenate([half, half])[:, None]], axis=1)
+    return Polyhedron(box_corners(half), _BOX_EDGES, planes, x * y * z, np.zeros(3))
 
 
 @lru_cache(maxsize=256)

@@ -12,7 +12,7 @@ from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.collision.geometry import Query, Solids, make_solids, scene_solids, solids_at, some_solids
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
-from kinematics.collision.sphere_model import posed_sphere_model
+from kinematics.collision.sphere_model import with_more_parts
 from kinematics.mount import standing_still
 from kinematics.robots.names import check_names
 from kinematics.robots.robot import Robot
@@ -124,7 +124,7 @@ class PackedCell:
             first = len(links)
             grip = self.arm.in_hand(shape_geometry(self.scene.body(held.body).shape), held.T_hand_body)
             posed, links = join_posed(posed, grip), links + (held.body,) * len(grip.frame)
-            model = posed_sphere_model(self.arm.chain, posed)
+            model = with_more_parts(self.arm.chain, model, posed, grip)
             others = [i for i, link in enumerate(links[:first]) if link not in self.robot.pads]
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
 
@@ -53,7 +54,7 @@ class Workcell(PackedCell):
         self._until_s: float | None = None  # perf_counter's time when the budget that searches share is used up
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
 
-    @property
+    @cached_property
     def home_arm(self) -> Array:
         """The arm's joints (A,) where its robot waits."""
         return self.robot.arm_q(self.robot.home)

@@ -72,7 +72,8 @@ class Pick:
     def turned(self, lower: Array, upper: Array) -> list[Pick]:
         """This pick, and the same with joints whole turns further where limits (A,) allow that."""
         _, *turns = whole_turns(np.concatenate([self.approach, self.lift]), lower, upper)
-        return [self, *(replace(self, approach=self.approach + by, lift=self.lift + by) for by in turns)]
+        rest = self.gripper_open, self.gripper_closed, self.held, self.carrying, self.lifting
+        return [self, *(Pick(self.grasp, self.approach + by, self.lift + by, *rest) for by in turns)]
 
 
 class Picking:
@@ -123,7 +124,7 @@ class Picking:
         self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array, will_do: Callable[[Pick], bool]
     ) -> list[Pick]:
         """As `picks`, but only a few that will do, those of the most natural grasps."""
-        ways = self._one_by_one(self.grasps(poses, name), poses, rest, name, _Failures(self.cell, name))
+        ways = self._one_by_one(self.grasps(poses, name), poses, rest, name, _Failures(name))
         return sorted(islice(filter(will_do, ways), MOST_WIDER), key=lambda p: float(np.abs(p.approach[0] - q).max()))
 
     def grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
@@ -137,7 +138,7 @@ class Picking:
     def _picks(
         self, grasps: _Grasps, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array
     ) -> tuple[list[Pick], Blocked]:
-        failures = _Failures(self.cell, name)
+        failures = _Failures(name)
         picks = list(self._one_by_one(grasps, poses, rest, name, failures))
         picks.sort(key=lambda p: float(np.abs(p.approach[0] - q).max()))
         return picks, failures.furthest
@@ -192,20 +193,29 @@ class Picking:
 
 
 class _Failures:
-    """How far the best of the ways that failed got, in words."""
+    """How far the best of the ways that failed got; in words once somebody asks."""
 
-    def __init__(self, cell: Workcell, name: str) -> None:
-        self.furthest = Blocked("grasp", body=name, detail="no grasp fits its shape and the gripper's opening")
-        self._cell, self._name, self._got_to = cell, name, 0
+    def __init__(self, name: str) -> None:
+        self._name, self._got_to = name, 0
+        self._last: tuple[str, PlanningQuery | ContactQuery, int] | None = None
 
     def out_of_reach(self) -> None:
-        if self._got_to == 0:
-            self.furthest, self._got_to = Blocked("ik", "hand", self._name, detail="the grasp is out of reach"), 1
+        self._got_to = max(self._got_to, 1)
 
     def note(self, code: int, query: PlanningQuery | ContactQuery, pair: int) -> None:
         """One got as far as a code of `reaching`, where a pair of the query touched."""
         if 1 + code >= self._got_to:
-            self.furthest, self._got_to = queries.blocked(STAGES[code], query, pair, self._name), 1 + code
+            self._last, self._got_to = (STAGES[code], query, pair), 1 + code
+
+    @property
+    def furthest(self) -> Blocked:
+        """What blocked the last of those that got furthest."""
+        if self._last is not None:
+            stage, query, pair = self._last
+            return queries.blocked(stage, query, pair, self._name)
+        if self._got_to:
+            return Blocked("ik", "hand", self._name, detail="the grasp is out of reach")
+        return Blocked("grasp", body=self._name, detail="no grasp fits its shape and the gripper's opening")
 
 
 class _OpenHand:

@@ -31,7 +31,8 @@ class Body:
     """A named solid and where it is: T_world_body (4, 4).
 
     max_tilt_deg: how far it may be tilted while it is carried, None where the plan's own limit holds. source: whether someone said where it
-    is, or a camera saw it.
+    is, or a camera saw it. sides_m: of what was seen, from which to which height above its bottom its sides are where the shape has them;
+    None: all the way up.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Body:
     T_world_body: Array
     max_tilt_deg: float | None = None
     source: Literal["given", "seen"] = "given"
+    sides_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

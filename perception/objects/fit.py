@@ -18,6 +18,7 @@ from kinematics.transforms import Array, rotation_about, transform
 from perception.objects.footprint import DIRECTIONS, LEAST_M, least_circle, least_rectangle, outline_of, upright_solid
 from perception.objects.prepared_frames import PreparedFrames
 from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
+from perception.objects.sides import seen_sides
 
 ROUNDS, STEPS = 3, 3
 FEW = 3000
@@ -63,7 +64,8 @@ def standing_solids(
             shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), points - up)
         else:
             shape, T = upright_solid(points - up)
-        out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T, source="seen"))
+        sides = seen_sides(shape, T, points - up)
+        out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T, source="seen", sides_m=sides))
     return tuple(out)
 
 

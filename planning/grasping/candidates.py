@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -171,6 +171,18 @@ class Candidates:
 def half_along(body: Body, direction: Array | Sequence[float]) -> float:
     """Half of how far a body's own box extends along a unit direction (3,), world, in metres."""
     return float(body.shape.half @ np.abs(body.T_world_body[:3, :3].T @ direction))
+
+
+def with_sides(body: Body) -> Body:
+    """The part of an upright body that pads may close on: all of it, or what was seen to have its sides where the shape has them."""
+    if body.sides_m is None or not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body):
+        return body
+    half, low = float(body.shape.half[2]), body.sides_m[0]
+    height = min(body.sides_m[1], 2 * half) - low
+    if height <= 0.0:
+        return body
+    shape = Cylinder(body.shape.radius_m, height) if isinstance(body.shape, Cylinder) else Box(np.array([*body.shape.size_m[:2], height]))
+    return replace(body, shape=shape, T_world_body=body.T_world_body @ transform(p=[0.0, 0.0, low + height / 2 - half]), sides_m=None)
 
 
 def is_upright(body: Body) -> bool:

@@ -14,7 +14,7 @@ from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from planning.grasping.antipodal import FRICTION_ANGLE, antipodal, crossed
-from planning.grasping.candidates import Candidates
+from planning.grasping.candidates import Candidates, with_sides
 from planning.grasping.hand_poses import CLEAR_M, Lowest, usual_lowest
 from planning.grasping.line_contacts import Contact
 from planning.grasping.mesh_grasps import mesh_grasps
@@ -48,7 +48,7 @@ def sample_grasps(
     """
     if opening.round_only and not isinstance(body.shape, Cylinder):
         return
-    ranked = []
+    body, ranked = with_sides(body), []
     tips = floor_z + pad.tip_z_m + CLEAR_M if pad is not None and isinstance(body.shape, ConvexMesh) else -np.inf
     for room_m in sampling.rooms_m:
         candidates = Candidates(body, opening, tuple(approaches), floor_z, toward, sampling, lowest, room_m, tips)

@@ -20,7 +20,7 @@ from kinematics.scene import Body, Grasp
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, transform
 from planning.grasping.antipodal import SPARE_M
-from planning.grasping.candidates import is_upright
+from planning.grasping.candidates import is_upright, with_sides
 from planning.grasping.hand_poses import UP, ahead_of, level_across, level_hand
 from planning.grasping.pads import Pad
 from planning.grasping.sampling import Headings, Sampling
@@ -66,6 +66,7 @@ def marginal_grasps(
     """
     if sampling.steps_m is None or opening.cup_m or opening.round_only or not is_upright(body):
         return
+    body = with_sides(body)
     pitches, steps = [pitch for kind in approaches for pitch in sampling.pitches[kind]], sampling.steps_m
 
     def places(outline: _Outline) -> Places:
@@ -129,6 +130,7 @@ def lacks_m(body: Body, opening: Opening, pad: Pad, grasp: Grasp) -> float:
     by a square of SURELY_M; 0 where it does, or where that can't be said."""
     if not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body):
         return 0.0
+    body = with_sides(body)
     R, T = grasp.T_world_hand[:3, :3], body.T_world_body
     if isinstance(body.shape, Cylinder):
         outline = _Outline(_strip_m(body.shape.radius_m), body.shape.height_m / 2, 2 * body.shape.radius_m)

@@ -52,7 +52,7 @@ def scene_to_json(scene: Scene, folder: Path | None = None) -> dict[str, Any]:
     second = _second_version(scene, at)
     robot_2 = _robot_second_version(scene.robot)
     objects = [_body_to_json(b, at) for b in scene.objects]
-    is_second = bool(second or robot_2 or not objects or any(b.max_tilt_deg is not None or b.source != "given" for b in scene.objects))
+    is_second = bool(second or robot_2 or not objects or any(map(_says_more, scene.objects)))
     document: dict[str, Any] = {
         "schema": SCENE_2 if is_second else SCENE_1,
         "id": scene.id,
@@ -109,6 +109,11 @@ def _robot_second_version(ref: RobotRef) -> dict[str, Any]:
     })  # fmt: skip
 
 
+def _says_more(body: Body) -> bool:
+    """Whether there is more to say of an object than the first version of scenes can."""
+    return body.max_tilt_deg is not None or body.source != "given" or body.sides_m is not None
+
+
 def _body_to_json(body: Body, folder: Path) -> dict[str, Any]:
     document: dict[str, Any] = {
         "name": body.name,
@@ -119,6 +124,8 @@ def _body_to_json(body: Body, folder: Path) -> dict[str, Any]:
         document["max_tilt_deg"] = float(body.max_tilt_deg)
     if body.source != "given":
         document["source"] = body.source
+    if body.sides_m is not None:
+        document["sides_m"] = [float(height) for height in body.sides_m]
     return document
 
 
@@ -267,7 +274,7 @@ def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *,
     """Objects, or obstacles (`still`). taken: names that stand for something else."""
     bodies: dict[str, Body] = {}
     for item in node.items(least=least, most=MOST_BODIES):
-        f = _fields(item, second, ("name", "shape", "T_world_object"), (), () if still else ("max_tilt_deg", "source"))
+        f = _fields(item, second, ("name", "shape", "T_world_object"), (), () if still else ("max_tilt_deg", "source", "sides_m"))
         name = f["name"].text()
         if name in bodies:
             raise f["name"].error(f"{name!r} is the name of an {'obstacle' if still else 'object'} before it; each needs its own")
@@ -280,8 +287,17 @@ def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *,
             f["T_world_object"].pose(),
             f["max_tilt_deg"].number(least=0, most=180) if "max_tilt_deg" in f else None,
             "seen" if "source" in f and f["source"].text(SOURCES) == "seen" else "given",
+            _heights(f["sides_m"]) if "sides_m" in f else None,
         )
     return tuple(bodies.values())
+
+
+def _heights(node: Node) -> tuple[float, float]:
+    """From a height to a larger one, m."""
+    low, high = (float(v) for v in node.vector(2, lengths=True))
+    if not 0 <= low < high:
+        raise node.error(f"[{low:g}, {high:g}] is not from a height above the object's bottom to a larger one")
+    return low, high
 
 
 def _shape(node: Node, load: LoadMesh) -> Shape:

@@ -28,6 +28,7 @@ from perception.objects.prepared_frames import prepare
 from perception.objects.segment import object_points
 from perception.objects.settle import MOST_M, settled
 from planning.grasping.finger_grasps import sample_grasps
+from planning.grasping.marginal_grasps import lacks_m
 from planning.grasping.pads import pad_of
 from planning.motion.pick_place import Motions
 from planning.sensing import hiding_places
@@ -140,7 +141,8 @@ def with_grasp(robot: Robot, scene: Scene) -> Scene:
         return scene
     if scene.grasp is not None:
         for grasp in (scene.grasp, _closed_on(target, scene.grasp)):
-            if judge_grasp(robot, scene, grasp) is None:
+            at_sides = lacks_m(target, robot.opening, pad_of(robot), grasp) == 0.0
+            if at_sides and judge_grasp(robot, scene, grasp) is None:
                 return replace(scene, grasp=grasp)
     floor_z, base = float(scene.cabinet.T_world_cabinet[2, 3]), scene.robot.T_world_base[:2, 3]
     toward = float(np.arctan2(*(target.T_world_body[:2, 3] - base)[::-1]))

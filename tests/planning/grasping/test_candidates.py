@@ -12,7 +12,7 @@ from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.antipodal import skew
-from planning.grasping.candidates import UPRIGHT, Candidate, Candidates, is_upright
+from planning.grasping.candidates import UPRIGHT, Candidate, Candidates, is_upright, with_sides
 from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.hand_poses import LEAST_BITE_M, STAY, Move, fit_box, height_of, level_hand, most_above, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
@@ -42,6 +42,28 @@ def test_only_boxes_are_taken_nearer_to_the_hand_and_only_level() -> None:
     assert backs(BOX, "horizontal") == sorted(DENSE.backs_m)
     assert [backs(BOX, kind) for kind in ("diagonal", "downward")] == [[0.0], [0.0]]
     assert [backs(shape, "horizontal") for shape in (CAN, BRICK)] == [[0.0], [0.0]]
+
+
+@pytest.mark.parametrize("shape", [BOX, CAN], ids=["box", "can"])
+def test_what_was_seen_is_held_where_its_sides_are(shape: Shape) -> None:
+    """As if there were no more of it; whatever is said of sides beyond its height, or of what lies, counts for nothing."""
+    body = Body("it", shape, transform(p=[0.5, 0.1, 0.05]))
+    part = with_sides(replace(body, sides_m=(0.02, 0.06)))
+    assert part.shape.half == pytest.approx([*shape.half[:2], 0.02])  # type: ignore[union-attr]
+    assert part.T_world_body[:3, 3] == pytest.approx([0.5, 0.1, 0.04])
+    kinds = ("horizontal", "diagonal")
+    hands = [list(sample_grasps(b, OPENING, kinds, 0.0, 0.0, DENSE)) for b in (replace(body, sides_m=(0.02, 0.06)), part, body)]
+    poses = [[grasp.T_world_hand for grasp in some] for some in hands]
+    assert np.array_equal(poses[0], poses[1])
+    assert not np.array_equal(poses[0], poses[2])
+    assert with_sides(body) is body
+    assert with_sides(replace(body, sides_m=(0.02, 9.0))).T_world_body[2, 3] == pytest.approx(0.06)
+    for nothing in (
+        replace(body, sides_m=(0.2, 0.3)),
+        replace(body, sides_m=(0.02, 0.06), T_world_body=transform(rotation_about(X, np.pi / 2))),
+        replace(body, sides_m=(0.02, 0.06), shape=BRICK),
+    ):
+        assert with_sides(nothing) is nothing
 
 
 def test_a_mesh_is_held_lower_too_and_from_above_as_low_as_diagonally() -> None:

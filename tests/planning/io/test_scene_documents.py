@@ -56,6 +56,7 @@ def test_each_field_of_version_2_makes_it_version_2() -> None:
         replace(scene, objects=()),
         replace(scene, objects=(replace(body, max_tilt_deg=0.0), *scene.objects[1:])),
         replace(scene, objects=(replace(body, source="seen"), *scene.objects[1:])),
+        replace(scene, objects=(replace(body, sides_m=(0.0, 0.05)), *scene.objects[1:])),
     ]
     for other in others:
         written = scene_to_json(other)
@@ -68,6 +69,9 @@ def test_each_field_of_version_2_makes_it_version_2() -> None:
 
 
 MISTAKES: list[tuple[Change, str]] = [
+    (lambda d: d["objects"][0].update(sides_m=[0.1, 0.05]), "objects[0].sides_m: [0.1, 0.05] is not from a height above the object's"),
+    (lambda d: d["objects"][0].update(sides_m=[-0.1, 0.05]), "objects[0].sides_m: [-0.1, 0.05] is not from a height above the object's"),
+    (lambda d: d["objects"][0].update(sides_m=[0.1]), "objects[0].sides_m: holds 1 numbers, and 2 are needed"),
     (lambda d: d.update(schema="retrieve/scene@1"), "the field 'obstacles' came with version 2: write \"schema\": \"retrieve/scene@2\""),
     (lambda d: d["obstacles"][0].update(name="box_0"), "obstacles[0].name: 'box_0' is an object; choose another name"),
     (lambda d: d["obstacles"][0].update(name="floor"), "obstacles[0].name: 'floor' is a wall of the cabinet; "),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,20 @@ from test_segment import box, can, photograph, placed, without_masks
 
 from kinematics.errors import InputError
 from kinematics.robots.load import load
-from kinematics.scene import Body, Cabinet, RobotRef, Scene, State, object_box
-from kinematics.transforms import transform
+from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene, State, object_box
+from kinematics.shapes import ConvexMesh
+from kinematics.transforms import Array, transform
 from perception.camera import realsense_d435i
 from perception.frames import Frame, write_frames
 from perception.observation import is_seen, observe
+from planning.grasping.hand_poses import level_hand
 from planning.io.files import read_scenes
 from planning.io.results import scene_writer
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.sensing.recording import box_at_pixel
 from planning.sensing.unseen_space import unseen_space
+from planning.verdict import judge_hold
 from retrieve_cli.plan_line import plan_scene
 from retrieve_cli.sense import parse_pixel, run
 
@@ -157,3 +161,30 @@ def test_what_carries_something_is_not_picked_before_that() -> None:
     assert motions.picks(state, "upper")[0]
     alone = State(state.q, {"lower": state.poses["lower"]})
     assert motions.picks(alone, "lower")[0]
+
+
+def test_a_bottle_that_was_seen_is_held_below_its_neck(tmp_path: Path) -> None:
+    """Its solid is as wide at the neck, where pads would stop before it: neither grasps that are proposed nor a given one close there."""
+
+    def ring(radius_m: float, z: float) -> Array:
+        angle = np.arange(32) * np.pi / 16
+        return np.column_stack([radius_m * np.cos(angle), radius_m * np.sin(angle), np.full(32, z)])
+
+    rings = [ring(0.03, -0.1), ring(0.03, 0.01), ring(0.013, 0.06), ring(0.013, 0.1)]
+    bottle = Body("bottle", ConvexMesh(tuple(np.concatenate(pair) for pair in pairwise(rings))), transform(p=[0.25, 0.05, 0.1]))
+    (true,) = placed([bottle], CABINET)
+    write_frames(tmp_path / "frames", without_masks(photograph(placed([bottle], CABINET), CABINET, camera=CAMERA)))
+    robot, shoulder_z = load("ur5e"), float(true.T_world_body[2, 3]) + 0.01
+    at_neck = Grasp(transform(level_hand(np.array([1.0, 0.0, 0.0]), 0.0), [*true.T_world_body[:2, 3], shoulder_z + 0.075]), 0.026)
+    T = at_neck.T_world_hand.copy()
+    T[:3, 3] -= robot.opening.pad_z_at(0.026) * T[:3, 2]
+    assert judge_hold(robot, true, replace(at_neck, T_world_hand=T)) is None
+    for given in (None, replace(at_neck, T_world_hand=T)):
+        file = blank(tmp_path / "blank.jsonl", grasp=given, target_box=object_box(true))
+        seen = sensed(file, tmp_path / "frames", tmp_path / "seen.jsonl")
+        (body,) = seen.objects
+        assert body.sides_m is not None
+        assert body.sides_m[1] == pytest.approx(0.11, abs=0.012)
+        for grasp in (seen.x_g, *(grasp for grasp, _ in seen.grasps)):
+            middle_z = (grasp.T_world_hand @ [*robot.opening.middle(grasp.width_m), 1.0])[2]
+            assert middle_z < shoulder_z

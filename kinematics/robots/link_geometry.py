@@ -95,9 +95,18 @@ def link_hulls(link: Any, at_hand: Collection[str], *, apart: bool = True) -> tu
             continue
         T = np.eye(4) if collision.origin is None else collision.origin
         for points in parts:
-            hull = trimesh.convex.convex_hull(_not_flat(np.asarray(points @ T[:3, :3].T + T[:3, 3])))
-            hulls.append(LinkHull(link.name, np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)))
+            placed = np.asarray(points @ T[:3, :3].T + T[:3, 3], float)
+            hulls.append(LinkHull(link.name, *_hull(placed.tobytes())))
     return hulls, notes
+
+
+@lru_cache(maxsize=512)
+def _hull(points: bytes) -> tuple[Array, Int]:
+    """Vertices (V, 3) and faces (F, 3) of the hull of points (P, 3): a URDF is read twice, before its hand is known and after."""
+    import trimesh
+
+    hull = trimesh.convex.convex_hull(_not_flat(np.frombuffer(points).reshape(-1, 3)))
+    return np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64)
 
 
 def _not_flat(points: Array) -> Array:
@@ -160,9 +169,9 @@ def _parts_wanted(mesh: MeshSolid, at_hand: bool) -> int:
 
 
 def _volume(parts: tuple[Array, ...]) -> float:
-    import trimesh
+    from scipy.spatial import ConvexHull
 
-    return float(sum(trimesh.convex.convex_hull(points).volume for points in parts))
+    return float(sum(ConvexHull(points, qhull_options="QJ").volume for points in parts))
 
 
 def take_apart(links: Iterable[Any], at_hand: Collection[str]) -> None:

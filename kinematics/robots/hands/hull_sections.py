@@ -13,6 +13,8 @@ FLAT = 1e-12  # what of a face's normal is along a line, where they are parallel
 SLIVER_M = 1e-6
 """Triangles that are no higher than that say nothing about a hull's faces."""
 
+_NOWHERE = np.full(len(HEIGHTS_M), np.nan)
+
 
 class Sections:
     """Where lines along y cross hulls at HEIGHTS_M; remembered by their arrays, for most of them stand still as the fingers move."""
@@ -22,6 +24,8 @@ class Sections:
 
     def at(self, vertices: Array, faces: Int, x: float) -> tuple[Array, Array]:
         """Least and greatest y (Z,) of the lines at x, see `cross_section`."""
+        if not vertices[:, 0].min() <= x <= vertices[:, 0].max():
+            return _NOWHERE, _NOWHERE
         key = (id(vertices), x)
         if key not in self._known:
             self._known[key] = cross_section(vertices if x == 0.0 else vertices - [x, 0.0, 0.0], faces, HEIGHTS_M)

@@ -1,7 +1,7 @@
 """Where a cabinet stands best for an arm: how far before it, how high, and how large, so that the arm reaches what stands in it.
 
 First by the arm alone, on a grid around it (`places`); then the best places are tried with the hand, objects and the cabinet's walls
-(`trials`); at last the objects are made so few that there is a way to most targets.
+(`trials`); at last the objects are made so few that scenes can be solved.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from planning.grasping.hand_poses import UP
 from planning.motion.cell.arm import Arm, arm_at
 from planning.scenes.fitting.places import Place, promising, worth
 from planning.scenes.fitting.sizes import cut, fewer, of_one_kind, scale_for, scaled, slimmed
-from planning.scenes.fitting.trials import Tried, held_heights, not_held, one_shape, share, solvable, with_shapes
+from planning.scenes.fitting.trials import Tried, held_heights, not_held, one_shape, share, solved, with_shapes
 from planning.scenes.generation import NoScene, Spec
 
 EXACTLY = 8  # places that are tried
@@ -27,8 +27,8 @@ LEAST_SHARE, BOX_SHARE = 0.2, 0.5
 has to look that is before it."""
 SLIMMER = (1.0, 0.9, 0.8, 0.65, 0.5)
 """Shares of the objects' width, of which the first is taken that the hand can hold: palm and knuckles may leave less room than fingers."""
-SCENES, THINNER = 12, ((1.0, 1.0), (1.0, 2.0), (0.8, 2.0), (0.65, 2.0), (0.5, 2.0), (0.4, 2.0))
-"""Of so many scenes there is a way to each target; or else objects are fewer and further apart: shares of their number, times their gap."""
+SCENES, THINNER = 16, ((1.0, 1.0), (1.0, 2.0), (0.7, 2.0), (0.5, 2.0), (0.4, 2.0))
+"""So many scenes are solved, each of them; or else objects are fewer and further apart: shares of their number, times their gap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,17 +126,15 @@ def _at_held_heights(found: Tried, robot: Robot, ref: RobotRef, cup: bool) -> Tr
 
 
 def _thinned(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None]) -> Spec:
-    """A spec with objects so far apart and so few that all targets of some scenes can be got at, or else most of them."""
-    best, most = spec, -1
+    """A spec with objects so far apart and so few that all of some scenes are solved; the thinnest, if that is never so."""
+    thinner = spec
     for count, gap in THINNER:
         thinner = replace(fewer(spec, count), objects_gap_m=gap * spec.objects_gap_m)
         said = f"{thinner.objects_count[0]} to {thinner.objects_count[1]} objects, {1000 * thinner.objects_gap_m:.0f} mm apart"
         on_step(f"fitting a cabinet: {said}")
-        if (found := sum(solvable(thinner, robot, ref, SCENES))) > most:
-            best, most = thinner, found
-        if found == SCENES:
+        if all(solved(thinner, robot, ref, SCENES)):
             break
-    return best
+    return thinner
 
 
 def _positions(arm: Arm) -> Array:

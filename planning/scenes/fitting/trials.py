@@ -23,7 +23,9 @@ from planning.motion.handling.picking import QUICK, Picking
 from planning.motion.handling.waiting import places_to_wait
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
-from planning.relaxed_plan import relaxed_plan
+from planning.policies.lookahead import NEAREST
+from planning.policies.search import Effort, Search
+from planning.retrieval import MAX_MOVES
 from planning.scenes.generation import NoScene, Spec, generate
 from planning.verdict import judge_grasp
 
@@ -36,7 +38,7 @@ SIZES = (0.0, 1.0, 0.5)  # heights that are tried, in shares of their range
 ROOMY = 4.0  # times as large as a spec's cabinet is one whose walls are in no hand's way
 ONE_PICK = replace(QUICK, enough_picks=1, enough_grasps=1)
 SEED, STAGE = 0, 7  # of the scenes that are tried
-MOST_MOVES = 5
+ATTEMPTS = 40  # moves that are tried in each of them
 Where = tuple[float, float]
 
 
@@ -131,16 +133,21 @@ def held_heights(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool) -> tup
     return float(shares[first]), float(shares[last])
 
 
-def solvable(spec: Spec, robot: Robot, ref: RobotRef, n: int) -> Iterator[bool]:
-    """Whether the target of each of n scenes of a spec can be got at if what is taken out of its way vanished (`relaxed_plan`)."""
+def solved(spec: Spec, robot: Robot, ref: RobotRef, n: int) -> Iterator[bool]:
+    """Of each of n scenes of a spec, whether moves are found after which its target can be taken out, motions and all: picked, carried and
+    put down, as the policy `lookahead` does it, with `ATTEMPTS` to be made."""
     for i in range(n):
         try:
             scene = generate(spec, robot, ref, SEED, i, stage=STAGE)
         except NoScene:
+            yield from (n - i) * [False]
             return
         motions = Motions(robot, scene)
-        others = frozenset(body.name for body in scene.objects) - {scene.target_name}
-        yield relaxed_plan(motions.obstructions(scene.poses()), scene.target_name, others, most=MOST_MOVES) is not None
+        if motions.start_blocked() is not None:
+            yield False
+            continue
+        search = Search(motions, NEAREST, Effort(ATTEMPTS, choosy=0), MAX_MOVES, np.random.default_rng([SEED, STAGE, i]))
+        yield bool(search.run(motions.start()))
 
 
 def not_held(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool) -> str | None:

@@ -13,16 +13,19 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Cylinder, box_corners
 from kinematics.transforms import Array, rotation_about, transform
+from planning import plan_scene
 from planning.grasping.cup_grasps import grasps_on
 from planning.motion.cell.arm import arm_at
 from planning.motion.handling.object_grasps import _holds_round, headings_of
 from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
-from planning.scenes.fitting.fit import Fitted, fit
+from planning.scenes.fitting import fit as fitting
+from planning.scenes.fitting import trials
+from planning.scenes.fitting.fit import SCENES, THINNER, Fitted, fit
 from planning.scenes.fitting.places import BESIDE_M, Place, is_beside
 from planning.scenes.fitting.sizes import cut, fewer, of_one_kind, slimmed
-from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share
-from planning.scenes.generation import Spec, load_spec
+from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share, solved
+from planning.scenes.generation import NoScene, Spec, generate, load_spec
 from planning.verdict import judge_grasp
 
 SPEC = load_spec("paper")
@@ -194,3 +197,50 @@ def test_what_holds_something_round_is_asked_once_for_all_hands_round_it(small: 
             said.append(_holds_round(small, body, 0.10, grasp))
             assert said[-1] == (judge_grasp(small, far, grasp) is None)
     assert len(said) > 100
+
+
+# ----------------------------------------------------------------------------------------------------------------- scenes can be solved
+
+
+def test_objects_are_as_many_as_leave_all_scenes_solved(small: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of the ways to thin them, the thickest, of which all scenes are solved; the last where none is."""
+    ref, asked = RobotRef(np.eye(4), urdf=small.name), list[tuple[int, int]]()
+
+    def up_to(most: int) -> Spec:
+        def fake(spec: Spec, robot: Robot, ref: RobotRef, n: int) -> list[bool]:
+            asked.append(spec.objects_count)
+            return [True] * (n - 1) + [spec.objects_count[1] <= most]
+
+        monkeypatch.setattr(fitting, "solved", fake)
+        return fitting._thinned(SPEC, small, ref, lambda _: None)
+
+    assert up_to(10).objects_count == SPEC.objects_count
+    assert asked == [SPEC.objects_count]
+    assert up_to(7).objects_count == fewer(SPEC, THINNER[2][0]).objects_count
+    assert up_to(0).objects_count == fewer(SPEC, THINNER[-1][0]).objects_count
+    assert len(asked) == 1 + 3 + len(THINNER)
+
+
+def test_a_scene_is_solved_where_what_is_in_the_way_can_be_put_down(small: Robot, fitted: Fitted) -> None:
+    """Of a cabinet with a single region, its middle, objects can be picked as before, and put nowhere as a rule."""
+    free = list(solved(fitted.spec, small, fitted.ref, 6))
+    assert len(free) == 6
+    assert sum(free) >= 5
+    assert sum(solved(replace(fitted.spec, regions_n=1), small, fitted.ref, 6)) <= 3
+
+
+def test_scenes_that_cannot_be_drawn_are_not_solved(small: Robot, fitted: Fitted, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object, **__: object) -> Scene:
+        raise NoScene("none")
+
+    monkeypatch.setattr(trials, "generate", none)
+    assert list(solved(fitted.spec, small, fitted.ref, SCENES)) == SCENES * [False]
+
+
+def test_fresh_scenes_of_a_fitted_spec_are_planned_and_verified(small: Robot, fitted: Fitted) -> None:
+    """Not those by which it was fitted."""
+    plans = []
+    for i in range(4):
+        scene = generate(fitted.spec, small, fitted.ref, 77, i)
+        plans.append(plan_scene(scene, policy="lookahead", seed=0))
+    assert sum(bool(plan.success and plan.verified) for plan in plans) >= 3

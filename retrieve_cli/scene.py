@@ -63,14 +63,23 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
     """Where each scene comes from, and the scene. Raises InputError."""
     from planning.io.files import read_scenes
     from planning.io.scene_documents import mesh_loader
-    from planning.scenes.sources import from_observation, mesh_files, random_scene
+    from planning.scenes.sources import NoRoom, from_observation, mesh_files, random_scene
     from planning.scenes.words import scene_from_words
 
     if source is not None and source.is_dir():
         with blame(f"scene: {source}"):
             made, load, files = _words(words, "scene"), mesh_loader(Path.cwd(), mesh_progress), mesh_files(source)
+            failed = 0
             for index in range(n):
-                yield f"scene {index}", random_scene(made, files, count, scale, load, seed, index, say)
+                try:
+                    scene = random_scene(made, files, count, scale, load, seed, index, say)
+                except NoRoom as e:
+                    failed += 1
+                    if failed == n:  # none of them could be made
+                        raise
+                    say(f"scene {index} was not made: {e}")
+                else:
+                    yield f"scene {index}", scene
     elif source is not None and source.suffix.lower() in (".yaml", ".yml"):
         said = {**_read_yaml(source), **words}
         yield (

@@ -20,6 +20,13 @@ STAGE = 9
 """This stage's word in the seeds of random generators."""
 GAP_M, FROM_FRONT_M = 0.01, 0.04
 TRIES = 200
+"""So often a place is drawn for a mesh."""
+ARRANGEMENTS = 5
+"""So often all are drawn anew where one of them finds no room."""
+
+
+class NoRoom(ValueError):
+    """Meshes that don't fit into a cabinet, as far as places were drawn for them."""
 
 
 def mesh_files(folder: Path) -> list[Path]:
@@ -36,29 +43,43 @@ def random_scene(
     """A scene of `count` meshes at random on the cabinet's floor, turned at random, 1 cm apart at least; the target is a deep one.
 
     words: cabinet, robot and obstacles. Scene number `index` of a seed is the same whatever came before it.
-    Raises: ValueError when they don't fit.
+    Raises: NoRoom when they don't fit, however often they are drawn.
     """
     rng = np.random.default_rng([seed, STAGE, index])
     empty = scene_from_words(replace(words, objects=(), target=None, id=f"{seed}-{index:06d}"), load, say)
-    size, T = empty.cabinet.size_m, empty.cabinet.T_world_cabinet
-    bodies: list[Body] = []
-    for k in rng.choice(len(files), count, replace=count > len(files)):
-        word = f"{files[k]}@{T[0, 3]},{T[1, 3]},scale={scale}"
+    T, bodies = empty.cabinet.T_world_cabinet, list[Body]()
+    for arrangement in range(1, ARRANGEMENTS + 1):
+        chosen = [files[k] for k in rng.choice(len(files), count, replace=count > len(files))]
+        bodies, left = _arranged(words, empty, chosen, scale, load, rng)
+        if left is None:
+            break
+        if arrangement == ARRANGEMENTS:
+            fit = f"{len(bodies)} of {count} meshes fit into the cabinet, and {left.name} found no room"
+            raise NoRoom(f"{fit} in the last of {ARRANGEMENTS} arrangements: ask for fewer")
+    deep = sorted(bodies, key=lambda b: float((b.T_world_body[:3, 3] - T[:3, 3]) @ T[:3, 0]))
+    target = deep[-1 - int(rng.integers(min(3, len(deep))))]
+    return replace(empty, objects=tuple(bodies), target=target.name, seed=(seed, index))
+
+
+def _arranged(
+    words: Words, empty: Scene, files: Sequence[Path], scale: float, load: LoadMesh, rng: np.random.Generator
+) -> tuple[list[Body], Path | None]:
+    """Meshes one after the other at random places of an empty cabinet, and the first that finds no room."""
+    size, T, bodies = empty.cabinet.size_m, empty.cabinet.T_world_cabinet, list[Body]()
+    for file in files:
         taken = [b.name for b in bodies]
         for _ in range(TRIES):
             x, y, yaw = rng.uniform(FROM_FRONT_M, size[0]), rng.uniform(-size[1] / 2, size[1] / 2), rng.uniform(-180, 180)
             p = T[:3, :3] @ np.array([x, y, 0.0]) + T[:3, 3]
-            turned = f"{word.partition('@')[0]}@{p[0]},{p[1]},scale={scale},yaw={yaw}"
+            turned = f"{file}@{p[0]},{p[1]},scale={scale},yaw={yaw}"
             body = scene_from_words(replace(words, objects=(turned,), target=None), load).objects[0]
             body = replace(body, name=_free(body.name, taken))
             if apart(body, [*bodies, *empty.fixtures()[1:]], GAP_M) and _inside(empty, body):
                 bodies.append(body)
                 break
         else:
-            raise ValueError(f"{len(bodies)} of {count} meshes fit into the cabinet, and {files[k].name} found no room: ask for fewer")
-    deep = sorted(bodies, key=lambda b: float((b.T_world_body[:3, 3] - T[:3, 3]) @ T[:3, 0]))
-    target = deep[-1 - int(rng.integers(min(3, len(deep))))]
-    return replace(empty, objects=tuple(bodies), target=target.name, seed=(seed, index))
+            return bodies, file
+    return bodies, None
 
 
 def _free(name: str, taken: Sequence[str]) -> str:

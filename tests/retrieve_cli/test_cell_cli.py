@@ -11,10 +11,13 @@ import documents
 import jsonschema
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 from kinematics.robots.named import installed, named_robots
+from kinematics.scene import Scene
 from kinematics.transforms import rotation_from_wxyz, transform
+from planning.scenes import sources
 from retrieve_cli import warmup
 from retrieve_cli.schema import KINDS
 
@@ -75,6 +78,30 @@ def test_what_will_keep_a_plan_from_its_beginning_is_said_at_once(retrieve: Call
         "an obstacle, a wall or the distance keeps the arm from it; retrieve grasp --from FILE" in retrieve(*alone, "--obstacle", door)[2]
     )
     assert "two of its sides have to face each other, at most 86 mm apart" in retrieve("scene", "--object", "can:0.06x0.06@0.6,0")[2]
+
+
+def test_scenes_of_meshes_that_find_no_room_are_told_and_the_others_made(
+    retrieve: Callable[..., Spoken], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bad input only where none of them could be made."""
+    trimesh.creation.box((0.04, 0.06, 0.09)).export(tmp_path / "block.stl")
+    random_scene, without_room = sources.random_scene, {1}
+
+    def some(words: Any, files: Any, count: int, scale: float, load: Any, seed: int, index: int, say: Any) -> Scene:
+        if index in without_room:
+            raise sources.NoRoom("1 of 2 meshes fit")
+        return random_scene(words, files, count, scale, load, seed, index, say)
+
+    monkeypatch.setattr(sources, "random_scene", some)
+    asked = ("scene", tmp_path, "-n", 3, "--count", 2, "--no-grasp")
+    code, out, err = retrieve(*asked)
+    assert (code, [line["id"] for line in lines(out)]) == (0, ["0-000000", "0-000002"])
+    assert "scene 1 was not made: 1 of 2 meshes fit" in err
+    without_room |= {0, 2}
+    code, out, err = retrieve(*asked)
+    assert (code, out) == (2, "")
+    assert "scene 0 was not made" in err
+    assert err.splitlines()[-1].endswith("1 of 2 meshes fit")
 
 
 def test_wrong_words_are_one_line(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,9 @@ from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import rotation_about
 from planning.io.scene_documents import mesh_loader, scene_from_json, scene_to_json
 from planning.io.settling import settle
+from planning.scenes import sources
 from planning.scenes.right_way_up import AXES, turned_up, upright_axis
-from planning.scenes.sources import from_observation, mesh_files, random_scene
+from planning.scenes.sources import NoRoom, from_observation, mesh_files, random_scene
 from planning.scenes.words import Words, scene_from_words
 
 TABLE = "table:box:0.8x1.2x0.04@-0.1,0,top=0"
@@ -139,8 +141,30 @@ def test_a_folder_of_meshes_at_random(meshes: Path) -> None:
     again = random_scene(Words(), files, 5, 0.001, load, 3, 1)
     for a, b in zip(scene.objects, again.objects, strict=True):
         np.testing.assert_array_equal(a.T_world_body, b.T_world_body)
-    with pytest.raises(ValueError, match=r"meshes fit into the cabinet, and .* found no room"):
+    with pytest.raises(NoRoom, match=r"meshes fit into the cabinet, and .* found no room in the last of 5 arrangements: ask for fewer"):
         random_scene(Words(cabinet="0.2x0.2x0.2"), files, 9, 0.001, load, 0, 0)
+
+
+@pytest.mark.parametrize("failing", [1, 4, 5])
+def test_what_finds_no_room_is_drawn_again_so_often(meshes: Path, monkeypatch: pytest.MonkeyPatch, failing: int) -> None:
+    """Other meshes at other places; the scenes that fit at once are as they were."""
+    files, load, drawn = mesh_files(meshes), mesh_loader(meshes), list[tuple[Path, ...]]()
+    first, arranged = random_scene(Words(), files, 5, 0.001, load, 3, 1), sources._arranged
+
+    def without_room(words: Words, empty: Scene, some: list[Path], *more: Any) -> tuple[list[Body], Path | None]:
+        drawn.append(tuple(some))
+        bodies, left = arranged(words, empty, some, *more)
+        return (bodies[:-1], some[-1]) if len(drawn) <= failing else (bodies, left)
+
+    monkeypatch.setattr(sources, "_arranged", without_room)
+    if failing == sources.ARRANGEMENTS:
+        with pytest.raises(NoRoom, match="4 of 5 meshes fit into the cabinet"):
+            random_scene(Words(), files, 5, 0.001, load, 3, 1)
+    else:
+        scene = random_scene(Words(), files, 5, 0.001, load, 3, 1)
+        assert len(scene.objects) == 5
+        assert not np.array_equal(scene.objects[0].T_world_body, first.objects[0].T_world_body)
+    assert len(drawn) == min(failing + 1, sources.ARRANGEMENTS)
 
 
 def test_what_was_observed_becomes_a_scene() -> None:

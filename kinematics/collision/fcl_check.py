@@ -157,8 +157,8 @@ class Verdict:
         left, still = tested & ~judged.judged, self._still(q, layout.movers - self._links, len(numbers) - layout.movers)
         always, once = left & ~still, left & still
         return _Asked(
-            numbers[np.argwhere(always)] if always.any() else _NO_PAIRS,
-            numbers[np.argwhere(once)] if once.any() else _NO_PAIRS,
+            numbers[np.argwhere(always)],
+            numbers[np.argwhere(once)],
             np.stack([judged.rows, numbers[judged.a], numbers[judged.b]], axis=-1),
         )
 

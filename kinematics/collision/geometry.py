@@ -213,6 +213,8 @@ def some_solids(stock: Solids, which: Int) -> Solids:
 
 def _chosen(start: Int, which: Int) -> tuple[Int, Int]:
     """Of bodies with rows start[b]:start[b + 1] each, some (n,): where each starts now (n + 1,), and the rows it had before."""
+    if not start[-1]:  # as among boxes and cylinders
+        return np.zeros(len(which) + 1, np.int64), np.zeros(0, np.int64)
     counts = np.diff(start)[which]
     now = np.concatenate([[0], np.cumsum(counts)])
     return now, np.arange(now[-1]) + np.repeat(start[which] - now[:-1], counts)

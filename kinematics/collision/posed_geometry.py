@@ -77,7 +77,7 @@ def with_covers(pieces: GeometryModel, covers: Sequence[Levels]) -> GeometryMode
     return pieces._replace(
         coarse_start=_starts([len(c.coarse.radii) for c in covers]),
         coarse=_rows([np.column_stack((c.coarse.centres, c.coarse.radii, c.coarse.inner_radii())) for c in covers]),
-        child_start=_starts([int(n) for c in covers for n in np.diff(c.start)]),
+        child_start=_starts(np.concatenate([np.diff(c.start) for c in covers])),
         child=np.concatenate([c.child for c in covers]).astype(np.int64),
         fine_start=_starts([len(c.fine.radii) for c in covers]),
         fine=_rows([np.column_stack((c.fine.centres, c.fine.radii, c.fine.inner_radii())) for c in covers]),
@@ -253,7 +253,7 @@ def _box(vertices: Array, first: int, last: int, box: Array) -> None:
     box[6] = np.sqrt(far)
 
 
-def _starts(counts: Sequence[int]) -> Int:
+def _starts(counts: Sequence[int] | Int) -> Int:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 

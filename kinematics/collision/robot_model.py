@@ -86,6 +86,7 @@ class RobotCollisionModel:
         self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
         self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))  # nothing else moves with the gripper's joint
         self._home: PosedGeometry | None = None
+        self._home_model: SphereModel | None = None
         self._posed: dict[float, tuple[PosedGeometry, SphereModel]] = {}
 
     def _carried(self, gripper: float) -> tuple[Int, Array]:
@@ -105,8 +106,9 @@ class RobotCollisionModel:
             frames, T = self._carried(gripper)
             if self._home is None:
                 self._home = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
+                self._home_model = posed_sphere_model(self.chain, self._home)
             posed = pose_others(self.chain, self.pieces, self._home, self.fingers, T[self._link])
-            known[gripper] = posed, posed_sphere_model(self.chain, posed)
+            known[gripper] = posed, posed_sphere_model(self.chain, posed, self._home_model, self.fingers)
         return known[gripper]
 
     def posed_fingers(self, openings: Sequence[float], *, covered: bool = True) -> PosedGeometry:

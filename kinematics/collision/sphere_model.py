@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.chain import Chain
+from kinematics.chain import Chain, Int
 from kinematics.collision.covers.levels import Levels
 from kinematics.collision.geometry import Parts, Query, Solids
 from kinematics.collision.posed_geometry import PosedGeometry, make_posed_geometry
@@ -91,12 +91,15 @@ def make_sphere_model(chain: Chain, parts: Parts, covers: Sequence[Levels]) -> S
     return posed_sphere_model(chain, make_posed_geometry(chain, parts, covers))
 
 
-def posed_sphere_model(chain: Chain, posed: PosedGeometry) -> SphereModel:
-    """Pack a chain and posed geometry with covers."""
+def posed_sphere_model(chain: Chain, posed: PosedGeometry, like: SphereModel | None = None, moved: Int | None = None) -> SphereModel:
+    """Pack a chain and posed geometry with covers. like: the model of the same parts with only some, moved (m,), elsewhere in their
+    frames: how far the others reach need not be found again."""
     K, P = len(chain.q_index), len(posed.frame)
-    limit, slide, far, reach = np.full(K, X_MAX), np.zeros(K), np.empty(P), np.zeros((P, K))
-    _reaches(chain, posed, limit, slide, far, reach)
-    slack = (RATIO * (K + 2) * far).astype(np.float32)
+    limit, slide, far = np.full(K, X_MAX), np.zeros(K), np.empty(P)
+    which = np.arange(P) if like is None or moved is None else moved
+    reach, slack = (np.zeros((P, K)), np.empty(P, np.float32)) if like is None else (like.reach.copy(), like.slack.copy())
+    _reaches(chain, posed, which, limit, slide, far, reach)
+    slack[which] = RATIO * (K + 2) * far[which]
     many, balls, all_slack = np.zeros(K + 1, np.uint8), np.zeros((K + 1, 4), np.float32), np.zeros(K + 1, np.float32)
     _around_all(posed, slack, many, balls, all_slack)
     children = np.diff(posed.child_start[posed.coarse_start])  # of each part, counted from its first fine ball
@@ -199,19 +202,18 @@ def place_body(world: SphereWorld, b: int, T: Array, box: Array) -> None:
 
 
 @jit_entry
-def _reaches(chain: Chain, posed: PosedGeometry, limit: Array, slide: Array, size: Array, reach: Array) -> None:
+def _reaches(chain: Chain, posed: PosedGeometry, which: Int, limit: Array, slide: Array, size: Array, reach: Array) -> None:
     """limit (K,): the largest joint values; slide (K,): how far a joint slides; size (P,): how far from the world's origin a part can get;
-    reach (P, K): see the module. All but size hold what they are for a joint that turns.
+    reach (P, K): see the module; both of parts which (m,). All but size hold what they are for a joint that turns.
 
     The triangle inequality along the chain, from the part backwards: no configuration can do better.
     """
-    K, P = chain.q_index.shape[0], posed.frame.shape[0]
-    for k in range(K):
+    for k in range(chain.q_index.shape[0]):
         if chain.prismatic[k]:
             low, high = chain.lower[chain.q_index[k]], chain.upper[chain.q_index[k]]
             slide[k] = max(abs(chain.scale[k] * low + chain.offset[k]), abs(chain.scale[k] * high + chain.offset[k])) + 1e-6
             limit[k] = min(slide[k], X_MAX)
-    for p in range(P):
+    for p in which:
         far, off = 0.0, 0.0
         for i in range(posed.start[p], posed.start[p + 1]):
             x, y, z = posed.vertices[0, i], posed.vertices[1, i], posed.vertices[2, i]

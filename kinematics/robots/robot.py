@@ -84,13 +84,17 @@ class Robot:
         """The full q (J,) with the arm's joints (A,) and the gripper's value set, the rest at home; or (K, J) with (K, A) and (K,)."""
         q = np.empty((*arm_q.shape[:-1], len(self.home)))
         q[:] = self.home
-        q[..., list(self.arm_joints)] = arm_q
+        q[..., self._arm] = arm_q
         q[..., self.gripper_joint] = gripper
         return q
 
     def arm_q(self, q: Array) -> Array:
         """The arm's joints (A,) of a full q (J,), or (K, A) of (K, J)."""
-        return np.asarray(q[..., list(self.arm_joints)])
+        return np.asarray(q[..., self._arm])
+
+    @cached_property
+    def _arm(self) -> Int:
+        return np.array(self.arm_joints, np.int64)
 
     @cached_property
     def hand_links(self) -> frozenset[str]:

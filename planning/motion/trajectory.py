@@ -24,9 +24,9 @@ from kinematics.transforms import Array
 from planning.motion.cell.workcell import Workcell
 from planning.motion.search.edges import Task
 from planning.motion.smoothing.blending import Corners, choose_speeds, make_corners, write_corner, write_rows
-from planning.motion.smoothing.curve_check import WITHIN_M, first_blocked
+from planning.motion.smoothing.curve_check import WITHIN_M, curve_free
 from planning.motion.smoothing.hand_speed import along_pieces, along_rows, hand_points
-from planning.motion.smoothing.spline_rows import chords, keep_limits, slow_down
+from planning.motion.smoothing.spline_rows import keep_limits, slow_down
 from planning.motion.smoothing.straight_line import second_derivatives, write_line
 from planning.plan import Gripper, GripperState, Motion
 
@@ -225,12 +225,7 @@ class _Drive:
 
     def _free(self, task: Task, count: int) -> bool:
         """Whether the curve of the first rows is free, for certain, and no joint leaves its limits on it."""
-        control = hermite(self.t[:count], *np.swapaxes(self.rows[:count], 0, 1)).control  # the curve stays within these
-        low, high = self.positions
-        if (control < low - SAME).any() or (control > high + SAME).any():
-            return False
-        n = chords(self.t, self.rows, count, task.exact.weight, WITHIN_M, self.ends, self.points)
-        return bool(n > 0 and first_blocked(task, self.points, n, self.cell.memory) < 0)
+        return bool(curve_free(task, self.t, self.rows, count, *self.positions, self.ends, self.points, self.cell.memory))
 
 
 def timed(cell: Workcell, poses: Mapping[str, Array], motions: Sequence[Motion], pace: Pace) -> tuple[Motion, ...]:

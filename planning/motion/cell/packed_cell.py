@@ -61,6 +61,7 @@ class PackedCell:
         self._unseen = frozenset(b.name for b in obstacles)
         self.arm = arm_at(robot, scene.robot.T_world_base)
         self.walls = [*standing_still(scene), *obstacles]
+        self._fixed = {b.name: b.T_world_body for b in self.walls}
         self._stock, self._rows = make_solids([*self.walls, *scene.objects]) if obstacles else scene_solids(scene)
         self._some: dict[tuple[int, ...], Solids] = {}  # the packed bodies that stood together, wherever
         self._bodies: dict[int, _Bodies] = {}
@@ -212,8 +213,10 @@ class PackedCell:
         return task._replace(upright=task.upright._replace(least=float(np.cos(max(0.0, np.arccos(task.upright.least) - lean)))))
 
     def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float, off_m: float = 0.0) -> Task:
-        solids = np.array([0.0 if name in self._unseen else clearance_m for name in bodies])
-        return with_clearance(task, solids + off_m, min(clearance_m, self.settings.clearance.own_m) + off_m)
+        solids = np.full(len(bodies), clearance_m + off_m)
+        if self._unseen:
+            solids[[name in self._unseen for name in bodies]] = off_m
+        return with_clearance(task, solids, min(clearance_m, self.settings.clearance.own_m) + off_m)
 
     def enter(self, query: PlanningQuery) -> Memory:
         """The memory, made ready for this query."""
@@ -231,7 +234,7 @@ class PackedCell:
         if found is None:
             if len(self._bodies) == KEPT:
                 self._bodies.pop(next(iter(self._bodies)))  # the one that was not asked about for longest
-            fixed = {b.name: b.T_world_body for b in self.walls}
+            fixed = self._fixed
             which = tuple(i for i, name in enumerate(self._rows) if name in poses or name in fixed)
             if which not in self._some:
                 self._some[which] = some_solids(self._stock, np.array(which))

@@ -25,6 +25,7 @@ from planning.motion.search.reaching import PlacementQuery, make_hand, stands, s
 from planning.motion.search.rrt_connect import plan, reach
 from planning.motion.search.shortcut import shorten
 from planning.motion.settings import DEFAULTS, MotionSettings
+from planning.motion.smoothing.curve_check import first_blocked
 from planning.motion.smoothing.quicken import quicken
 from planning.plan import Blocked
 
@@ -61,8 +62,7 @@ class Workcell(PackedCell):
 
     def free_along(self, query: PlanningQuery, path: Array) -> bool:
         """Whether a path (K, A), K > 1, is free all along, for certain."""
-        memory = self.enter(query)
-        return all(connects(query.task, a, b, memory) for a, b in pairwise(path))
+        return bool(first_blocked(query.task, np.ascontiguousarray(path), len(path), self.enter(query)) < 0)
 
     def free_however_open(
         self, poses: Mapping[str, Array], path: Array, first: float, last: float, clearance_m: float | None = None
@@ -215,9 +215,7 @@ class Workcell(PackedCell):
 
     def keeps(self, query: PlanningQuery, path: Array, clearance_m: float) -> bool:
         """Whether all edges of a path (K, A) keep a clearance in metres, for certain."""
-        clear = self.keeping(query, clearance_m)
-        memory = self.enter(clear)
-        return all(connects(clear.task, a, b, memory) for a, b in pairwise(path))
+        return self.free_along(self.keeping(query, clearance_m), path)
 
     def way(
         self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int, *, shorter: bool = False

@@ -57,13 +57,20 @@ class Corners(NamedTuple):
 
 def make_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, weight: Array, most: Array | None = None) -> Corners:
     """A polyline (K, A) without repeated waypoints, K > 1, that stops at every waypoint so far."""
+    corners = unmeasured_corners(q, velocity, acceleration, jerk, weight, most)
+    measure(*corners)
+    return corners
+
+
+def unmeasured_corners(
+    q: Array, velocity: Array, acceleration: Array, jerk: Array, weight: Array, most: Array | None = None
+) -> Corners:
+    """The same without directions and limits of its pieces."""
     K, A = q.shape
-    corners = Corners(
+    return Corners(
         np.ascontiguousarray(q, float), velocity, acceleration, jerk, np.ones(K - 1) if most is None else most, weight, np.full(K, np.inf),
         np.empty((K - 1, A)), np.empty((K - 1, 3)), np.zeros((K, 2)), np.zeros(K), np.zeros(K), np.empty((3, K, len(LEVELS))),
     )  # fmt: skip
-    measure(*corners)
-    return corners
 
 
 @jit_entry

@@ -6,7 +6,7 @@ import numpy as np
 
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
-from planning.motion.smoothing.blending import Corners, choose_levels, make_corners, measure_pieces
+from planning.motion.smoothing.blending import Corners, choose_levels, measure_pieces, unmeasured_corners
 
 Limits = tuple[Array, Array, Array]
 """Of velocity, acceleration and jerk (A,)."""
@@ -44,16 +44,16 @@ def one_straight(by: Array, velocity: Array, acceleration: Array, jerk: Array) -
 
 def polyline_s(q: Array, limits: Limits) -> float:
     """Seconds from rest to rest along a polyline (K, A), its corners rounded as is quickest."""
-    q = q[np.append(True, (np.abs(q[1:] - q[:-1]) > 1e-9).any(1))]
+    new = (np.abs(q[1:] - q[:-1]) > 1e-9).any(1)
+    q = q if new.all() else q[np.append(True, new)]
     if len(q) < 3:
         return float(straight_s(q[-1] - q[0], limits))
-    return float(seconds(len(q), *make_corners(q, *limits, np.ones(q.shape[1]))))
+    return float(seconds(len(q), *unmeasured_corners(q, *limits, np.ones(q.shape[1]))))
 
 
 def room_for(q: Array, limits: Limits) -> Corners:
     """What `seconds` works on, for polylines that are no longer than q (K, A)."""
-    K, A = q.shape
-    return make_corners(np.arange(K)[:, None] + np.zeros(A), *limits, np.ones(A))
+    return unmeasured_corners(np.empty_like(q), *limits, np.ones(q.shape[1]))
 
 
 @jit_entry

@@ -24,7 +24,7 @@ from planning.motion.handling import waiting
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.motion.search.reaching import APPROACH_M, APPROACH_STEPS, LARGEST_TURN
-from planning.motion.smoothing.curve_check import first_blocked
+from planning.motion.smoothing.curve_check import WITHIN_M, curve_free, first_blocked
 from planning.motion.smoothing.straight_line import write_line
 from planning.motion.trajectory import FULL, STRAIGHT, Pace, _Drive, timed
 from planning.plan import Motion
@@ -206,6 +206,26 @@ def test_corners_are_rounded_and_never_into_anything(planned_scene: Handmade, ur
         tried, rounded = tried + 1, rounded + bool(np.abs(curve - corner).max(1).min() > 1e-3)
     assert tried > 20
     assert rounded > tried / 2
+
+
+@pytest.mark.parametrize("joint", [0, 3, 5])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_curve_is_not_free_where_a_joint_leaves_its_limits_between_its_rows(
+    found: tuple[Motions, Done], ur5e: Robot, joint: int, side: float
+) -> None:
+    motions, _ = found
+    cell, start = motions.cell, motions.start()
+    q, query = ur5e.arm_q(start.q), cell.problem(start.poses, float(start.q[ur5e.gripper_joint]))
+    task, ends, points = cell.for_chords(query, 0.0, WITHIN_M), np.empty((2, 3, 6)), np.empty((64, 6))
+    t, rows = np.array([0.0, 0.1]), np.zeros((2, 3, 6))
+    rows[:, 0] = q
+    rows[0, 1, joint], rows[1, 1, joint] = 0.05 * side, -0.05 * side  # it swings out by less than 1 mrad, and back
+
+    def free(room: float) -> bool:
+        return bool(curve_free(task, t, rows, 2, q - room, q + room, ends, points, cell.enter(query)))
+
+    assert free(0.002)
+    assert not free(0.0005)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.001, 1.5])

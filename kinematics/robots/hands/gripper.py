@@ -18,7 +18,9 @@ from kinematics.transforms import Array, inverse
 PAD_M = 0.008  # a finger link that stays within 8 mm of being the innermost one is a pad
 _STEP_M = 0.001
 MOST_SLANT = np.radians(20)
-"""Where fingers that turn touch what is round further from the way they close, it slips: friction of 0.5 holds 26.6°."""
+"""Where fingers that turn touch what is round further from the way they close, it slips: friction of 0.5 holds 26.6°. Fingers whose tips
+turn further than that as they open are flat against each other nowhere else, and take what is round."""
+TIP_M = 0.005  # links of fingers that end so near to the furthest of them are their tips
 ROWS, ASIDE_M = 13, 0.08
 """In how many rows, and how far from the middle at most, hands of three fingers are looked at along the hand's x."""
 ACROSS_M = (-0.012, -0.006, 0.0, 0.006, 0.012)
@@ -38,7 +40,7 @@ def measure(
     values = np.linspace(*limits, 33)
     places = _placed(tree, hand, rest, gripper, values)
     jaw = _jaw_side(tree, gripper, places, fingers)
-    looked = _look(tree, places, fingers, gripper, jaw)
+    looked = _look(tree, places, fingers, gripper, jaw, _tips_turn(tree, places[0], fingers, gripper, limits, rest))
     profiles, widths, middles, usable, hinged = looked.profiles, looked.widths, looked.middles, looked.usable, looked.hinged
     if not usable:
         words = (
@@ -143,8 +145,8 @@ class _Look:
     hinged: bool
 
 
-def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], gripper: int, jaw: int) -> _Look:
-    """places (V): the hand's hulls at each value; jaw: see `_jaw_side`."""
+def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], gripper: int, jaw: int, turn: float) -> _Look:
+    """places (V): the hand's hulls at each value; jaw: see `_jaw_side`; turn: see `_tips_turn`."""
     sections = Sections()
     profiles = [_profile(placed, fingers, sections) for placed in places]
     unmet = any(all(np.isinf(p.sides[side]).all() for p in profiles) for side in (1, -1))
@@ -157,7 +159,7 @@ def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], grippe
         furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
         profiles = [_jaw_profile(placed, fingers, jaw, furthest, sections) for placed in places]
     turns = any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
-    swings = turns and not jaw and (split or not all(np.isfinite(_width(p, jaw)[0]) for p in profiles))
+    swings = turns and not jaw and (split or turn > MOST_SLANT or not all(np.isfinite(_width(p, jaw)[0]) for p in profiles))
     hinged = swings or (turns and bool(jaw))
     widths, middles = zip(*(_round_width(p, jaw or 1) if hinged else _width(p, jaw) for p in profiles))
     usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
@@ -165,6 +167,20 @@ def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], grippe
         usable = [i for i in usable if _slant(profiles[i], widths[i], middles[i]) <= MOST_SLANT]
     complete = bool(jaw) or split or swings or len(usable) == len(widths)
     return _Look(profiles, widths, middles, usable if complete and len(usable) > 1 else [], hinged)
+
+
+def _tips_turn(tree: Tree, placed: _Placed, fingers: frozenset[str], gripper: int, limits: tuple[float, float], rest: Array) -> float:
+    """How far, in rad, the fingers' outermost links turn in the hand from one end of the gripper's way to the other, the least of them: 0
+    on a linkage that keeps one parallel."""
+    ends = {link: float(vertices[:, 2].max()) for link, vertices, _ in placed if link in fingers}
+    tips = [tree.index[link] for link, end in ends.items() if end > max(ends.values()) - TIP_M]
+    R = []
+    for value in limits:
+        q = rest.copy()
+        q[gripper] = value
+        poses = tree.poses(q)
+        R.append([poses[tree.index["hand"]][:3, :3].T @ poses[tip][:3, :3] for tip in tips])
+    return min((float(np.arccos(np.clip((np.trace(a.T @ b) - 1) / 2, -1.0, 1.0))) for a, b in zip(*R)), default=0.0)
 
 
 def _roots(tree: Tree, gripper: int) -> list[int]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lxml import etree
+from six_joints import arm, box, joint
 
 from kinematics.robots.derive import read_description
 from kinematics.robots.files.fixed_joints import freeze
@@ -25,29 +26,6 @@ from planning.verdict import judge_grasp, judge_motions
 from retrieve_cli.gen import robot_ref
 
 CABINET = Cabinet(np.array([0.40, 0.70, 0.45]), transform(p=[0.35, 0.0, 0.15]), 0.02)
-
-
-def box(size: str, xyz: str = "0 0 0") -> str:
-    return f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>'
-
-
-def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str, limits: tuple[float, float], rpy: str = "0 0 0") -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
-        f'<axis xyz="{axis}"/><limit lower="{limits[0]}" upper="{limits[1]}" velocity="2" effort="9"/></joint>'
-    )
-
-
-def arm(hand: str) -> str:
-    """Six joints and a palm."""
-    lengths, axes = (0.12, 0.35, 0.20, 0.15, 0.06, 0.05), ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
-    text = f'<robot name="six"><link name="base">{box("0.1 0.1 0.1")}</link>'
-    for i, (length, axis) in enumerate(zip(lengths, axes)):
-        at = f"0 0 {lengths[i - 1] if i else 0.05}"
-        text += f'<link name="l{i}">{box(f"0.04 0.04 {0.8 * length}", f"0 0 {length / 2}")}</link>'
-        text += joint(f"a{i}", "revolute", f"l{i - 1}" if i else "base", f"l{i}", at, axis, (-3, 3))
-    palm = '<joint name="flange" type="fixed"><parent link="l5"/><child link="palm"/><origin xyz="0 0 0.06"/></joint>'
-    return f'{text}<link name="palm">{box("0.08 0.06 0.02")}</link>{palm}{hand}</robot>'
 
 
 PLACES = {"left": (0.025, 1), "right": (-0.025, 1), "thumb": (0.0, -1)}

@@ -29,6 +29,8 @@ LIST = Path(__file__).with_name("ahead.json")
 SHIPPED = 0.08
 """What making machine code of a function that ships takes, where compiling it takes 1."""
 _NUMBERS: dict[str, Any] = {"i": 1, "d": 1.0, "b": True}
+_STARTED: list[subprocess.Popen[bytes]] = []
+"""The processes beside this one."""
 
 
 class Ahead(NamedTuple):
@@ -124,10 +126,10 @@ def compile_now(ahead: Ahead) -> str | None:
 
 
 def start_beside(*, drawing: bool = False) -> subprocess.Popen[bytes] | None:
-    """Start a process that compiles what is not in the cache, and ends with this one; None without a second core for it. drawing: it begins
-    with what stills need."""
+    """Start a process that compiles what is not in the cache, and ends with this one; None without a second core for it, or while one
+    that was started before is at work. drawing: it begins with what stills need."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if cores < 2 or not waiting():
+    if cores < 2 or any(beside.poll() is None for beside in _STARTED) or not waiting():
         return None
     home = str(Path(__file__).resolve().parents[2])
     env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [home, os.environ.get("PYTHONPATH")]))}
@@ -137,6 +139,7 @@ def start_beside(*, drawing: bool = False) -> subprocess.Popen[bytes] | None:
         beside = subprocess.Popen(command, env=env, stdin=quiet, stdout=quiet, stderr=quiet)
     except OSError:
         return None
+    _STARTED.append(beside)
     atexit.register(_end, beside)
     return beside
 

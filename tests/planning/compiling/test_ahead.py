@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,6 +98,27 @@ def test_one_is_started_only_for_something_to_do(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(machine_code, "is_stored", lambda symbol: True)
     assert ahead.start_beside() is None
     assert ahead.share_done() == 1.0
+
+
+def test_only_one_is_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another one is started only once the first has ended."""
+
+    class Beside:
+        ended: int | None = None
+
+        def poll(self) -> int | None:
+            return self.ended
+
+    monkeypatch.setattr(machine_code, "is_stored", lambda symbol: False)
+    monkeypatch.setattr(ahead, "_STARTED", [])
+    monkeypatch.setattr(ahead.os, "sched_getaffinity", lambda pid: {0, 1}, raising=False)
+    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *args, **kws: Beside())
+    monkeypatch.setattr(ahead.atexit, "register", lambda *args: None)
+    first: Any = ahead.start_beside()
+    assert isinstance(first, Beside)
+    assert ahead.start_beside() is None
+    first.ended = 0
+    assert isinstance(ahead.start_beside(), Beside)
 
 
 def test_the_share_and_the_time_left_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,6 +47,8 @@ _f, _U = np.float32, np.uint64
 Flags = NDArray[np.uint8]
 _W = np.uint64(WIDTH)
 _ZERO, _ONE = _f(0), _f(1)
+ALL = (1 << WIDTH) - 1
+"""A mask of all lanes."""
 
 
 @record
@@ -100,11 +102,13 @@ def scratch_for(joints: int, parts: int, solids: int, pairs: int) -> SphereScrat
 
 
 @jit_inline
-def _part_body(S: F32, M: SphereModel, Wd: SphereWorld, p: U64, b: U64, grow: Real, slack: Real, done: Mask) -> tuple[Mask, Mask]:
+def _part_body(
+    S: F32, M: SphereModel, Wd: SphereWorld, p: U64, b: U64, grow: Real, slack: Real, done: Mask, whole: bool
+) -> tuple[Mask, Mask]:
     """Part p's balls, grown by `grow` (motion), `slack` (rounding) and the body's clearance, against body b: lanes that touch, and that do
     so for certain.
 
-    Lanes in `done` are of no interest any more.
+    Lanes in `done` are of no interest any more. whole: lanes that touch are looked at further, whether they do so for certain.
     """
     fail, sure = _U(0), _U(0)
     clear = Wd.clearance[b]
@@ -113,10 +117,11 @@ def _part_body(S: F32, M: SphereModel, Wd: SphereWorld, p: U64, b: U64, grow: Re
     for i in range(M.coarse_start[p], M.coarse_start[p + _U(1)]):
         x, y, z = placed(S, ROW_RELATIVE, M.coarse, i)
         hit, in_hit = hits(x, y, z, Wd, b, M.coarse[i, 3] + more, _inner(M.coarse[i, 4], slack, clear))
-        sure |= in_hit
         hit &= ~(done | sure)
         if hit == _U(0):
             continue
+        sure |= in_hit
+        hit &= ~sure
         if grow > _f(FINE_M):
             fail |= hit
             continue
@@ -124,13 +129,18 @@ def _part_body(S: F32, M: SphereModel, Wd: SphereWorld, p: U64, b: U64, grow: Re
             j = M.child[c]
             x, y, z = placed(S, ROW_RELATIVE, M.fine, j)
             touch, in_touch = hits(x, y, z, Wd, b, M.fine[j, 3] + more, _inner(M.fine[j, 4], slack, clear))
-            fail |= touch & hit
-            sure |= in_touch
+            touch &= hit
+            if touch != _U(0):
+                fail |= touch
+                sure |= in_touch
+                hit &= ~(sure if whole else fail)
+                if hit == _U(0):
+                    break
     return fail | sure, sure
 
 
 @jit_inline
-def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, clear: Real, done: Mask) -> tuple[Mask, Mask]:
+def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, clear: Real, done: Mask, whole: bool) -> tuple[Mask, Mask]:
     """Part a's balls against part b's, as `_part_body` does it; everything is seen from a's frame, so b had better have fewer."""
     fail, sure = _U(0), _U(0)
     more = grow + slack + clear
@@ -142,30 +152,37 @@ def _part_part(S: F32, M: SphereModel, a: U64, b: U64, grow: Real, slack: Real, 
     frame_into_frame(S, ROW_X + _W * (K + _U(12) * M.frame[b]), A)
     for j in range(M.coarse_start[b], M.coarse_start[b + _U(1)]):
         x, y, z = placed(S, ROW_RELATIVE, M.coarse, j)
-        if near_box(x, y, z, M.box, a, M.coarse[j, 3] + more) & ~(done | sure) == _U(0):
+        if near_box(x, y, z, M.box, a, M.coarse[j, 3] + more) & ~(done | (sure if whole else fail | sure)) == _U(0):
             continue
         for i in range(M.coarse_start[a], M.coarse_start[a + _U(1)]):
             d = squared_distance(x, y, z, M.coarse, i)
             r, inner = M.coarse[i, 3] + M.coarse[j, 3] + more, _inner(_both(M.coarse[i, 4], M.coarse[j, 4]), slack, clear)
-            hit = below(d, r * r)
-            if hit & ~(done | sure) == _U(0):
+            hit = below(d, r * r) & ~(done | (sure if whole else fail | sure))
+            if hit == _U(0):
                 continue
             sure |= below(d, inner * abs(inner))
-            hit &= ~(done | sure)
+            hit &= ~sure
             if grow > _f(FINE_M):
                 fail |= hit
                 continue
             for e in range(M.child_start[j], M.child_start[j + _U(1)]):
                 g = M.child[e]
                 u, v, t = placed(S, ROW_RELATIVE, M.fine, g)
-                if near_ball(u, v, t, M.coarse, i, M.coarse[i, 3] + M.fine[g, 3] + more) & hit == _U(0):
+                now = near_ball(u, v, t, M.coarse, i, M.coarse[i, 3] + M.fine[g, 3] + more) & hit & ~(sure if whole else fail)
+                if now == _U(0):
                     continue
                 for c in range(M.child_start[i], M.child_start[i + _U(1)]):
                     h = M.child[c]
                     d = squared_distance(u, v, t, M.fine, h)
-                    r, inner = M.fine[g, 3] + M.fine[h, 3] + more, _inner(_both(M.fine[g, 4], M.fine[h, 4]), slack, clear)
-                    fail |= below(d, r * r) & hit
-                    sure |= below(d, inner * abs(inner))
+                    r = M.fine[g, 3] + M.fine[h, 3] + more
+                    touch = below(d, r * r) & now
+                    if touch != _U(0):
+                        inner = _inner(_both(M.fine[g, 4], M.fine[h, 4]), slack, clear)
+                        fail |= touch
+                        sure |= below(d, inner * abs(inner))
+                        now &= ~(sure if whole else fail)
+                        if now == _U(0):
+                            break
     return fail | sure, sure
 
 
@@ -259,12 +276,12 @@ def check_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float,
                 if grow > _f(COARSE_M):
                     fail |= near
                     continue
-                now, certain = _part_body(S, M, Wd, p, b, grow, slack, ~near | sure)
+                now, certain = _part_body(S, M, Wd, p, b, grow, slack, ~near | sure, whole)
                 if last and now != _U(0):
                     X.left[p, P + b] = 1
                 fail |= now
                 sure |= certain
-                if sure != _U(0) and not whole:
+                if sure == _U(ALL) or (sure != _U(0) and not whole):
                     return fail, sure
     for i in range(n):
         if X.pairs_on[i]:
@@ -289,12 +306,12 @@ def check_batch(M: SphereModel, Wd: SphereWorld, X: SphereScratch, width: float,
                     continue
                 if coarse_balls(M, a) < coarse_balls(M, b):
                     a, b = b, a
-                now, certain = _part_part(S, M, a, b, grow, slack, own, ~near | sure)
+                now, certain = _part_part(S, M, a, b, grow, slack, own, ~near | sure, whole)
                 if last and now != _U(0):
                     X.left[a, b] = X.left[b, a] = 1
                 fail |= now
                 sure |= certain
-                if sure != _U(0) and not whole:
+                if sure == _U(ALL) or (sure != _U(0) and not whole):
                     return fail, sure
     return fail, sure
 
@@ -328,7 +345,7 @@ def open_batch(
                 if X.in_reach[b]:
                     near = near_body(x, y, z, Wd, b, M.bound[p, 3] + slack + Wd.clearance[b], _U(0))
                 if near != _U(0):
-                    near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near)
+                    near, _ = _part_body(S, M, Wd, p, b, _ZERO, slack, ~near, False)
                 out[i * B + j] = near | refused
     for i in range(n):
         a, b = _U(parts[pairs[i, 0]]), _U(parts[pairs[i, 1]])
@@ -345,5 +362,5 @@ def open_batch(
         if near != _U(0):
             if coarse_balls(M, a) < coarse_balls(M, b):
                 a, b = b, a
-            near, _ = _part_part(S, M, a, b, _ZERO, slack, own, ~near)
+            near, _ = _part_part(S, M, a, b, _ZERO, slack, own, ~near, False)
         out[m * B + i] = near | refused

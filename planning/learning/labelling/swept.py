@@ -19,6 +19,7 @@ from kinematics.chain import Chain, Int, forward
 from kinematics.collision.robot_model import link_covers
 from kinematics.jit.decorators import jit_entry, jit_inline, njit
 from kinematics.jit.record import record
+from kinematics.jit.simd import WIDTH, below, largest, load, root, store
 from kinematics.robots.robot import Robot
 from kinematics.shapes import Shape, convex_parts
 from kinematics.transforms import Array, inverse
@@ -28,21 +29,25 @@ SAMPLE_M = 0.02
 _STEP_M = 0.02  # between places where a link may be drawn: when it has moved by SAMPLE_M since it was drawn last
 _SURELY = 1.05  # how much faster a link may be than its joints' weights say
 _SLOWEST_M = 1e-6  # what a link that stands still is taken to move in a step
+_f, _U = np.float32, np.uint64
+_ZERO, _ONE, _LARGE = _f(0), _f(1), _f(1e30)  # the last one's square is infinite
+_ALONG = np.arange(WIDTH, dtype=np.float32)
 
 F32 = NDArray[np.float32]
 
 
 @record
 class Balls(NamedTuple):
-    """Balls that cover the moving links with the fingers at one opening: link p's are start[p]:start[p + 1].
+    """Balls that cover the moving links with the fingers at one opening: link p's are start[p]:start[p + 1], `WIDTH` by `WIDTH`.
 
-    frame (P,): the chain's frame that carries the link; bound (P, 4): centre and radius of a ball around it; ball (S, 4); in that frame.
+    frame (P,): the chain's frame that carries the link; bound (P, 4): centre and radius of a ball around it; ball (4, S): centres and
+    radii, which are negative of those that fill up the lanes; in that frame.
     """
 
     frame: Int
     bound: Array
     start: Int
-    ball: Array
+    ball: F32
 
 
 @record
@@ -59,7 +64,8 @@ class Floor(NamedTuple):
 @record
 class _Scratch(NamedTuple):
     """Memory of a sweep. frames (K + 1, 4, 4); drawn (P, 3, 4): where each link was drawn last; spare, rate, due (P,): how far it may move
-    before it need be looked at, how far it moves in a step, and after how many steps it may be due; q (J,); M (3, 4)."""
+    before it need be looked at, how far it moves in a step, and after how many steps it may be due; q (J,); M (3, 4); along (WIDTH,): where
+    the next cells along y are, metres; at (3 · WIDTH,): where balls are in the cabinet."""
 
     frames: Array
     drawn: Array
@@ -68,6 +74,8 @@ class _Scratch(NamedTuple):
     due: Int
     q: Array
     M: Array
+    along: F32
+    at: F32
 
 
 class Footprint(NamedTuple):
@@ -92,9 +100,11 @@ def arm_balls(robot: Robot, T_world_base: Array, gripper: float) -> Balls:
         reach = float((np.linalg.norm(centres - middle, axis=1) + cover.fine.radii).max())
         frames.append(frame)
         bounds.append(np.append(middle, reach))
-        balls.append(np.column_stack([centres, cover.fine.radii]))
-    start = np.concatenate([[0], np.cumsum([len(b) for b in balls])]).astype(np.int64)
-    return Balls(np.array(frames, np.int64), np.array(bounds), start, np.concatenate(balls))
+        ball = np.full((4, -(-len(centres) // WIDTH) * WIDTH), -1.0, np.float32)
+        ball[:3, : len(centres)], ball[3, : len(centres)] = centres.T, cover.fine.radii
+        balls.append(ball)
+    start = np.concatenate([[0], np.cumsum([ball.shape[1] for ball in balls])]).astype(np.int64)
+    return Balls(np.array(frames, np.int64), np.array(bounds), start, np.concatenate(balls, 1))
 
 
 def make_floor(size_m: Array, T_world_cabinet: Array, top_m: float = np.inf) -> Floor:
@@ -126,14 +136,16 @@ def lowest(chain: Chain, weight: Array, balls: Balls, floor: Floor, paths: Seque
 
     weight (J,): metres that the arm moves at most per unit of each joint (exact.Problem.weight).
     """
-    out = np.full((len(paths), int(floor.n[0]), int(floor.n[1])), np.inf, np.float32)
+    nx, ny = (int(n) for n in floor.n)
+    down = np.full((len(paths), nx * (ny + WIDTH)), -np.inf, np.float32)
     K, P, J = len(chain.q_index), len(balls.frame), len(weight)
     scratch = _Scratch(
-        np.empty((K + 1, 4, 4)), np.empty((P, 3, 4)), np.empty(P), np.empty(P), np.empty(P, np.int64), np.empty(J), np.empty((3, 4))
-    )
-    for low, path in zip(out, paths):
-        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), scratch, low)
-    return np.ascontiguousarray(out.transpose(1, 2, 0))
+        np.empty((K + 1, 4, 4)), np.empty((P, 3, 4)), np.empty(P), np.empty(P), np.empty(P, np.int64), np.empty(J), np.empty((3, 4)),
+        _ALONG * np.float32(floor.cell[1]), np.empty(3 * WIDTH, np.float32),
+    )  # fmt: skip
+    for row, path in zip(down, paths):
+        _sweep(chain, weight, balls, floor, np.ascontiguousarray(path, float), scratch, row)
+    return np.negative(down.reshape(-1, nx, ny + WIDTH)[:, :, :ny].transpose(1, 2, 0), order="C")
 
 
 def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[np.bool_]:
@@ -146,7 +158,10 @@ def meets(lows: F32, floor: Floor, foot: Footprint, centres: Array) -> NDArray[n
 @jit_entry
 def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array, scratch: _Scratch, out: F32) -> None:
     """Lower the heights under one path. The arm is looked at where a link may be due: none is before it can have moved by SAMPLE_M since it
-    was drawn, nor before it can have come into the cabinet."""
+    was drawn, nor before it can have come into the cabinet.
+
+    out (nx · (ny + WIDTH),) has the heights with the other sign, and behind each row of cells room for lanes that reach beyond it.
+    """
     n_parts, frames, drawn, q = balls.frame.shape[0], scratch.frames, scratch.drawn, scratch.q
     spare, rate, due = scratch.spare, scratch.rate, scratch.due
     for p in range(n_parts):
@@ -176,7 +191,7 @@ def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array,
             following = steps
             for p in range(n_parts):
                 if due[p] <= s or s == steps:
-                    spare[p] = _draw_part(frames[balls.frame[p]], balls, p, floor, s == steps, drawn[p], scratch.M, out)
+                    spare[p] = _draw_part(frames[balls.frame[p]], balls, p, floor, s == steps, drawn[p], scratch, out)
                     due[p] = s + max(1, int(np.ceil(spare[p] / rate[p])))
                     spare[p] += s * rate[p]  # at the beginning of the edge it would have been so much
                 following = min(following, due[p])
@@ -188,11 +203,10 @@ def _sweep(chain: Chain, weight: Array, balls: Balls, floor: Floor, path: Array,
 
 
 @jit_inline
-def _draw_part(F: Array, balls: Balls, p: int, floor: Floor, at_end: bool, drawn: Array, M: Array, out: F32) -> float:
+def _draw_part(F: Array, balls: Balls, p: int, floor: Floor, at_end: bool, drawn: Array, scratch: _Scratch, out: F32) -> float:
     """Lower the heights under link p, whose frame is at F (4, 4), if it is in the cabinet and is at the end or has moved enough since it
-    was drawn, with its frame at drawn (3, 4), which is brought up to date. How far it may move, m, before it need be looked at again.
-    M (3, 4): scratch."""
-    T = floor.T
+    was drawn, with its frame at drawn (3, 4), which is brought up to date. How far it may move, m, before it need be looked at again."""
+    T, M = floor.T, scratch.M
     bx, by, bz, br = balls.bound[p, 0], balls.bound[p, 1], balls.bound[p, 2], balls.bound[p, 3]
     wx = F[0, 0] * bx + F[0, 1] * by + F[0, 2] * bz + F[0, 3]
     wy = F[1, 0] * bx + F[1, 1] * by + F[1, 2] * bz + F[1, 3]
@@ -216,35 +230,48 @@ def _draw_part(F: Array, balls: Balls, p: int, floor: Floor, at_end: bool, drawn
     for r in range(3):
         for c in range(4):
             M[r, c] = T[r, 0] * F[0, c] + T[r, 1] * F[1, c] + T[r, 2] * F[2, c] + (T[r, 3] if c == 3 else 0.0)
-    _draw(M, balls.ball, balls.start[p], balls.start[p + 1], floor, out)
+    _draw(M, balls.ball.reshape(-1), balls.ball.shape[1], balls.start[p], balls.start[p + 1], floor, scratch, out)
     return float(SAMPLE_M)
 
 
 @jit_inline
-def _draw(M: Array, ball: Array, first: int, stop: int, floor: Floor, out: F32) -> None:
-    """Lower the heights under some balls, whose frame stands at M (3, 4) in the cabinet."""
-    cx, cy = floor.cell[0], floor.cell[1]
-    half = floor.size[1] / 2
-    for i in range(first, stop):
-        bx, by, bz, r = ball[i, 0], ball[i, 1], ball[i, 2], ball[i, 3]
-        z = M[2, 0] * bx + M[2, 1] * by + M[2, 2] * bz + M[2, 3]
-        if z - r > floor.size[2]:
+def _draw(M: Array, ball: F32, total: int, first: int, stop: int, floor: Floor, scratch: _Scratch, out: F32) -> None:
+    """Lower the heights under balls first:stop of ball (4 · total,), whose frame stands at M (3, 4) in the cabinet.
+
+    `WIDTH` balls are placed at once, and `WIDTH` cells of a row under one of them lowered; those beside it by a height of infinity.
+    """
+    cx, cy, along, at = floor.cell[0], floor.cell[1], scratch.along, scratch.at
+    depth, width, wide = _f(floor.size[0]), _f(floor.size[1]), floor.n[1] + WIDTH
+    for o in range(first, stop, WIDTH):
+        bx, by, bz = load(ball, _U(o)), load(ball, _U(o + total)), load(ball, _U(o + 2 * total))
+        br = load(ball, _U(o + 3 * total))
+        X = bx * _f(M[0, 0]) + by * _f(M[0, 1]) + bz * _f(M[0, 2]) + _f(M[0, 3])
+        Y = bx * _f(M[1, 0]) + by * _f(M[1, 1]) + bz * _f(M[1, 2]) + _f(M[1, 3] + floor.size[1] / 2)
+        Z = bx * _f(M[2, 0]) + by * _f(M[2, 1]) + bz * _f(M[2, 2]) + _f(M[2, 3])
+        under = below(Z - br, _f(floor.size[2])) & below(X - br, depth) & below(Y - br, width)
+        under &= below(X * -_ONE, br) & below(Y * -_ONE, br)
+        if under == _U(0):
             continue
-        x = M[0, 0] * bx + M[0, 1] * by + M[0, 2] * bz + M[0, 3]
-        y = M[1, 0] * bx + M[1, 1] * by + M[1, 2] * bz + M[1, 3] + half
-        i0, i1 = max(0, int(np.ceil((x - r) / cx - 0.5))), min(floor.n[0] - 1, int(np.floor((x + r) / cx - 0.5)))
-        j0, j1 = max(0, int(np.ceil((y - r) / cy - 0.5))), min(floor.n[1] - 1, int(np.floor((y + r) / cy - 0.5)))
-        for a in range(i0, i1 + 1):
-            dx = (a + 0.5) * cx - x
-            left = r * r - dx * dx
-            if left < 0.0:
+        store(at, _U(0), X)
+        store(at, _U(WIDTH), Y)
+        store(at, _U(2 * WIDTH), Z)
+        for w in range(WIDTH):
+            if not (under >> _U(w)) & _U(1):
                 continue
-            row = out[np.uint64(a)]
-            for b in range(j0, j1 + 1):
-                dy = (b + 0.5) * cy - y
-                rest = left - dy * dy
-                new = np.float32(z - np.sqrt(max(rest, 0.0))) if rest >= 0.0 else np.float32(np.inf)
-                row[np.uint64(b)] = min(row[np.uint64(b)], new)  # without a branch: the root costs less than a wrong guess
+            x, y, z, r = float(at[w]), float(at[WIDTH + w]), at[2 * WIDTH + w], float(ball[3 * total + o + w])
+            i0, i1 = max(0, int(np.ceil((x - r) / cx - 0.5))), min(floor.n[0] - 1, int(np.floor((x + r) / cx - 0.5)))
+            j0, j1 = max(0, int(np.ceil((y - r) / cy - 0.5))), min(floor.n[1] - 1, int(np.floor((y + r) / cy - 0.5)))
+            for a in range(i0, i1 + 1):
+                dx = (a + 0.5) * cx - x
+                left = r * r - dx * dx
+                if left < 0.0:
+                    continue
+                for b in range(j0, j1 + 1, WIDTH):
+                    cell = _U(a * wide + b)
+                    dy = load(along, _U(0)) + _f((b + 0.5) * cy - y)
+                    rest = _f(left) - dy * dy
+                    beside = largest(rest * -_LARGE, _ZERO) * _LARGE
+                    store(out, cell, largest(load(out, cell), root(largest(rest, _ZERO)) - z - beside))
 
 
 @njit(cache=True, nogil=True)

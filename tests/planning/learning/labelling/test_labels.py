@@ -240,9 +240,9 @@ def test_no_ball_of_the_arm_comes_lower_than_a_sweep_says(scene: Scene, motions:
             edge = int(rng.integers(len(path) - 1))
             forward(chain, path[edge] + rng.random() * (path[edge + 1] - path[edge]), frames)
             T = ways.floor.T @ frames[balls.frame[part]]
-            x, y, z = np.einsum("nij,nj->ni", T[:, :3, :3], balls.ball[:, :3]).T + T[:, :3, 3].T
-            low = z - np.sqrt(np.maximum(balls.ball[:, 3] ** 2 - CELL_M**2 / 2, 0.0))
-            inside = (x > near * CELL_M) & (x < size[0]) & (np.abs(y) < size[1] / 2) & (low + SAMPLE_M < size[2])
+            x, y, z = np.einsum("nij,jn->in", T[:, :3, :3], balls.ball[:3]) + T[:, :3, 3].T
+            low = z - np.sqrt(np.maximum(balls.ball[3] ** 2 - CELL_M**2 / 2, 0.0))
+            inside = (balls.ball[3] > 0) & (x > near * CELL_M) & (x < size[0]) & (np.abs(y) < size[1] / 2) & (low + SAMPLE_M < size[2])
             for i in np.flatnonzero(inside):
                 a, b = int(x[i] / ways.floor.cell[0]), int((y[i] + size[1] / 2) / ways.floor.cell[1])
                 around = ways.lows[max(a - near, 0) : a + near + 1, max(b - near, 0) : b + near + 1, k]

@@ -267,7 +267,7 @@ def test_a_free_edge_is_free_everywhere(seed):
             assert not any(p.touches(a + s * (b - a)) for s in np.linspace(0, 1, 130))
         if says == sphere_check.TOUCHES and seen[says] <= 25:
             assert any(p.touches(a + s * (b - a)) for s in np.linspace(0, 1, 513))
-    assert seen[sphere_check.UNDECIDED] < 60
+    assert seen[sphere_check.UNDECIDED] < 70  # of what touches, some is left to the exact check: to look further here costs more
     assert seen[sphere_check.FREE] + seen[sphere_check.TOUCHES] > 100
 
 

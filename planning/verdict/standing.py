@@ -108,9 +108,15 @@ def _leaning(body: Placed, near: Sequence[Placed], within_m: float) -> list[tupl
     for other in near:
         for a in body.parts:
             for b in other.parts:
-                if (u := _direction(a, b, within_m)) is not None:
+                if _boxes_meet(a, b, within_m) and (u := _direction(a, b, within_m)) is not None:
                     out.append((other.name, _common(a, b, u, within_m)))
     return out
+
+
+def _boxes_meet(a: Polyhedron, b: Polyhedron, within_m: float) -> bool:
+    """Whether the boxes around two solids are no further apart than within_m along any axis: else the solids are not, either."""
+    reach = a.vertices.max(0) + within_m - b.vertices.min(0), b.vertices.max(0) + within_m - a.vertices.min(0)
+    return bool(min(float(side.min()) for side in reach) >= 0.0)
 
 
 def _direction(a: Polyhedron, b: Polyhedron, within_m: float) -> Array | None:

@@ -220,6 +220,23 @@ def test_in_which_direction_another_is() -> None:
                 assert u == pytest.approx([*way, 0], abs=1e-6)
 
 
+def test_only_what_is_near_along_every_axis_is_asked_about() -> None:
+    """Whatever has a direction has boxes that meet; boxes of what is askew may meet though it is apart."""
+    a, rng, some = block(0.0, 0.0, 0.0, 0.1, 0.1, 0.1).parts[0], np.random.default_rng(2), 0
+    for _ in range(300):
+        T = transform(rotation_about((0, 0, 1), rng.uniform(0, 3)), rng.uniform(-0.13, 0.13, 3))
+        b = a.moved(T)
+        meet = standing._boxes_meet(a, b, 0.001)
+        assert meet == standing._boxes_meet(b, a, 0.001)
+        some += not meet
+        if standing._direction(a, b, 0.001) is not None:
+            assert meet
+    assert 50 < some < 250
+    for axis in np.eye(3):
+        assert standing._boxes_meet(a, a.moved(transform(p=0.1009 * axis)), 0.001)
+        assert not standing._boxes_meet(a, a.moved(transform(p=0.1011 * axis)), 0.001)
+
+
 def test_the_patch_in_which_two_touch() -> None:
     """Seen from above: of faces that are upright, where they overlap along y; of an edge on a face, the edge; of two edges, a point."""
     a = block(0.0, 0.0, 0.0, 0.1, 0.2, 0.1).parts[0]

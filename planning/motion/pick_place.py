@@ -259,10 +259,10 @@ class Motions:
         """What is in the way of what, if objects stand at poses: for plans that look ahead. roughly: without closing fingers and lift;
         fingers: whether it is asked what they meet as they close."""
         if fingers not in self._obstruction:
-            target, picking = self.scene.target_name, self._picking
+            target, picking, target_grasps = self.scene.target_name, self._picking, self.target_grasps
             self._obstruction[fingers] = Obstruction(
                 self.cell,
-                lambda name, T: self.target_grasps if name == target else picking.grasps({name: T}, name),
+                lambda name, T: target_grasps if name == target else picking.grasps({name: T}, name),
                 ik_tries=picking.settings.ik_tries,
                 fingers=fingers,
             )

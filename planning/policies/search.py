@@ -135,7 +135,12 @@ class Search:
         self.tried = 0
 
     def run(self, start: State) -> list[Step]:
-        """Moves from a state after which the target can be taken out; empty when none were found."""
+        """Moves from a state after which the target can be taken out; empty when none were found. It can be asked for once."""
+        found = self._found(start)
+        self._queue.clear()  # what is left refers to this search, and would keep it
+        return found
+
+    def _found(self, start: State) -> list[Step]:
         self._put(self._node(start, ()))
         while (found := self._next()) is not None:
             node, choice = found
@@ -211,12 +216,14 @@ class Search:
     def _choices(self, node: _Node) -> Iterator[Choice]:
         """The moves of a shortest relaxed plan's first object to where the rest of that plan, or of another as short, still holds."""
         names = sorted({name for plan in node.plans for name in plan.firsts}, key=lambda name: (node.cost(name), name))
-        return _in_turn([self._leading_on(node, name) for name in names])
+        return _in_turn([self._leading_on(node.state, node.seen, node.plans, name) for name in names])
 
-    def _leading_on(self, node: _Node, name: str) -> Iterator[Choice]:
-        for region in self.preferences.regions_with(node.plans[0].length)(node.seen, name, self.rng):
-            there = {**node.state.poses, name: self.world.place_pose(name, node.state.poses[name], region)}
-            if gets_shorter(self.world.obstructions(there), self.target, node.standing, node.plans, name):
+    def _leading_on(self, state: State, seen: Observation, plans: Sequence[RelaxedPlan], name: str) -> Iterator[Choice]:
+        """Of a node's, whose choices they are: they don't refer to it, or neither would be gone before the garbage collector comes."""
+        standing = frozenset(seen.movable)
+        for region in self.preferences.regions_with(plans[0].length)(seen, name, self.rng):
+            there = {**state.poses, name: self.world.place_pose(name, state.poses[name], region)}
+            if gets_shorter(self.world.obstructions(there), self.target, standing, plans, name):
                 yield name, region
 
     def _other_choices(self, node: _Node) -> Iterator[Choice]:
@@ -225,10 +232,10 @@ class Search:
         names = [n for n in node.seen.movable if n not in node.cannot and obstructions.free(n, node.standing - {n})]
         firsts = {name for plan in node.plans for name in plan.firsts}
         names.sort(key=lambda name: (name not in firsts, node.cost(name), name))
-        return _in_turn([self._anywhere(node, name) for name in names])
+        return _in_turn([self._anywhere(node.seen, name) for name in names])
 
-    def _anywhere(self, node: _Node, name: str) -> Iterator[Choice]:
-        for region in self.preferences.regions(node.seen, name, self.rng):
+    def _anywhere(self, seen: Observation, name: str) -> Iterator[Choice]:
+        for region in self.preferences.regions(seen, name, self.rng):
             yield name, region
 
 

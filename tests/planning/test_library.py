@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 import planning
 from planning import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans
+from planning.motion.cell.workcell import Workcell
 from retrieve_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,6 +47,23 @@ def test_a_scene_is_planned_and_verified_as_the_command_line_does(tmp_path: Path
     ours, theirs = (next(read_plans(tmp_path / f"{who}.jsonl")) for who in ("ours", "theirs"))
     assert [m.q.tolist() for m in ours.motions] == [m.q.tolist() for m in theirs.motions]
     assert load_robot("ur5e").joint_names == ours.motions[0].joint_names
+
+
+@pytest.mark.parametrize("policy", ["neural", "random"])
+def test_what_a_scene_was_planned_with_is_gone_when_the_plan_is_there(policy: str) -> None:
+    """Megabytes of packed bodies, that the garbage collector would find much later."""
+
+    def cells() -> int:
+        return sum(type(thing) is Workcell for thing in gc.get_objects())
+
+    (scene,) = read_scenes(TRIAL)
+    before = cells()
+    gc.disable()
+    try:
+        assert plan_scene(scene, policy=policy).motions
+        assert cells() == before
+    finally:
+        gc.enable()
 
 
 def test_a_policy_of_ones_own_is_a_function_of_the_motions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -201,16 +201,15 @@ class PackedCell:
         where a chord has it: when the chords are free by it, the curve keeps clearance_m, and what is carried is as upright as it must be.
         """
         task = self._with_clearance(query.task, query.names[query.parts :], max(clearance_m, self.settings.clearance.least_m), query.off_m)
-        more = max(0.0, within_m - MARGIN_M / 2)  # the exact test's proof keeps half the margin besides
-        exact, world = task.exact, task.world
-        exact = exact._replace(clearance=exact.clearance + more)
+        exact, world, upright = task.exact, task.world, task.upright
+        if (more := within_m - MARGIN_M / 2) > 0:  # the exact test's proof keeps half the margin besides
+            exact = exact._replace(clearance=exact.clearance + more)
         if task.covered:
             world = world._replace(clearance=world.clearance + np.float32(within_m), own_clearance=world.own_clearance + within_m)
-        task = task._replace(exact=exact, world=world)
-        if not task.upright.limited:
-            return task
-        lean = within_m / float(task.exact.weight.min())  # the joints turn by no more than that between curve and chord
-        return task._replace(upright=task.upright._replace(least=float(np.cos(max(0.0, np.arccos(task.upright.least) - lean)))))
+        if upright.limited:
+            lean = within_m / float(exact.weight.min())  # the joints turn by no more than that between curve and chord
+            upright = upright._replace(least=float(np.cos(max(0.0, np.arccos(upright.least) - lean))))
+        return task._replace(exact=exact, world=world, upright=upright)
 
     def _with_clearance(self, task: Task, bodies: Sequence[str], clearance_m: float, off_m: float = 0.0) -> Task:
         solids = np.full(len(bodies), clearance_m + off_m)

@@ -21,6 +21,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
+import planning.conclusion as conclusion
 import planning.retrieval as retrieval
 from planning.io.files import read_scene_lines
 from planning.motion.pick_place import Motions
@@ -60,11 +61,11 @@ class Clock:
 def watch(clock: Clock) -> None:
     """Have the loop's parts tell the clock."""
     for owner, name, stage in (
-        (retrieval, "replayed", "verify"),
-        (retrieval, "first_touch", "verify"),
-        (retrieval, "examine", "verdict"),
-        (retrieval, "with_clearances", "clearance"),
-        (retrieval, "hand_travels", "travel"),
+        (conclusion, "replayed", "verify"),
+        (conclusion, "first_touch", "verify"),
+        (conclusion, "examine", "verdict"),
+        (conclusion, "with_clearances", "clearance"),
+        (conclusion, "hand_travels", "travel"),
         (Motions, "quickest", "quickest"),
         (Motions, "trajectories", "trajectories"),
         (Motions, "retrieve_target", "motions"),

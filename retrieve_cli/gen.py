@@ -54,7 +54,7 @@ def run(
     make = partial(make_scene, wanted, ref, seed)
     robots = (arm.name, hand_frame, gripper_joint)
     asked = {"command": "gen", "version": version(), "seed": seed, "spec": spec_hash(wanted), "robot": robots}
-    with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", n, out=out) as advance:
+    with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", n, done=write.kept, out=out) as advance:
         for scene in map_ordered(make, write.left(range(n), key=str), workers=workers, engine=engine, address=address):
             write(scene)
             advance()

@@ -11,7 +11,7 @@ from planning.io.results import scene_writer
 from retrieve_cli.terminal import announce_first_run, mesh_progress, say
 
 if TYPE_CHECKING:
-    from kinematics.scene import Scene
+    from kinematics.scene import Grasp, Scene
     from kinematics.transforms import Array
     from planning.target_grasps.proposals import Proposals
 
@@ -92,10 +92,19 @@ def frame_pose(scene: Scene, frame: str) -> Array:
 
 def tell(where: str, scene: Scene, found: Proposals) -> None:
     """What was found, on stderr: the best few in words."""
-    import numpy as np
-
     say(f"{where}: {scene.target_name}: {found}")
     for rank, (grasp, score) in enumerate(found.grasps[:3], 1):
-        ahead = grasp.T_world_hand[:3, 2]
-        yaw, down = np.degrees(np.arctan2(ahead[1], ahead[0])), np.degrees(np.arcsin(np.clip(-ahead[2], -1, 1)))
-        say(f"  {rank}. score {score:.2f}: {1000 * grasp.width_m:.0f} mm wide, from yaw {yaw:.0f}°, {down:.0f}° down")
+        say(f"  {rank}. score {score:.2f}: {1000 * grasp.width_m:.0f} mm wide, the hand looks {looks(grasp)}")
+
+
+def looks(grasp: Grasp) -> str:
+    """Where a hand looks, in words: yaw in the world, and how far down; straight down or up, the yaw along which its fingers close."""
+    import numpy as np
+
+    closing, ahead = grasp.T_world_hand[:3, 1], grasp.T_world_hand[:3, 2]
+    down = float(np.degrees(np.arcsin(np.clip(-ahead[2], -1, 1))))
+    if abs(down) > 89.5:
+        along = round(float(np.degrees(np.arctan2(closing[1], closing[0])))) % 180
+        return f"straight {'down' if down > 0 else 'up'}, its fingers close along yaw {along}°"
+    yaw = np.degrees(np.arctan2(ahead[1], ahead[0]))
+    return f"along yaw {yaw:.0f}°, {down:.0f}° down" if round(down) else f"along yaw {yaw:.0f}°, level"

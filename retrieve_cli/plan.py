@@ -74,7 +74,10 @@ def run(
             yield line
 
     unsolved = 0
-    with plan_writer(out, asked=asked, resume=resume, tell=say) as write, progress("plans", out=out) as advance:
+    with (
+        plan_writer(out, asked=asked, resume=resume, tell=say) as write,
+        progress("plans", file=scenes, done=write.kept, out=out) as advance,
+    ):
         left = write.left(lines(), key=lambda line: line.key)
         for answer in _meant(map_ordered(partial(plan_line, job), left, workers=workers, engine=engine, address=address), write.kept > 0):
             write(answer.plan)

@@ -94,7 +94,10 @@ def run(
         "smallest_mm": smallest_mm,
         "from_views": None if from_views is None else str(from_views.absolute()),
     }
-    with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", out=out) as advance:
+    with (
+        scene_writer(out, asked=asked, resume=resume, tell=say) as write,
+        progress("scenes", file=scenes, done=write.kept, out=out) as advance,
+    ):
         lines = enumerate(read_scene_lines(scenes, "sense", on_mesh=mesh_progress))
         for index, line in write.left(lines, key=lambda numbered: numbered[1].key):
             if line.scene is None:

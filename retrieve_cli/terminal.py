@@ -100,7 +100,8 @@ def show(*things: RenderableType) -> None:
 
 
 def parted(table: Table, console: Console) -> list[Table]:
-    """A table as several, one below the other, each with the first column and as many others as a console has room for."""
+    """A table as several, one below the other, each with the first column and as many others as a console has room for. It has
+    no title and no caption: Rich folds these to a table's width, and the last part may be narrow; they are lines of their own."""
     from rich.measure import Measurement
 
     def part(which: Sequence[Column]) -> Table:
@@ -109,9 +110,7 @@ def parted(table: Table, console: Console) -> list[Table]:
         return out
 
     def fits(which: Sequence[Column]) -> bool:
-        bare = part(which)
-        bare.title = bare.caption = None
-        return Measurement.get(console, console.options.update(max_width=10_000), bare).maximum <= console.width
+        return Measurement.get(console, console.options.update(max_width=10_000), part(which)).maximum <= console.width
 
     if not table.columns or fits(table.columns):
         return [table]
@@ -121,12 +120,7 @@ def parted(table: Table, console: Console) -> list[Table]:
         if len(blocks[-1]) > 1 and not fits([*blocks[-1], column]):
             blocks.append([first])
         blocks[-1].append(column)
-    parts = [part(block) for block in blocks]
-    for one in parts[1:]:
-        one.title = None
-    for one in parts[:-1]:
-        one.caption = None
-    return parts
+    return [part(block) for block in blocks]
 
 
 def on_terminal(out: Path | None) -> bool:
@@ -136,10 +130,12 @@ def on_terminal(out: Path | None) -> bool:
 
 
 @contextmanager
-def progress(what: str, total: int | None = None, *, out: Path | None = None) -> Iterator[Callable[[], None]]:
+def progress(
+    what: str, total: int | None = None, *, file: Path | None = None, done: int = 0, out: Path | None = None
+) -> Iterator[Callable[[], None]]:
     """`with progress("planning", 20, out=out) as step: … step()`: a bar on stderr.
 
-    Only on a terminal, see `on_terminal`.
+    Only on a terminal, see `on_terminal`. file: there is a step for each of its lines, if they can be counted; done: so many are behind us.
     """
     if not on_terminal(out):
         yield lambda: None
@@ -147,8 +143,10 @@ def progress(what: str, total: int | None = None, *, out: Path | None = None) ->
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+    from planning.io.files import count_lines
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(file=sys.stderr), transient=True) as bar:
-        task = bar.add_task(what, total=total)
+        task = bar.add_task(what, total=count_lines(file) if total is None else total, completed=done)
         with _telling_of_compilation(lambda words: bar.update(task, description=f"{what} ({words})" if words else what)):
             yield lambda: bar.advance(task)

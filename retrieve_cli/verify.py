@@ -62,7 +62,7 @@ def run(
 
     wrong = 0
     settings = Settings(mu=mu, max_tilt_deg=max_tilt_deg)
-    with progress("plans") as advance:
+    with progress("plans", file=plans) as advance:
         for line, false in map_ordered(partial(judged, settings, as_json), items(), workers=workers):
             print(line, flush=True)
             wrong += false

@@ -95,6 +95,14 @@ def read_either(source: Path | None, command: str = "show", *, on_mesh: OnMesh =
     yield from _read(source, decode, _SCENES_FROM.format(command=command))
 
 
+def count_lines(source: Path | None) -> int | None:
+    """How many documents a file has, one a line; None of stdin and of what is no regular file: reading it would be taking it away."""
+    if source is None or _is_stdin(source) or not source.is_file():
+        return None
+    with source.open("rb") as stream:
+        return sum(1 for line in stream if line.strip())
+
+
 def _read(source: Path | None, decode: Callable[[Node], T], how: str) -> Iterator[tuple[str, T]]:
     empty = True
     for where, raw in _lines(source, how):

@@ -31,6 +31,8 @@ SQUARE, REACH, FREE = 0.4, 0.3, 0.3
 OUT_OF_REACH, IN_A_WALL = "out of the arm's reach", "with the hand in a wall"
 AHEAD_M = (0.0, 0.01, 0.02)
 """How far before the hand frame the pads' closing is looked at: they hold what is low by their ends."""
+ALIKE_M, ALIKE_RAD = 0.0005, np.radians(0.5)
+"""What differs by no more in place, width and direction is one grasp: heights that are clamped meet, and networks say things twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +75,17 @@ def rank(
     quality: Sequence[float] | None = None,
     enough: int | None = None,
 ) -> Proposals:
-    """The grasps that hold the target and are in reach, the best first. quality: of each, from 0 to 1; by default measured on the shape.
-    enough: after so many that hold the target no more are looked at."""
+    """The grasps that hold the target and are in reach, each once, the best first. quality: of each, from 0 to 1; by default measured on
+    the shape. enough: after so many that hold the target no more are looked at."""
     target = scene.target_body
     alone = Motions(robot, replace(scene, objects=(target,)), target_grasps=())
     among = Motions(robot, scene, target_grasps=())
     begin, crowded = alone.start(), among.start()
-    kept, dropped, held = list[tuple[Grasp, float]](), Counter[str](), 0
+    kept, dropped, held, seen = list[tuple[Grasp, float]](), Counter[str](), 0, list[Grasp]()
     for i, grasp in enumerate(grasps):
+        if any(_alike(grasp, other) for other in seen):
+            continue
+        seen.append(grasp)
         wrong = judge_grasp(robot, scene, grasp)
         if wrong is not None:
             dropped[_in_short(wrong)] += 1
@@ -120,6 +125,14 @@ def squareness(target: Body, grasp: Grasp, *, cup: bool = False) -> float:
     low, high = bounds(target.shape, target.T_world_body)
     away = np.linalg.norm(np.cross((low + high) / 2 - T[:3, 3], closing)) / (np.linalg.norm(high - low) / 2)
     return float(max(0.0, 1 - off / (2 * FRICTION_ANGLE)) * max(0.0, 1 - away))
+
+
+def _alike(a: Grasp, b: Grasp) -> bool:
+    """Whether two grasps are one and the same for an arm."""
+    T, U = a.T_world_hand, b.T_world_hand
+    if abs(a.width_m - b.width_m) > ALIKE_M or float(np.linalg.norm(T[:3, 3] - U[:3, 3])) > ALIKE_M:
+        return False
+    return bool(np.linalg.norm(T[:3, :3] - U[:3, :3]) <= 2 * np.sqrt(2) * np.sin(ALIKE_RAD / 2))
 
 
 def _room(robot: Robot, approach: Array) -> float:

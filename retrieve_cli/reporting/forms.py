@@ -23,12 +23,12 @@ def to_terminal(report: Report) -> None:
     from rich.text import Text
 
     for k, table in enumerate(tables(report)):
-        rich = RichTable(title=table.title, caption=table.note, box=box.SIMPLE_HEAD, title_justify="left", caption_justify="left")
+        rich = RichTable(box=box.SIMPLE_HEAD)
         for i, column in enumerate(table.columns):
             rich.add_column(Text(column), justify="right" if is_figures(table, i) else "left", overflow="fold", no_wrap=i == 0)
         for i, cells in enumerate(table.rows):
             rich.add_row(*(Text(c) for c in cells), style="dim" if i in table.quiet else None)
-        terminal.show(*(["", rich] if k else [rich]))
+        terminal.show(*([""] if k else []), Text(table.title, style="italic"), rich, Text(table.note, style="dim italic"))
 
 
 def to_markdown(report: Report) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,11 @@ import trimesh
 import yaml
 
 from kinematics.robots.named import installed, named_robots
-from kinematics.scene import Scene
+from kinematics.scene import Grasp, Scene
 from kinematics.transforms import rotation_from_wxyz, transform
 from planning.scenes import sources
 from retrieve_cli import warmup
+from retrieve_cli.grasp import looks
 from retrieve_cli.schema import KINDS
 
 Spoken = tuple[int, str, str]
@@ -192,6 +193,8 @@ def test_grasps_from_a_network(retrieve: Callable[..., Spoken], scenes: Callable
     file = scenes(lambda scene: scene.update(grasp=None))
     code, out, err = retrieve("grasp", file, "--from", tmp_path / "g.npz", "--convention", "contact-graspnet", "--frame", frame)
     assert (code, "1 that miss the target" in err) == (0, True)
+    assert "1. score" in err
+    assert "50 mm wide, the hand looks along yaw 0°, level" in err
     (scene,) = lines(out)
     assert len(scene["grasps"]) == 1
     assert scene["grasp"]["T_world_hand"]["p"][2] == pytest.approx(0.17, abs=1e-6)
@@ -220,3 +223,19 @@ def test_warm_up_is_for_robots_that_are_there(retrieve: Callable[..., Spoken], m
     warmed.clear()
     assert retrieve("warmup", "ur5e")[0] == 0
     assert warmed == ["ur5e"]
+
+
+@pytest.mark.parametrize(
+    ("ahead", "closing", "words"),
+    [
+        ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), "straight down, its fingers close along yaw 90°"),
+        ((0.0, 0.0, -1.0), (0.0, -1.0, 0.0), "straight down, its fingers close along yaw 90°"),
+        ((0.0, 0.0, 1.0), (-1.0, -1e-9, 0.0), "straight up, its fingers close along yaw 0°"),
+        ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), "along yaw -90°, level"),
+        ((0.5**0.5, 0.0, -(0.5**0.5)), (0.0, -1.0, 0.0), "along yaw 0°, 45° down"),
+    ],
+)
+def test_where_a_hand_looks_is_said_by_what_can_be_seen(ahead: Sequence[float], closing: Sequence[float], words: str) -> None:
+    """A hand that looks straight down has no yaw, but its fingers close along one."""
+    R = np.stack([np.cross(closing, ahead), closing, ahead], -1)
+    assert looks(Grasp(transform(R), 0.05)) == words

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -105,3 +106,23 @@ def test_the_command_tells_on_a_terminal_alone(
     options = ["--quiet"] if quiet else []
     assert main(["plan", str(TRIAL), "--policy", "local", *options, "-o", str(tmp_path / "plan.jsonl")]) == 0
     assert ("is wanted" in err.getvalue()) == ("comes out; the arm moves for" in err.getvalue()) == tells
+
+
+@pytest.mark.parametrize("command", ["plan", "verify", "sense"])
+def test_a_bar_says_how_many_lines_the_file_has(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pipe's can't be counted."""
+    twice, plans = tmp_path / "two.jsonl", tmp_path / "plans.jsonl"
+    twice.write_bytes(2 * TRIAL.read_bytes() + b"\n")
+    shutil.copy(TRIAL.with_name("plum.obj"), tmp_path)
+    monkeypatch.setattr(sys, "stderr", err := Terminal())
+    words = {
+        "plan": [str(twice), "--policy", "local", "-o", str(plans)],
+        "sense": [str(twice), "--max-views", "1", "-o", str(tmp_path / "observed.jsonl")],
+        "verify": [str(TRIAL), str(plans)],
+    }[command]
+    if command == "verify":
+        assert main(["plan", str(twice), "--policy", "local", "--quiet", "-o", str(plans)]) == 0
+        err.truncate(0)
+    assert main([command, *words]) == 0
+    assert "0/2" in err.getvalue()
+    assert "/?" not in err.getvalue()

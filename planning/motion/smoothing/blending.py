@@ -62,9 +62,7 @@ def make_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, we
     return corners
 
 
-def unmeasured_corners(
-    q: Array, velocity: Array, acceleration: Array, jerk: Array, weight: Array, most: Array | None = None
-) -> Corners:
+def unmeasured_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, weight: Array, most: Array | None = None) -> Corners:
     """The same without directions and limits of its pieces."""
     K, A = q.shape
     return Corners(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 
 from kinematics.errors import InputError
 from kinematics.transforms import rotation_from_wxyz, transform, wxyz_from_rotation
-from planning.io.files import read_either, read_plans, read_scenes
+from planning.io.files import count_lines, read_either, read_plans, read_scenes
 from planning.io.outputs import replacing
 from planning.io.plan_documents import plan_from_json, plan_to_json
 from planning.io.results import plan_line, plan_writer, scene_writer
@@ -479,3 +480,12 @@ def test_a_document_is_not_deep(complaint: Callable[[str], str]) -> None:
         assert complaint(deep).startswith("scenes.jsonl:1: ")
     document = documents.scene("[" * 5000)  # in a text they are no matter
     assert scene_from_json(json.loads(json.dumps(document))).id == "[" * 5000
+
+
+def test_lines_are_counted_where_that_takes_nothing_away(tmp_path: Path) -> None:
+    file = tmp_path / "scenes.jsonl"
+    file.write_bytes(b"{}\r\n\n  \n{}")
+    assert count_lines(file) == 2
+    assert [count_lines(source) for source in (None, Path("-"), tmp_path, tmp_path / "none")] == [None] * 4
+    os.mkfifo(tmp_path / "pipe")
+    assert count_lines(tmp_path / "pipe") is None

@@ -11,7 +11,7 @@ import pytest
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, RobotRef, Scene
-from kinematics.transforms import transform
+from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
 from planning.grasping.sampling import DENSE, USUAL
 from planning.io.results import scene_writer
@@ -20,7 +20,7 @@ from planning.plan import SCENE
 from planning.policies.unsolvable import Finding, Prover
 from planning.scenes.generation import generate, load_spec
 from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
-from planning.target_grasps.proposals import propose
+from planning.target_grasps.proposals import propose, rank
 from planning.verdict import judge_grasp
 from retrieve_cli.__main__ import main
 
@@ -133,3 +133,25 @@ def test_the_command_takes_the_choice(alone: Scene, tmp_path: Path, capsys: pyte
     assert main([*plan, "--grasp", "list"]) == 2
     assert "has no list of grasps" in capsys.readouterr().err
     assert main([*plan, "--grasp", "none"]) == 2
+
+
+def test_a_grasp_is_proposed_once_though_it_is_sampled_or_read_twice(ur5e: Robot, scene: Scene) -> None:
+    """Two heights that the same limit clamps give the same hand, and networks say a grasp many times."""
+    kept = [grasp for grasp, _ in propose(ur5e, scene, most=100).grasps]
+    nudged = [Grasp(transform(p=(0.0001, 0.0, 0.0)) @ g.T_world_hand, g.width_m) for g in kept]
+    again = rank(ur5e, scene, [*kept, *nudged, *kept], most=300)
+    assert len(kept) > 1
+    assert {(*g.T_world_hand.ravel().tolist(), g.width_m) for g, _ in again.grasps} == {
+        (*g.T_world_hand.ravel().tolist(), g.width_m) for g in kept
+    }
+    for i, a in enumerate(kept):
+        for b in kept[:i]:
+            apart = np.abs(a.T_world_hand - b.T_world_hand).max()
+            assert apart > 1e-4 or abs(a.width_m - b.width_m) > 1e-4
+
+
+def test_another_grasp_a_millimetre_or_a_degree_away_is_another(ur5e: Robot, scene: Scene) -> None:
+    best, _ = propose(ur5e, scene, most=1).grasps[0]
+    up = Grasp(transform(p=(0.0, 0.0, 0.001)) @ best.T_world_hand, best.width_m)
+    turned = Grasp(best.T_world_hand @ transform(rotation_about((0.0, 1.0, 0.0), np.radians(1.0))), best.width_m)
+    assert len(rank(ur5e, scene, [best, up, turned], most=9).grasps) == 3

@@ -11,9 +11,11 @@ import numpy as np
 from kinematics import inverse
 from kinematics.collision import edge_check, edge_problem
 from kinematics.collision.edge_problem import MARGIN_M
+from kinematics.collision.fcl_solids import hull_solid, shape_solids, touch
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.robots.joints import beyond_limits
 from kinematics.robots.start import start_q
+from kinematics.robots.tree import FIXED
 from kinematics.scene import Cabinet, Held
 from kinematics.shapes import bounds
 from kinematics.transforms import Array, rotation_about, transform
@@ -81,13 +83,32 @@ def home(cell: Workcell) -> Array:
     gripper = float(cell.robot.home[cell.robot.gripper_joint])
     empty = cell.problem(cell.scene.poses(), gripper)
     own = cell.robot.arm_q(cell.robot.home)
-    touch = cell.touch(empty, own)
-    if touch is None:
+    at_home = cell.touch(empty, own)
+    if at_home is None:
         return cell.robot.with_arm(own, gripper)
     for q in places_to_wait(cell.arm, cell.scene.cabinet):
         if cell.touch(empty, q) is None:
             return cell.robot.with_arm(q, gripper)
-    raise ValueError(f"robot {cell.robot.name} finds no place to wait before this cabinet: at home, {touch.link} touches {touch.body}")
+    words = f"robot {cell.robot.name} finds no place to wait before this cabinet: at home, "
+    if (limb := _limb_in_the_way(cell)) is not None:
+        raise ValueError(f"{words}{limb}: say in the scene's robot.home where they are")
+    raise ValueError(f"{words}{at_home.link} touches {at_home.body}")
+
+
+def _limb_in_the_way(cell: Workcell) -> str | None:
+    """What touches at home, wherever the arm is, as joints move it that no plan moves: the link, the body and the joints, in words."""
+    robot, tree = cell.robot, cell.robot.tree
+    poses = cell.scene.robot.T_world_base @ tree.poses(robot.home)
+    standing = [s.move(body.T_world_body) for body in cell.scene.fixtures() for s in shape_solids(body.name, body.shape)]
+    for hull in robot.hulls:
+        link = tree.index[hull.link]
+        still = {int(tree.q_index[i]) for i in tree.path(link) if tree.kind[i] != FIXED} - {*robot.arm_joints, robot.gripper_joint}
+        solid = hull_solid(hull.link, hull.vertices, hull.faces).move(poses[link])
+        for body in standing if still else ():
+            if touch(solid, body) is not None:
+                joints = ", ".join(robot.joint_names[j] for j in sorted(still))
+                return f"{hull.link} touches {body.name}, and no plan moves {joints}"
+    return None
 
 
 def start(cell: Workcell) -> Array:
@@ -108,8 +129,8 @@ def start_blocked(cell: Workcell) -> Blocked | None:
         return Blocked("transit", detail=f"at the start, {beyond}")
     q = start(cell)
     gripper = float(q[cell.robot.gripper_joint])
-    touch = cell.touch(cell.problem(cell.scene.poses(), gripper), cell.robot.arm_q(q))
-    return None if touch is None else Blocked("transit", touch.link, touch.body, detail="at the start")
+    found = cell.touch(cell.problem(cell.scene.poses(), gripper), cell.robot.arm_q(q))
+    return None if found is None else Blocked("transit", found.link, found.body, detail="at the start")
 
 
 def outside(cell: Workcell, carrying: PlanningQuery, held: Held, most: int = 8) -> Array:

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kinematics.robots.joints import with_joints
 from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.hand_poses import UP
 from planning.motion.cell.arm import Arm, arm_at
+from planning.scenes.fitting.aside import aside
 from planning.scenes.fitting.places import Place, promising, worth
 from planning.scenes.fitting.sizes import cut, fewer, of_one_kind, scale_for, scaled, slimmed
 from planning.scenes.fitting.trials import Tried, held_heights, not_held, one_shape, share, solved, with_shapes
@@ -43,15 +45,18 @@ class Fitted:
     scale: float
     slimmer: float = 1.0
     alone: str | None = None
+    limbs: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         size = " × ".join(f"{v:.2f}" for v in self.spec.cabinet_size_m)
         x, _, z = self.ref.T_world_base[:3, 3]
         front, floor = self.spec.cabinet_front_m - x, self.spec.cabinet_floor_m - z
         slim = f"; they are {100 * self.slimmer:.0f} % as wide, as its hand holds no wider ones" if self.slimmer < 1.0 else ""
+        limbs = f"; put {', '.join(self.limbs)} aside as robot.home in the scenes says, no plan moves them" if self.limbs else ""
+        alone = f"; {self.alone} alone, as it hardly takes others" if self.alone else ""
         return (
             f"a cabinet of {size} m, its front {front:.2f} m before the arm's base and its floor {floor:.2f} m above: the arm takes "
-            f"objects from {100 * self.share:.0f} % of it{slim}{f'; {self.alone} alone, as it hardly takes others' if self.alone else ''}"
+            f"objects from {100 * self.share:.0f} % of it{slim}{alone}{limbs}"
         )
 
 
@@ -61,8 +66,10 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
     The same robot and spec always give the same. on_step: told of each place that is tried. Raises: NoScene when the arm does not reach
     into it anywhere.
     """
-    there = arm_at(robot, np.eye(4))
-    facing = _facing(there)
+    facing, limbs = _facing(arm_at(robot, np.eye(4))), dict[str, float]()
+    if ref.name is None and ref.home is None and (limbs := aside(robot, facing)):
+        robot = replace(robot, home=with_joints(robot.joint_names, robot.home, limbs, f"robot {robot.name}: home"))
+        ref = replace(ref, home=limbs)
     pivot = robot.pivot(np.eye(4))
     T_base = transform(rotation_about(UP, -facing))
     T_base[:3, 3] = ref.T_world_base[:3, 3] - [*(T_base[:3, :3] @ [*pivot, 0.0])[:2], 0.0]
@@ -95,9 +102,9 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
     spec = found.spec if others else of_one_kind(found.spec, boxes=cup)
     if found.home is not None and ref.name is None:
         names = [robot.joint_names[j] for j in robot.arm_joints]
-        turned = replace(turned, home={name: float(q) for name, q in zip(names, found.home)})
+        turned = replace(turned, home={**(turned.home or {}), **{name: float(q) for name, q in zip(names, found.home)}})
     spec = _thinned(spec, robot, turned, on_step)
-    return Fitted(spec, turned, found.share, scale, slimmer, None if others else "boxes" if cup else "cylinders")
+    return Fitted(spec, turned, found.share, scale, slimmer, None if others else "boxes" if cup else "cylinders", tuple(limbs))
 
 
 def _best_of(places: Sequence[Place], spec: Spec, robot: Robot, ref: RobotRef, cup: bool, on_step: Callable[[str], None]) -> Tried:

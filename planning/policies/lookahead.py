@@ -9,8 +9,9 @@ that object is proposed, to the best regions off that way, before any motion was
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
+from math import inf
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from planning.plan import Outlook
 from planning.policies.regions import free_regions
 from planning.policies.search import Effort, Preferences, Search, Step, World
 from planning.policies.unsolvable import Finding
-from planning.relaxed_plan import RelaxedPlan, relaxed_plan
+from planning.relaxed_plan import Names, relaxed_plan
 
 GLANCED = 12
 """Regions that are proposed at a glance, and for each object where nothing but a guess is left."""
@@ -28,6 +29,8 @@ QUICKLY = 2 / 3
 """Share of all attempts that may be made with the grasps that are quick to sample."""
 ONCE_MORE = 1 / 2
 """As many attempts more, as a share of all, may be made with the likeliest regions where near ones have not done."""
+NEVER = inf
+"""So many moves where no number of them does."""
 Prove = Callable[[State], Finding]
 
 
@@ -40,6 +43,15 @@ def nearest_regions(seen: Observation, name: str, rng: np.random.Generator) -> S
 
 NEAREST = Preferences(lambda seen: lambda name: 0.0, nearest_regions)
 """Any object, to the nearest regions."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A look in which there is hope. share: of the attempts that are left; natural: whether grasps were sought as one would take them."""
+
+    world: World
+    share: float
+    natural: bool = True
 
 
 class Lookahead:
@@ -122,37 +134,44 @@ class Lookahead:
                 yield region
 
     def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
-        """The moves that a search finds: with the grasps that are quick to sample; where these don't do, with many more, and where none of
-        them holds out any hope, with as many as can be, or with hands that a proof was missed by; and at last in other orders."""
+        """The moves that a search finds with the looks that hold out hope; and at last in other orders."""
         assert self._state is not None
         state, left, attempts = self._state, self.most - self._made, self.effort.attempts
-        hopeful: World | None = None
-        plan: RelaxedPlan | None = None
-        natural = True
-        looks: tuple[tuple[Callable[[], World | None], float, bool], ...] = (
-            (lambda: self.world, QUICKLY, False), (lambda: self.world.thorough, 1.0, False), (lambda: self.world.exhaustive, 1.0, True),
-            (lambda: self._missed_by(state) if plan is None else None, 1.0, True),
-        )  # fmt: skip
-        for look, share, only_without_hope in looks:
-            if hopeful is not None and only_without_hope:
-                break
-            if (world := look()) is None:
-                return []
-            plan = relaxed_plan(world.obstructions(state.poses), self._target, frozenset(seen.movable))
-            if plan is None:
-                continue
-            self._needed(plan.length)
-            if plan.length > left:
-                continue
-            hopeful, natural = world, not only_without_hope
-            search = Search(world, self.preferences, replace(self.effort, attempts=round(share * attempts)), left, rng)
+        hopeful: _Look | None = None
+        for hopeful in self._looks(state, frozenset(seen.movable), left):
+            search = Search(hopeful.world, self.preferences, replace(self.effort, attempts=round(hopeful.share * attempts)), left, rng)
             if found := search.run(state):
                 return found
             attempts -= search.tried
         if hopeful is None:
             return []
-        many = self.effort.last if natural and not hopeful.partly_unseen else 0
-        return self._searched_at_last(hopeful, state, left, many, rng)
+        many = self.effort.last if hopeful.natural and not hopeful.world.partly_unseen else 0
+        return self._searched_at_last(hopeful.world, state, left, many, rng)
+
+    def _looks(self, state: State, standing: Names, left: int) -> Iterator[_Look]:
+        """The looks in which so many moves as are left do, if what is moved vanished: with the grasps that are quick to sample, and with
+        many more; where neither holds out hope, with as many as can be; where no number of moves does, with hands that a proof was missed
+        by."""
+        hope = False
+        for world, share in ((self.world, QUICKLY), (self.world.thorough, 1.0)):
+            if self._fewest(world, state, standing) <= left:
+                hope = True
+                yield _Look(world, share)
+        if hope:
+            return
+        fewest, last = self._fewest(self.world.exhaustive, state, standing), self.world.exhaustive
+        if fewest == NEVER and (missed := self._missed_by(state)) is not None:
+            fewest, last = self._fewest(missed, state, standing), missed
+        if fewest <= left:
+            yield _Look(last, 1.0, natural=False)
+
+    def _fewest(self, world: World, state: State, standing: Names) -> float:
+        """How many moves do at least, by a relaxed plan; NEVER where there is none."""
+        plan = relaxed_plan(world.obstructions(state.poses), self._target, standing)
+        if plan is None:
+            return NEVER
+        self._needed(plan.length)
+        return plan.length
 
     def _missed_by(self, state: State) -> World | None:
         """The look with the hands that were found where a proof was sought that there is no hope; None where none were."""

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from kinematics.quintic_spline import hermite
+from kinematics.robots.plain_urdf import read
 from kinematics.scene import Held
 from kinematics.transforms import Array, rotation_about, transform
 from planning.plan import Motion
-from planning.verdict.arm import read
 from planning.verdict.course import Course
 from planning.verdict.hand import Hand
 

@@ -62,7 +62,7 @@ def assemble(
         robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes)
         if fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
             if on_step:
-                on_step(f"comparing the kinematics of {title} with pytorch-kinematics")
+                on_step(f"comparing the kinematics of {title} with another reading of its URDF")
             check_kinematics(robot)
     except ValueError as e:
         raise e if str(e).startswith((f"robot {name}", "mesh file")) else ValueError(f"robot {name}: {e}") from e

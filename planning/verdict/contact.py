@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from kinematics.collision.fcl_solids import Solid, depth, shape_solids
 from kinematics.mount import MOUNT, standing_still
+from kinematics.robots.plain_urdf import Arm
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
-from planning.verdict.arm import Arm
 from planning.verdict.course import Course
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import Hand

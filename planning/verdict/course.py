@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
+from kinematics.robots.plain_urdf import Arm
 from kinematics.scene import Held
 from kinematics.transforms import Array
 from planning.plan import Motion
-from planning.verdict.arm import Arm
 from planning.verdict.faults import Fault
 
 MOST = 1e4

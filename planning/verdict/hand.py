@@ -7,10 +7,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from kinematics.robots.plain_urdf import Arm, poses, read
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, inverse, transform
 from planning.verdict import polygons
-from planning.verdict.arm import Arm, poses, read
 from planning.verdict.polyhedra import Int, Window
 
 FACING = np.cos(np.radians(30))  # a face that looks this much along the closing direction can be a pad's

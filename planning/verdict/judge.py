@@ -12,11 +12,11 @@ from itertools import chain
 
 import numpy as np
 
+from kinematics.robots.plain_urdf import poses
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.transforms import inverse
 from planning.plan import Motion, Plan
-from planning.verdict.arm import poses
 from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course, courses
 from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from kinematics.robots.plain_urdf import poses
 from kinematics.scene import Scene
 from kinematics.transforms import Array, angle_between
-from planning.verdict.arm import poses
 from planning.verdict.course import Course
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.hand import Hand

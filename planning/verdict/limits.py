@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.quintic_spline import DEGREE, extremes
+from kinematics.robots.plain_urdf import Arm
 from kinematics.transforms import Array
-from planning.verdict.arm import Arm
 from planning.verdict.course import Course
 from planning.verdict.faults import Fault
 

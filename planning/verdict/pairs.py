@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from kinematics.collision.fcl_solids import Solid, hull_solid
+from kinematics.robots.plain_urdf import Arm, poses
 from kinematics.robots.robot import Robot
-from planning.verdict.arm import Arm, poses
 from planning.verdict.hand import hand_of
 from planning.verdict.polyhedra import Int
 

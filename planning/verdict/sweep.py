@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.robots.plain_urdf import Arm, poses
 from kinematics.shapes import box_corners
 from kinematics.transforms import Array
-from planning.verdict.arm import Arm, poses
 from planning.verdict.course import Course
 from planning.verdict.polyhedra import Int
 

@@ -40,7 +40,7 @@ def test_named_robots_agree_and_are_the_ones_that_were_checked(robot: Robot, mon
 def test_a_disagreement_names_the_first_joint(ur5e: Robot, change: object, link: str) -> None:
     i = ur5e.tree.index[link]
     wrong = replace(ur5e, tree=replace(ur5e.tree, **change(ur5e.tree, i)))  # type: ignore[operator]
-    with pytest.raises(ValueError, match=f"joint between .* and {link} is read differently by pytorch-kinematics"):
+    with pytest.raises(ValueError, match=f"joint between .* and {link} is read differently by a plain reading"):
         check_kinematics(wrong)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +12,8 @@ import pytest
 from toy_arm import URDF
 from toy_robot import FINGERS, OPENING, PALM, solid, toy_robot
 
+from kinematics.robots.load import load
+from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, rotation_about, transform
 from planning.verdict.hand import Hand, Pad, _in_parts, hand_of, in_hand
 
@@ -326,3 +330,24 @@ def test_a_suction_cup_has_one_face() -> None:
     assert pad.T_carrier_face == pytest.approx(transform(rotation_about((0, 0, 1), 0.5), [0.1, 0, -0.18]))
     with pytest.raises(ValueError, match=r"^robot toy: the suction cup 'left' does not go with the hand frame$"):
         hand_of(toy_robot({"left": cup}, opening=opening, pads=frozenset({"left"})))
+
+
+def test_pads_close_as_the_gripper_table_says(robot: Robot) -> None:
+    """Found in another way, and measured in another way."""
+    hand = hand_of(robot)
+    assert {p.link for p in hand.pads} <= robot.pads
+    assert sorted(p.side for p in hand.pads) == [-1, 1]
+    assert hand.max_width_m == pytest.approx(robot.opening.max_m, abs=1e-4)
+    assert np.abs(hand.width(robot.opening.value) - robot.opening.width_m).max() < 1e-4
+    assert hand.fingers == robot.fingers
+
+
+def test_pads_of_a_sliding_gripper(toy_urdf: Callable[..., Path]) -> None:
+    toy = load(str(toy_urdf()), "tcp", "grip")
+    hand = hand_of(toy)
+    assert hand.width(np.array([0.0, 0.04])) == pytest.approx([0.0, 0.08])
+    frames = in_hand(hand, 0.02)
+    for pad in hand.pads:
+        T = frames[pad.carrier] @ pad.T_carrier_face
+        assert T[:3, 2] == pytest.approx([0.0, -pad.side, 0.0])
+        assert np.ptp(pad.window.corners, axis=0) == pytest.approx([0.07, 0.02])  # along the finger, across it

@@ -9,10 +9,10 @@ import pytest
 from toy_arm import ARM, course, splined
 
 from kinematics.quintic_spline import coefficients, hermite
+from kinematics.robots.plain_urdf import Arm, read
 from kinematics.robots.robot import Robot
 from planning.plan import Fault
 from planning.verdict import limits
-from planning.verdict.arm import Arm, read
 from planning.verdict.course import Course
 
 RNG = np.random.default_rng(5)

@@ -1,4 +1,4 @@
-"""A robot's kinematics read from its URDF text alone, for many configurations at once in numpy.
+"""A robot's kinematics read from its URDF text alone, for many configurations at once in numpy: what checks others, and no planner uses.
 
 Links that are fixed to one another go together: what moves are `carriers`, one for each joint that moves, and carrier 0, the base.
 """

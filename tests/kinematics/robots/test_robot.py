@@ -292,7 +292,7 @@ def test_the_cache_changes_nothing(toy_urdf: Callable[..., Path], tmp_path: Path
     first = load(file, "tcp", on_step=said.append)
     forget()
     second = load(file, "tcp", on_step=said.append)
-    assert said == ["reading the meshes of toy", "comparing the kinematics of toy with pytorch-kinematics"]
+    assert said == ["reading the meshes of toy", "comparing the kinematics of toy with another reading of its URDF"]
     assert first.skip == second.skip
     assert first.urdf == second.urdf
     for a, b in zip(first.hulls, second.hulls, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 from kinematics.chain import Int
 from kinematics.collision.edge_problem import make_scratch, pose_all
 from kinematics.collision.geometry import Asked, make_queries
-from kinematics.collision.path_clearance import config_clearances, path_clearances
+from kinematics.collision.path_clearance import config_clearances, make_gaps, path_clearances
 from kinematics.collision.stretches import PackedStretches, Stretch, allow
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
@@ -45,9 +45,14 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
         begin, end = packed.starts[s], packed.starts[s + 1]
         if others and (packed.arm[begin:end] == packed.arm[begin]).all():
             end = begin + 1
-        looks = [packed.parts(s, first), *(packed.fingers(at) if stretch.held is None else packed.parts(s, at) for at in others)]
-        asked += [_asked(packed, s, (begin, end), *look) for look in looks]
-        of += [s] * len(looks)
+        whole = _asked(packed, s, (begin, end), packed.parts(s, first))
+        asked.append(whole)
+        for at in others:
+            if stretch.held is None:
+                asked.append(whole._replace(parts=packed.fingers(at)[0], check=whole.check[packed.model.fingers]))
+            else:
+                asked.append(whole._replace(parts=packed.parts(s, at)[0]))
+        of += [s] * (1 + len(others))
     out: list[Clearance | None] = [None] * len(packed.stretches)
     if not asked:
         return out
@@ -55,7 +60,8 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
     problem, starts = pose_all(packed.model.chain, packed.posed, packed.solids, queries)  # two bodies may both move: hence twice the step
     least, nearest = np.empty(len(of)), np.empty(len(of), np.int64)
     scratch = make_scratch(problem, int(np.diff(starts).max()))
-    path_clearances(problem, packed.arm, queries.rows, starts, steps_m, FARTHEST_M, TOLERANCE, scratch, least, nearest)
+    gaps = make_gaps(queries.rows, starts)
+    path_clearances(problem, packed.arm, queries.rows, starts, steps_m, FARTHEST_M, TOLERANCE, scratch, gaps, least, nearest)
     for s, distance_m, pair in zip(of, least.tolist(), nearest.tolist()):
         known = out[s]
         if pair >= 0 and (known is None or distance_m < known.distance_m):
@@ -72,7 +78,7 @@ def clearances(robot: Robot, scene: Scene, stretch: Stretch, cap_m: float) -> Ar
     for q, value in zip(each, values):
         q[:, g] = value
     packed = PackedStretches(robot, scene, [replace(stretch, q=q) for q in each])
-    asked = [_asked(packed, s, (packed.starts[s], packed.starts[s + 1]), *packed.parts(s, packed.openings[s][0])) for s in range(len(each))]
+    asked = [_asked(packed, s, (packed.starts[s], packed.starts[s + 1]), packed.parts(s, packed.openings[s][0])) for s in range(len(each))]
     queries = make_queries(asked)
     problem, starts = pose_all(packed.model.chain, packed.posed, packed.solids, queries)
     out, sorted_out = np.empty(len(stretch.q)), np.empty(len(stretch.q))
@@ -81,9 +87,9 @@ def clearances(robot: Robot, scene: Scene, stretch: Stretch, cap_m: float) -> Ar
     return out
 
 
-def _asked(packed: PackedStretches, s: int, rows: tuple[int, int], parts: Int, names: tuple[str, ...]) -> Asked:
-    """Whose distances the clearance of stretch s is the least of, for some rows and some parts."""
-    bodies, standing = packed.bodies(s)
+def _asked(packed: PackedStretches, s: int, rows: tuple[int, int], look: tuple[Int, tuple[str, ...]]) -> Asked:
+    """Whose distances the clearance of stretch s is the least of, for some rows and a look at its parts (`PackedStretches.parts`)."""
+    (parts, names), (bodies, standing) = look, packed.bodies(s)
     stretch, own, P = packed.stretches[s], len(packed.links), len(parts)
     check = np.zeros((P, P + len(bodies)), np.uint8)
     check[packed.posed.frame[parts] > 0, P:] = 1

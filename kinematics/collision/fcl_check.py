@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.collision.fcl_solids import Contact, Solid, depth, hull_solid, shape_solids
+from kinematics.collision.near_boxes import near_pairs_along
 from kinematics.collision.stretches import Stretch
 from kinematics.doors import checked
-from kinematics.jit.decorators import jit_entry, jit_inline
+from kinematics.jit.decorators import jit_entry
 from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.tree import Joints, link_poses, product
 from kinematics.scene import Held, Scene, State
@@ -72,7 +73,7 @@ class Verdict:
         self._obstacles = {MOUNT, *(b.name for b in scene.obstacles)}
         self._pairs = _self_pairs(robot)
         self._carriers, self._on_way = _ways(robot)
-        self._known_still: dict[tuple[bytes, int, int], NDArray[np.bool_]] = {}
+        self._known_movers: dict[tuple[bytes, int, int], Int] = {}
         self._layouts: dict[tuple[str | None, tuple[str, ...]], _Layout] = {}
 
     def contacts(self, state: State, allowed_contacts: Iterable[tuple[str, str]] = ()) -> list[Contact]:
@@ -100,9 +101,9 @@ class Verdict:
         """The first of some stretches, and the first of its configurations, in which something touches, and what does, deepest first; None
         when nothing ever does.
 
-        Pairs are culled by boxes along the world's axes, then asked of FCL. judged: what the covers say about these very configurations.
-        Then a pair that they judge is asked about where they leave it open, any other in every configuration, or just in the first when
-        nothing between the two moves.
+        Pairs are culled by boxes, along the world's axes and their own, then asked of FCL. judged: what the covers say about these very
+        configurations. Then a pair that they judge is asked about where they leave it open, any other in every configuration, or just in
+        the first when nothing between the two moves.
 
         Raises: ValueError when `judged` is about other solids, or about a pair that is not to be tested here.
         """
@@ -120,8 +121,11 @@ class Verdict:
             now, its = rows[i : i + _BATCH], which[i : i + _BATCH]
             T = self._poses(q[now], T_held, its)
             part = said[slice(*np.searchsorted(said[:, 0], (now[0], now[-1] + 1)))]
-            ask = np.empty((len(now) * most + len(once[0]) + len(part), 3), np.int64)
-            count = _near(self._boxes, T, T_standing, places, now, its, first[i : i + _BATCH], *always, *once, part, ask)
+            ask, made = np.empty((len(now) * most + len(once[0]) + len(part), 3), np.int64), np.full(len(self._boxes), -1)
+            around, begins = np.empty_like(self._boxes), first[i : i + _BATCH]
+            count = near_pairs_along(
+                self._boxes, T, T_standing, places, now, its, begins, *always, *once, part, made, around, np.empty(3), ask
+            )
             found = self._ask(T, T_standing, places, its, ask[:count])
             if found is not None:
                 s = int(its[found[0]])
@@ -154,13 +158,10 @@ class Verdict:
             return _Asked(numbers[np.argwhere(tested)], _NO_PAIRS, _NO_ROWS)
         if judged.names != layout.names or (judged.judged & ~tested).any():
             raise ValueError("the covers and FCL were asked about different pairs")
-        left, still = tested & ~judged.judged, self._still(q, layout.movers - self._links, len(numbers) - layout.movers)
-        always, once = left & ~still, left & still
-        return _Asked(
-            numbers[np.argwhere(always)],
-            numbers[np.argwhere(once)],
-            np.stack([judged.rows, numbers[judged.a], numbers[judged.b]], axis=-1),
-        )
+        goes_with = self._goes_with(q, layout.movers - self._links, len(numbers) - layout.movers)
+        pairs, said = np.empty((tested.size, 2), np.int64), np.empty((len(judged.rows), 3), np.int64)
+        always, others = _left(numbers, tested, judged.judged, goes_with, judged.rows, judged.a, judged.b, pairs, said)
+        return _Asked(pairs[:always], pairs[len(pairs) - others :], said)
 
     def _layout(self, held: str | None, standing: tuple[str, ...]) -> _Layout:
         """What is asked about while an object is held and others stand."""
@@ -195,15 +196,15 @@ class Verdict:
         turned = self._on_way[: self._links] & (self.robot.tree.q_index >= 0)
         return np.flatnonzero(~turned.any(1))
 
-    def _still(self, q: Array, grip: int, standing: int) -> NDArray[np.bool_]:
-        """Between which pairs (movers, solids) no joint moves along q (N, J): those that go with the same moving link, or with none."""
+    def _goes_with(self, q: Array, grip: int, standing: int) -> Int:
+        """The last moving link that each solid, movers and what stands, goes with along q (N, J), or -1: between two that go with the same
+        no joint moves."""
         moves = np.append((q != q[0]).any(0), False)[self.robot.tree.q_index]  # a fixed joint's index is -1
         key = (moves.tobytes(), grip, standing)
-        if key not in self._known_still:
+        if key not in self._known_movers:
             goes_with = np.where(self._on_way & moves, np.arange(len(moves)), -1).max(1)
-            goes_with = np.concatenate([goes_with[:-1], np.repeat(goes_with[-1], grip), np.full(standing, -1)])
-            self._known_still[key] = goes_with[: len(goes_with) - standing, None] == goes_with
-        return self._known_still[key]
+            self._known_movers[key] = np.concatenate([goes_with[:-1], np.repeat(goes_with[-1], grip), np.full(standing, -1)])
+        return self._known_movers[key]
 
     def _poses(self, q: Array, T_held: Array, which: Int) -> Array:
         """Poses (N, L + 1, 4, 4) of the link hulls and of what is held at q (N, J), in the world. T_held (S, 4, 4): in the hand, during
@@ -215,7 +216,7 @@ class Verdict:
 
     def _ask(self, T: Array, T_standing: Array, places: Int, which: Int, ask: Int) -> tuple[int, list[Contact]] | None:
         """What FCL says of rows (n, i, j), n rising: solids i and j at configuration n. The first n with contacts, and these, deepest
-        first. T, T_standing, places, which: see `_near`."""
+        first. T, T_standing, places, which: see `near_boxes.near_pairs_along`."""
         solids, links = self._solids, self._links
         placed: dict[int, int] = {}  # where each solid was moved last: to a configuration, or to place k as -1 - k
         found: dict[tuple[str, str], float] = {}
@@ -249,6 +250,27 @@ def _rows_to_look_at(asked: Sequence[_Asked], starts: Int) -> tuple[Int, tuple[I
         (np.concatenate(pairs), np.cumsum([0, *(len(p) for p in pairs)])) for pairs in zip(*((one.always, one.once) for one in asked))
     )
     return np.flatnonzero(looked_at), always, once, said
+
+
+@jit_entry
+def _left(
+    numbers: Int, tested: NDArray[np.bool_], judged: NDArray[np.bool_], goes_with: Int, rows: Int, a: Int, b: Int, pairs: Int, said: Int
+) -> tuple[int, int]:
+    """How many pairs (·, 2) FCL is asked about in every configuration of a stretch, from the front, and in its first alone, from the end.
+    said (N, 3): what the covers leave open at which row. All by the solids' numbers (S,). tested, judged: (M, S), goes_with (S,)."""
+    always, others = 0, pairs.shape[0]
+    for i in range(tested.shape[0]):
+        for j in range(tested.shape[1]):
+            if tested[i, j] and not judged[i, j]:
+                if goes_with[i] == goes_with[j]:
+                    others -= 1
+                    pairs[others, 0], pairs[others, 1] = numbers[i], numbers[j]
+                else:
+                    pairs[always, 0], pairs[always, 1] = numbers[i], numbers[j]
+                    always += 1
+    for n in range(rows.shape[0]):
+        said[n, 0], said[n, 1], said[n, 2] = rows[n], numbers[a[n]], numbers[b[n]]
+    return always, pairs.shape[0] - others
 
 
 _NO_PAIRS, _NO_ROWS = np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64)
@@ -293,45 +315,3 @@ def _ways(robot: Robot) -> tuple[Int, NDArray[np.bool_]]:
     tree = robot.tree
     carriers = [tree.index[name] for name in (*(h.link for h in robot.hulls), "hand")]
     return np.array(carriers), np.array([np.isin(np.arange(len(tree.names)), tree.path(k)) for k in carriers])
-
-
-@jit_entry
-def _near(
-    boxes: Array, T: Array, T_standing: Array, places: Int, rows: Int, which: Int, first: NDArray[np.bool_],
-    always: Int, always_start: Int, once: Int, once_start: Int, said: Int, ask: Int,
-) -> int:  # fmt: skip
-    """Fill in rows (n, i, j) of `ask`, n rising: pairs whose boxes overlap at the n-th configuration, and return how many there are.
-
-    boxes (S, 2, 3): middle and half edges of each solid's in its own frame. Configuration n is row rows[n] (N,) of all, belongs to stretch
-    which[n] and may be its first one. T (N, L + 1, 4, 4): poses of the L links and of what is held. places (·, S): see `Verdict._places`.
-    Pairs (i, j): always (·, 2) and once (·, 2) by stretches, said (·, 3) by the rows that they name, these rising.
-    """
-    count, next_said = 0, 0
-    for n in range(rows.shape[0]):
-        s = which[n]
-        for k in range(always_start[s], always_start[s + 1]):
-            count = _add(boxes, T, T_standing, places[s], n, always[k, 0], always[k, 1], ask, count)
-        if first[n]:
-            for k in range(once_start[s], once_start[s + 1]):
-                count = _add(boxes, T, T_standing, places[s], n, once[k, 0], once[k, 1], ask, count)
-        while next_said < said.shape[0] and said[next_said, 0] == rows[n]:
-            count = _add(boxes, T, T_standing, places[s], n, said[next_said, 1], said[next_said, 2], ask, count)
-            next_said += 1
-    return count
-
-
-@jit_inline
-def _add(boxes: Array, T: Array, T_standing: Array, place: Int, n: int, i: int, j: int, ask: Int, count: int) -> int:
-    """Add (n, i, j) to `ask` if boxes along the world's axes around the two solids overlap; how many there are then."""
-    links = T.shape[1] - 1
-    A = T[n, min(i, links)] if place[i] < 0 else T_standing[place[i]]
-    B = T[n, min(j, links)] if place[j] < 0 else T_standing[place[j]]
-    for r in range(3):
-        apart, room = A[r, 3] - B[r, 3], 1e-9
-        for c in range(3):
-            apart += A[r, c] * boxes[i, 0, c] - B[r, c] * boxes[j, 0, c]
-            room += abs(A[r, c]) * boxes[i, 1, c] + abs(B[r, c]) * boxes[j, 1, c]
-        if abs(apart) > room:
-            return count
-    ask[count, 0], ask[count, 1], ask[count, 2] = n, i, j
-    return count + 1

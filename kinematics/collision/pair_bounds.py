@@ -30,12 +30,15 @@ def too_near(problem: Problem, scratch: Scratch, n: int) -> bool:
 def distance_bound(problem: Problem, n: int, cap_m: float, tolerance: float, scratch: Scratch) -> float:
     """A lower bound of pair n's distance at the poses in the scratch, by the tolerance too low at most; cap_m or more when it is that far
     apart."""
-    pairs, boxes, poses = problem.pairs, problem.boxes, scratch.poses
-    far = ball_gap(pairs, boxes, poses, n)
-    if far >= cap_m:
-        return far
+    far = ball_gap(problem.pairs, problem.boxes, scratch.poses, n)
+    return far if far >= cap_m else float(hull_bound(problem, n, cap_m, tolerance, scratch))
+
+
+@jit_inline
+def hull_bound(problem: Problem, n: int, cap_m: float, tolerance: float, scratch: Scratch) -> float:
+    """The same without a look at the ball."""
+    pairs, boxes, poses, work, toward = problem.pairs, problem.boxes, scratch.poses, scratch.work, scratch.toward
     scratch.counts[1] += 1
-    work, toward = scratch.work, scratch.toward
     return float(pair_bound(pairs, boxes, problem.vertices, problem.groups, poses, work, toward, n, 0.0, cap_m, np.inf, tolerance))
 
 

@@ -39,7 +39,7 @@ def _link_pieces(robot: Robot) -> GeometryModel:
     return make_geometry_model([hull.vertices for hull in robot.hulls], link_covers(robot))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)  # a plan's fingers stand at five to thirty openings
 def _finger_pieces(robot: Robot, times: int, covered: bool) -> GeometryModel:
     """The hulls that move with the gripper's joint, so many times: each time they may stand elsewhere."""
     if times != 1:

@@ -65,16 +65,18 @@ class PackedStretches:
         gripper = q[:, self.robot.gripper_joint]
         if (gripper == gripper[0]).all():
             return (float(gripper[0]),)
-        at = np.unique(np.linspace(0, len(q) - 1, FINGERS_AT).round().astype(np.int64))
-        return tuple(float(gripper[i]) for i in at)
+        return tuple(gripper[list(_spread(len(q)))].tolist())
 
     def _pack_parts(self, scene: Scene) -> None:
         first, *others = dict.fromkeys(value for values in self.openings for value in values) or {0.0: None}
         links, fingers = np.arange(len(self.links)), len(self._fingers)
         self._links_at = {first: links}
         several, names = [self.model.posed(first)], list(self.links)
-        if fingers and others:
-            several.append(self.model.posed_fingers(others))
+        begins = {values[0] for values in self.openings}  # at the others nobody asks the covers, which take longest to place
+        others = sorted(others, key=lambda value: value not in begins)
+        for covered in (True, False):
+            if fingers and (some := [value for value in others if (value in begins) is covered]):
+                several.append(self.model.posed_fingers(some, covered=covered))
         for value in others:
             own = links.copy()
             own[self._fingers] = len(names) + np.arange(fingers)
@@ -140,6 +142,12 @@ class PackedStretches:
     def bodies(self, s: int) -> tuple[Int, tuple[str, ...]]:
         """What stands in stretch s, with the names."""
         return self._standing[s]
+
+
+@lru_cache(maxsize=256)
+def _spread(rows: int) -> tuple[int, ...]:
+    """The first row, the last one and some between, each once, at which fingers are looked at."""
+    return tuple(np.unique(np.linspace(0, rows - 1, FINGERS_AT).round().astype(np.int64)).tolist())
 
 
 def _key(held: Held) -> tuple[str, bytes]:

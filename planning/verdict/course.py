@@ -55,12 +55,7 @@ class Course:
     @cached_property
     def ways(self) -> Array:
         """How far (K - 1,) the joint that goes furthest goes between any two rows, at most."""
-        ahead = np.abs(self.q[1:] - self.q[:-1]).max(1, initial=0.0)
-        if self.spline is not None:
-            # a joint's way is no longer than that along its Bernstein coefficients: it turns back less often than they do
-            control = self.spline.control
-            ahead = np.maximum(ahead, np.abs(control[:, 1:] - control[:, :-1]).sum(1).max(1))
-        return np.asarray(ahead)
+        return _ways(self.q[1:] - self.q[:-1], None if self.spline is None else self.spline.control)
 
     def dense(self, step: float) -> tuple[Array, Array]:
         """Where on the way (N,), in rows, and configurations (N, J), such that no joint moves by much more than `step` between two."""
@@ -80,6 +75,16 @@ class Course:
         return self.q[k] if len(self.q) < 2 else self._between(k, rows - k)
 
 
+def _ways(ahead: Array, control: Array | None) -> Array:
+    """How far (P,) the joint that goes furthest goes at most on ways that end `ahead` (P, J) of where they begin; control (P, 6, J): their
+    coefficients, if they are pieces of a spline."""
+    far = np.abs(ahead).max(1, initial=0.0)
+    if control is not None:
+        # a joint's way is no longer than that along its Bernstein coefficients: it turns back less often than they do
+        far = np.maximum(far, np.abs(control[:, 1:] - control[:, :-1]).sum(1).max(1))
+    return np.asarray(far)
+
+
 def _cut(ways: Array, step: float) -> tuple[NDArray[np.int64], Array]:
     """Ways (P,) cut into even pieces of about `step`: for each piece's end the way (N,) that it is on, and its share (N,) of that."""
     counts = np.maximum(1, np.ceil(ways / step)).astype(np.int64)
@@ -89,14 +94,22 @@ def _cut(ways: Array, step: float) -> tuple[NDArray[np.int64], Array]:
 
 def dense_rows(courses: Sequence[Course], step: float) -> list[Array]:
     """The configurations (N, J) of `Course.dense` for several courses, at least one."""
-    ways = [course.ways for course in courses]
-    starts = np.cumsum([0, *(len(way) for way in ways)])
-    k, share = _cut(np.concatenate(ways), step)
-    ends = np.searchsorted(k, starts)
-    return [
-        np.concatenate([course.q[:1], course._between(k[i:j] - start, share[i:j])])
-        for course, start, i, j in zip(courses, starts, ends[:-1], ends[1:])
-    ]
+    splines = [course.spline for course in courses if course.spline is not None]
+    if len(splines) < len(courses):
+        return [course.dense(step)[1] for course in courses]
+    control = _one_after_the_other(splines)
+    piece, share = _cut(_ways(control[:, -1] - control[:, 0], control), step)
+    rows = evaluate(QuinticSpline(np.arange(len(control) + 1.0), control), piece + share)  # where a piece is depends on the share alone
+    first = np.cumsum([0, *(len(spline.t_s) for spline in splines)])  # pieces, the still one before the next course among them
+    return np.split(np.concatenate([courses[0].q[:1], rows]), np.searchsorted(piece, first[1:-1]))
+
+
+def _one_after_the_other(splines: Sequence[QuinticSpline]) -> Array:
+    """The coefficients (P, 6, J) of all their pieces, and between one spline and the next of a piece in which nothing moves."""
+    control = list[Array]()
+    for spline in splines:
+        control += [spline.control, np.broadcast_to(spline.control[-1:, -1:], (1, *spline.control.shape[1:]))]
+    return np.concatenate(control[:-1])
 
 
 def courses(arm: Arm, motions: Sequence[Motion]) -> tuple[list[Course], list[Fault]]:

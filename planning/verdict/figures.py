@@ -100,20 +100,23 @@ def grasp_faults(scene: Scene, ledger: Ledger, allowed: Sequence[Grasp], setting
 def tilt_faults(courses: Sequence[Course], ledger: Ledger, hand: Hand, T_world_base: Array, limits: dict[str, float]) -> list[Fault]:
     """Nothing is carried further tilted than its limit, in degrees, from how it stood before it was taken."""
     out = []
-    for carry in ledger.carries:
-        limit = limits.get(carry.body)
-        if limit is None or limit >= 180:
-            continue
-        held = courses[carry.first : carry.last + 1]
-        rows = dense_rows(held, 0.01)
+    carried = [
+        (course, carry, limit)
+        for carry in ledger.carries
+        if (limit := limits.get(carry.body)) is not None and limit < 180
+        for course in courses[carry.first : carry.last + 1]
+    ]
+    if not carried:
+        return []
+    rows = dense_rows([course for course, _, _ in carried], 0.01)
+    R = hand_poses(hand, np.concatenate(rows), T_world_base)[:, :3, :3]
+    for (course, carry, limit), its in zip(carried, np.split(R, np.cumsum([len(r) for r in rows])[:-1])):
         up = carry.T_world_from[:3, :3].T @ [0.0, 0.0, 1.0]  # what points up, in the body
-        axis = hand_poses(hand, np.concatenate(rows), T_world_base)[:, :3, :3] @ (carry.T_hand_body[:3, :3] @ up)
-        tilts = np.degrees(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
-        for course, its in zip(held, np.split(tilts, np.cumsum([len(r) for r in rows])[:-1])):
-            tilt = float(its.max())
-            if tilt > limit + 0.1:
-                detail = f"{course.where}: {carry.body} leans by {tilt:.1f}°, and may by {limit:g}°"
-                out.append(Fault(course.stage, (carry.body,), detail, float(np.radians(tilt))))
+        axis = its @ (carry.T_hand_body[:3, :3] @ up)
+        tilt = float(np.degrees(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2])).max())
+        if tilt > limit + 0.1:
+            detail = f"{course.where}: {carry.body} leans by {tilt:.1f}°, and may by {limit:g}°"
+            out.append(Fault(course.stage, (carry.body,), detail, float(np.radians(tilt))))
     return out
 
 

@@ -65,15 +65,16 @@ def _judge(robot: Robot, x_g: Grasp, target: Body | None, walls: Sequence[Body],
     if not opening.cup_m and not x_g.width_m >= least - asked.gap_m:
         return f"the grasp is {1000 * x_g.width_m:.4g} mm wide, and the gripper closes to {1000 * least:.0f} mm"
     frames = in_hand(hand, opening.value_at(opening.cup_m or x_g.width_m) if tabled else closing_value(hand, x_g.width_m))
+    links = _in_place(robot, hand, frames)
     if target is not None:
         T_hand_target = inverse(x_g.T_world_hand) @ target.T_world_body
         faces = [frames[p.carrier] @ p.T_carrier_face for p in hand.pads]
         if wrong := hold_faults(hand.pads, faces, polyhedra(target.shape), T_hand_target, target.name, "grasp", asked):
             return f"x_g does not hold {target.name}: {wrong[0].detail}"
-        for link, _, deep in _touching(robot, hand, frames, [Body(target.name, target.shape, T_hand_target)]):
+        for link, _, deep in _touching(links, [Body(target.name, target.shape, T_hand_target)]):
             if deep > (asked.depth_m if link in hand.holding else TOUCH_M):
                 return f"x_g does not hold {target.name}: {link} would touch the target itself, {1000 * deep:.1f} mm deep"
-    for link, wall, deep in _touching(robot, hand, frames, walls):
+    for link, wall, deep in _touching(links, walls):
         if deep > TOUCH_M:
             return f"x_g can't be reached: {link} would be {1000 * deep:.1f} mm inside {'the ' if wall in (*WALLS, MOUNT) else ''}{wall}"
     return None
@@ -100,18 +101,29 @@ def _askew(hand: Hand) -> bool:
 
 def closing_value(hand: Hand, width_m: float) -> float:
     """The gripper joint's value at which the pads are so far apart, to a micrometre; the nearest it can do."""
-    k = int(np.clip(np.searchsorted(hand.widths, width_m), 1, len(hand.widths) - 1))
+    values, widths = _closely(hand, int(np.clip(np.searchsorted(hand.widths, width_m), 1, len(hand.widths) - 1)))
+    return float(np.interp(width_m, widths, values))
+
+
+@lru_cache(maxsize=256)
+def _closely(hand: Hand, k: int) -> tuple[Array, Array]:
+    """Values of the gripper's joint, and widths there, from the hand's table's row k - 1 to its row k."""
     values = np.linspace(hand.values[k - 1], hand.values[k], _STEPS)
-    return float(np.interp(width_m, hand.width(values), values))
+    return values, hand.width(values)
 
 
-def _touching(robot: Robot, hand: Hand, frames: dict[int, Array], bodies: Sequence[Body]) -> Iterator[tuple[str, str, float]]:
-    """Links of the hand and bodies that touch, and how deep; frames, bodies: in the hand's frame."""
-    others: list[Solid] = [s.move(b.T_world_body) for b in bodies for s in shape_solids(b.name, b.shape)]
+def _in_place(robot: Robot, hand: Hand, frames: dict[int, Array]) -> list[Solid]:
+    """The hand's links where they are in its frame; frames: of what carries them."""
     solids = link_solids(robot, hand.links)
     for solid in solids:
         carrier, T = hand.arm.links[solid.name]
         solid.move(frames[carrier] @ T)
-    for i, j in near_pairs(solids, others):
-        if (deep := depth(solids[i], others[j], near=True)) is not None:
-            yield solids[i].name, others[j].name, deep
+    return solids
+
+
+def _touching(links: Sequence[Solid], bodies: Sequence[Body]) -> Iterator[tuple[str, str, float]]:
+    """Links of the hand and bodies, in its frame, that touch, and how deep."""
+    others: list[Solid] = [s.move(b.T_world_body) for b in bodies for s in shape_solids(b.name, b.shape)]
+    for i, j in near_pairs(links, others):
+        if (deep := depth(links[i], others[j], near=True)) is not None:
+            yield links[i].name, others[j].name, deep

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.transforms import Array
 
 _SAME = 1e-12
@@ -17,18 +19,51 @@ def hull(points: Array) -> Array:
     """
     if len(points) < 3:
         return points
-    order = points[np.lexsort((points[:, 1], points[:, 0]))].tolist()
-    lower, upper = _chain(order), _chain(order[::-1])
-    return np.array(lower[:-1] + upper[:-1])
+    order, out = np.empty(len(points), np.int64), np.empty((len(points) + 1, 2))
+    return out[: _hull(np.ascontiguousarray(points, float), order, out)]
 
 
-def _chain(points: list[list[float]]) -> list[list[float]]:
-    out: list[list[float]] = []
-    for x, y in points:
-        while len(out) > 1 and (out[-1][0] - out[-2][0]) * (y - out[-2][1]) - (out[-1][1] - out[-2][1]) * (x - out[-2][0]) <= 0:
-            out.pop()
-        out.append([x, y])
-    return out
+@jit_entry
+def _hull(points: Array, order: NDArray[np.int64], out: Array) -> int:
+    """`hull` of points (M, 2), M > 2, into out (M + 1, 2); how many corners there are. order (M,): scratch."""
+    _by_x_and_y(points, order)
+    count, M = 0, points.shape[0]
+    for chain in range(2):  # the lower one from left to right, then the upper one back; each ends where the other begins
+        first = count
+        for i in range(M):
+            x, y = points[order[i if chain == 0 else M - 1 - i]]
+            while count - first > 1:
+                ax, ay, bx, by = out[count - 2, 0], out[count - 2, 1], out[count - 1, 0], out[count - 1, 1]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
+                    break
+                count -= 1
+            out[count, 0], out[count, 1] = x, y
+            count += 1
+        count -= 1
+    return count
+
+
+@jit_inline
+def _by_x_and_y(points: Array, order: NDArray[np.int64]) -> None:
+    """The order (M,) of points (M, 2) by x, then by y: Shell's sort."""
+    M = order.shape[0]
+    for i in range(M):
+        order[i] = i
+    gap = 1
+    while 3 * gap + 1 < M:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, M):
+            one, k = order[i], i
+            x, y = points[one, 0], points[one, 1]
+            while k >= gap:
+                other = order[k - gap]
+                if points[other, 0] < x or (points[other, 0] == x and points[other, 1] <= y):
+                    break
+                order[k] = other
+                k -= gap
+            order[k] = one
+        gap //= 3
 
 
 def clip(polygon: Array, window: Array) -> Array:
@@ -61,11 +96,24 @@ def least_width(polygon: Array) -> float:
     """The distance of the two nearest parallel lines with the polygon between them; 0 for a line or a point."""
     if len(polygon) < 3:
         return 0.0
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    length = np.hypot(edge[:, 0], edge[:, 1])
-    edge, start = edge[length > _SAME] / length[length > _SAME, None], polygon[length > _SAME]
-    reach = edge[:, :1] * (polygon[:, 1] - start[:, 1:]) - edge[:, 1:] * (polygon[:, 0] - start[:, :1])
-    return float(reach.max(1).min(initial=np.inf)) if len(edge) else 0.0
+    width = _least_width(np.ascontiguousarray(polygon))
+    return float(width) if width < np.inf else 0.0
+
+
+@jit_entry
+def _least_width(polygon: Array) -> float:
+    """`least_width` of a polygon with an edge that has a length; infinite for another."""
+    least, N = np.inf, polygon.shape[0]
+    for i in range(N):
+        x, y = polygon[i, 0], polygon[i, 1]
+        u, v = polygon[(i + 1) % N, 0] - x, polygon[(i + 1) % N, 1] - y
+        length = np.sqrt(u * u + v * v)
+        if length > _SAME:
+            reach = -np.inf
+            for k in range(N):
+                reach = max(reach, (u * (polygon[k, 1] - y) - v * (polygon[k, 0] - x)) / length)
+            least = min(least, reach)
+    return least
 
 
 def nearest(a: Array, b: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array
 
@@ -145,13 +146,14 @@ def nearest_in_window(solid: Polyhedron, window: Window) -> tuple[float, Array] 
     The least z of a polyhedron cut by an upright prism is at one of its corners: a corner of the solid within the window, an edge of the
     solid over an edge of the window, or a face over a corner of the window. The normal is the plane's, or across both edges, or the face's.
     """
-    side = solid.vertices[:, :2] @ window.inward.T - window.offset  # (V, N), positive within
-    inside = (side >= -1e-15).all(1)
-    best = (float(solid.vertices[inside, 2].min()), _DOWN) if inside.any() else None
-    for found in (_over_edges(solid, window, side, best), _over_corners(solid, window)):
-        if found is not None and (best is None or found[0] < best[0]):
-            best = found
-    return best
+    normal, side = np.empty(3), np.empty((len(solid.vertices), len(window.corners)))
+    least = _least_in_window(*_flat(solid), window.corners, window.along, window.inward, window.offset, window.share, side, normal)
+    return (least, normal) if least < np.inf else None
+
+
+def _flat(solid: Polyhedron) -> tuple[Array, Int, Array]:
+    """Corners, edges and planes as compiled code takes them."""
+    return np.ascontiguousarray(solid.vertices), np.ascontiguousarray(solid.edges), np.ascontiguousarray(solid.planes)
 
 
 def section_below(solid: Polyhedron, z: float) -> Array:
@@ -165,45 +167,74 @@ def section_below(solid: Polyhedron, z: float) -> Array:
     return np.concatenate([solid.vertices[height <= z, :2], between])
 
 
-_DOWN = np.array([0.0, 0.0, -1.0])
+@jit_entry
+def _least_in_window(
+    vertices: Array, edges: Int, planes: Array, corners: Array, along: Array, inward: Array, offset: Array, share: Array,
+    side: Array, normal: Array,
+) -> float:  # fmt: skip
+    """`nearest_in_window`: the least z, infinite where nothing is over the window, and the normal (3,). side (V, N): scratch, how far each
+    corner of the solid is within each edge of the window, times that edge's length."""
+    least = np.inf
+    normal[0], normal[1], normal[2] = 0.0, 0.0, -1.0
+    for v in range(vertices.shape[0]):
+        inside = True
+        for k in range(corners.shape[0]):
+            side[v, k] = vertices[v, 0] * inward[k, 0] + vertices[v, 1] * inward[k, 1] - offset[k]
+            inside = inside and side[v, k] >= -1e-15
+        if inside:
+            least = min(least, vertices[v, 2])
+    least = _over_edges(vertices, edges, corners, along, share, side, least, normal)
+    return float(_over_corners(planes, corners, least, normal))
 
 
-def _over_edges(solid: Polyhedron, window: Window, side: Array, below: tuple[float, Array] | None) -> tuple[float, Array] | None:
-    """The lowest point at which an edge of the solid passes over an edge of the window; edges above what is known are left out."""
-    a, b = solid.edges.T
-    crosses = (side[a] > 0) != (side[b] > 0)
-    if below is not None:
-        crosses &= (np.minimum(solid.vertices[a, 2], solid.vertices[b, 2]) < below[0])[:, None]
-    e, k = np.nonzero(crosses)
-    if not len(e):
-        return None
-    a, b = a[e], b[e]
-    share = (side[a, k] / (side[a, k] - side[b, k]))[:, None]
-    point = solid.vertices[a] + share * (solid.vertices[b] - solid.vertices[a])
-    place = ((point[:, :2] - window.corners[k]) * window.share[k]).sum(1)
-    on = (place >= 0) & (place <= 1)
-    if not on.any():
-        return None
-    i = int(np.argmin(np.where(on, point[:, 2], np.inf)))
-    (x, y, z), (u, v) = solid.vertices[b[i]] - solid.vertices[a[i]], window.along[k[i]]
-    across = np.array([-z * v, z * u, x * v - y * u])
-    length = float(np.linalg.norm(across))
-    return float(point[i, 2]), across / length * (-1.0 if across[2] > 0 else 1.0) if length > 1e-15 else _DOWN
+@jit_inline
+def _over_edges(vertices: Array, edges: Int, corners: Array, along: Array, share: Array, side: Array, least: float, normal: Array) -> float:
+    """The lowest point at which an edge of the solid passes over an edge of the window, if that is lower, with its normal; or least."""
+    known, e, w = least, -1, -1
+    for i in range(edges.shape[0]):
+        a, b = edges[i, 0], edges[i, 1]
+        if min(vertices[a, 2], vertices[b, 2]) >= known:
+            continue
+        for k in range(corners.shape[0]):
+            if (side[a, k] > 0.0) == (side[b, k] > 0.0):
+                continue
+            part = side[a, k] / (side[a, k] - side[b, k])
+            x = vertices[a, 0] + part * (vertices[b, 0] - vertices[a, 0]) - corners[k, 0]
+            y = vertices[a, 1] + part * (vertices[b, 1] - vertices[a, 1]) - corners[k, 1]
+            z = vertices[a, 2] + part * (vertices[b, 2] - vertices[a, 2])
+            if z < least and 0.0 <= x * share[k, 0] + y * share[k, 1] <= 1.0:
+                least, e, w = z, i, k
+    if e < 0:
+        return float(least)
+    a, b = edges[e, 0], edges[e, 1]
+    x, y, z = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+    u, v = along[w, 0], along[w, 1]
+    across = x * v - y * u
+    length = np.sqrt(z * z * (u * u + v * v) + across * across)
+    if length > 1e-15:
+        length = -length if across > 0.0 else length
+        normal[0], normal[1], normal[2] = -z * v / length, z * u / length, across / length
+    else:
+        normal[0], normal[1], normal[2] = 0.0, 0.0, -1.0
+    return float(least)
 
 
-def _over_corners(solid: Polyhedron, window: Window) -> tuple[float, Array] | None:
-    """The lowest point over a corner of the window: where a line along z enters the solid."""
-    normal, d = solid.planes[:, :3], solid.planes[:, 3]
-    room = d - window.corners @ normal[:, :2].T  # (N, F): n_z z <= room
-    nz = normal[:, 2]
-    down, up = nz < -1e-12, nz > 1e-12
-    hit = (room[:, ~(down | up)] >= 0).all(1)
-    if not hit.any():
-        return None
-    enters = room[:, down] / nz[down]
-    low, high = enters.max(1, initial=-np.inf), (room[:, up] / nz[up]).min(1, initial=np.inf)
-    hit &= low <= high
-    if not hit.any():
-        return None
-    corner = int(np.argmin(np.where(hit, low, np.inf)))
-    return float(low[corner]), normal[down][int(np.argmax(enters[corner]))]
+@jit_inline
+def _over_corners(planes: Array, corners: Array, least: float, normal: Array) -> float:
+    """The lowest point over a corner of the window, where a line along z enters the solid, if that is lower, with its normal; or least."""
+    for k in range(corners.shape[0]):
+        low, high, face, hit = -np.inf, np.inf, 0, True
+        for f in range(planes.shape[0]):
+            nz = planes[f, 2]
+            room = planes[f, 3] - corners[k, 0] * planes[f, 0] - corners[k, 1] * planes[f, 1]  # nz z <= room
+            if nz < -1e-12:
+                if room / nz > low:
+                    low, face = room / nz, f
+            elif nz > 1e-12:
+                high = min(high, room / nz)
+            else:
+                hit = hit and room >= 0.0
+        if hit and low <= high and low < least:
+            least = low
+            normal[0], normal[1], normal[2] = planes[face, 0], planes[face, 1], planes[face, 2]
+    return least

@@ -15,7 +15,7 @@ from kinematics.collision import sphere_check
 from kinematics.collision.edge_check import config_free, edge_contact
 from kinematics.collision.edge_problem import MARGIN_M, make_scratch
 from kinematics.collision.pair_bounds import TOLERANCE
-from kinematics.collision.path_clearance import path_clearances
+from kinematics.collision.path_clearance import make_gaps, path_clearances
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
 from planning.motion.search.edges import LARGEST_CLEARANCE_M, Task, connects, with_clearance
@@ -137,7 +137,7 @@ def test_the_least_distance_along_a_path(seed: int) -> None:
         gaps = [[pair_distance(problem, frames_at(problem, q), n) for n in range(len(problem.pairs))] for q in rows]
         both, nearest, pairs = np.empty(2), np.empty(2, np.int64), len(problem.pairs)
         some = np.array([[0, len(rows)], [20, 50]]), np.array([0, pairs, pairs]), np.full(2, step)  # the second path has no pairs
-        path_clearances(problem, rows, *some, 0.05, 1e-3, scratch, both, nearest)
+        path_clearances(problem, rows, *some, 0.05, 1e-3, scratch, make_gaps(some[0], some[1]), both, nearest)
         assert (both[1], nearest[1]) == (0.05, -1)
         least, pair, exact = both[0], nearest[0], float(np.min(gaps))
         assert min(exact, 0.05) * (1 - 1e-3) - 1e-9 <= least <= min(exact, 0.05) + 1e-9

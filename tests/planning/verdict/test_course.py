@@ -77,6 +77,23 @@ def test_several_courses_are_cut_as_each_alone() -> None:
         assert np.array_equal(rows, alone.dense(0.4)[1])
 
 
+def test_several_splines_are_cut_as_each_alone() -> None:
+    """Though they do not begin where the one before ends, nor at 0 s."""
+    some = [splined((0,), (2,), (3, 1)), splined((7,), (7.1,)), splined((-1, 0), (1, 0), (1, 0.5), t_s=(2, 2.5, 6)), splined((4,), (4,))]
+    together = dense_rows(some, 0.4)
+    for rows, alone in zip(together, some, strict=True):
+        assert rows == pytest.approx(alone.dense(0.4)[1], abs=1e-12)
+        assert rows[0].tolist() == alone.q[0].tolist()
+
+
+def test_a_piece_that_takes_no_time_to_speak_of_hides_nothing() -> None:
+    """After a long course its times could not be told apart from one another, if they were counted on."""
+    long, short = splined((0,), (3,), t_s=(0, 9000)), splined((0, 0), (0, 0), (0, 1), t_s=(0, 1e-15, 1))
+    rows = dense_rows([long, short], 0.1)
+    assert np.isfinite(rows[1]).all()
+    assert rows[1] == pytest.approx(short.dense(0.1)[1], abs=1e-12)
+
+
 # ------------------------------------------------------------------------------------------------------------------------------------ form
 
 

@@ -1,8 +1,8 @@
 """Inverse kinematics: every distinct configuration of the arm that puts the hand at a pose.
 
 Damped least squares (Levenberg-Marquardt) in compiled code, started from the nearest entries of a table of random configurations, so that
-few iterations are needed and the arm's different branches (elbow up or down, wrist flipped) are all found. Solutions stay inside the
-limits and are polished to about 1e-9.
+few iterations are needed and the arm's different branches (elbow up or down, wrist flipped) are all found. Sixteen starts go side by side
+(inverse_lanes.py); what comes near is polished to about 1e-9. Solutions stay inside the limits.
 """
 
 from __future__ import annotations
@@ -13,26 +13,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.chain import Chain, forward
+from kinematics.collision.sphere_lanes import ROW_X
 from kinematics.doors import checked
+from kinematics.inverse_lanes import F32, LaneChain, come_near, lane_chain, make_rows
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
+from kinematics.jit.simd import WIDTH
 from kinematics.transforms import Array
 
 POSITION_TOLERANCE_M = 1e-5
 ROTATION_TOLERANCE = 1e-5
 _TABLE = 8192
+_W = np.uint64(WIDTH)
 PATIENT: Any = np.int64(40)
 BRISK: Any = np.int64(30)
 """Iterations of `descend`, from the table and from nearby. A plain int is a type of its own, and `descend` would be compiled for each."""
 STALLED = 10
-"""A start is given up after so many iterations that did not halve what is left. A third of those from the table never arrive, and took two
-thirds of the time; three in a thousand solutions were found later."""
+"""A descent is given up after so many iterations that did not halve what is left. A third of the starts from the table never arrive."""
 
 
 class Seeds(NamedTuple):
-    """Where the search for solutions starts: configurations (N, J) and the first three rows of their hand poses in the world, T (12, N)."""
+    """Where the search for solutions starts: configurations (N, J) and the first three rows of their hand poses in the world, T (12, N);
+    and the chain, for the lanes."""
 
     q: Array
-    T: NDArray[np.float32]
+    T: F32
+    lanes: LaneChain
 
 
 def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
@@ -42,7 +47,7 @@ def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
     q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
     T = np.empty((n, 4, 4))
     _hand_poses(chain, T_frame_hand, q, np.empty((len(chain.q_index) + 1, 4, 4)), T)
-    return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32))
+    return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32), lane_chain(chain))
 
 
 def solve(
@@ -62,8 +67,8 @@ def solve(
         return np.empty((0, J))
     starts, score, far = np.zeros(tries, np.int64), np.zeros(N, np.float32), np.full(tries, np.inf, np.float32)
     _nearest(seeds.T, T_world_hand, score, starts, far)
-    out, cost, q = np.empty((tries, J)), np.zeros(tries), np.empty(J)
-    found = _solve(chain, T_frame_hand, seeds.q, starts, T_world_hand, near, distinct, q, *make_work(chain), out, cost)
+    out, cost, q, rows = np.empty((tries, J)), np.zeros(tries), np.empty(J), make_rows(chain)
+    found = _solve(chain, seeds.lanes, T_frame_hand, seeds.q, starts, T_world_hand, near, distinct, rows, q, *make_work(chain), out, cost)
     return out[np.argsort(cost[:found])]
 
 
@@ -82,37 +87,45 @@ def _hand_poses(chain: Chain, T_frame_hand: Array, q: Array, frames: Array, out:
 
 @jit_entry
 def _solve(
-    chain: Chain, T_frame_hand: Array, table: Array, starts: NDArray[np.int64], T: Array, near: Array, distinct: float, q: Array,
-    frames: Array, work: Array, out: Array, cost: Array,
+    chain: Chain, lanes: LaneChain, T_frame_hand: Array, table: Array, starts: NDArray[np.int64], T: Array, near: Array, distinct: float,
+    rows: F32, q: Array, frames: Array, work: Array, out: Array, cost: Array,
 ) -> int:  # fmt: skip
-    """The distinct solutions, out[:found], and how far each is from `near`, squared, cost[:found], zeros before. q (J,): scratch."""
-    J, found = q.shape[0], 0
-    for s in starts:
-        copy_row(table[s], q)
-        if not descend(chain, T_frame_hand, T, q, frames, work, PATIENT):
-            continue
-        for j in range(J):  # of two turns that are both inside the limits, the one nearer to `near`
-            other = q[j] - np.copysign(2 * np.pi, q[j] - near[j])
-            if abs(other - near[j]) < abs(q[j] - near[j]) and chain.lower[j] <= other <= chain.upper[j]:
-                q[j] = other
-        fresh = True
-        for f in range(found):
-            far = False
+    """The distinct solutions, out[:found], and how far each is from `near`, squared, cost[:found], zeros before. rows, q (J,): scratch."""
+    J, K, found = q.shape[0], chain.q_index.shape[0], 0
+    at = ROW_X + _W * np.uint64(K + 12 * (K + 1))
+    for first in range(0, starts.shape[0], WIDTH):
+        arrived = come_near(chain, lanes, T_frame_hand, T, table, starts, first, rows, at)
+        for w in range(min(WIDTH, starts.shape[0] - first)):
+            if not (arrived >> np.uint64(w)) & np.uint64(1):
+                continue
             for j in range(J):
-                delta = abs(out[f, j] - q[j])
-                if chain.wraps[j]:
-                    delta = min(delta, abs(delta - 2 * np.pi))
-                if delta > distinct:
-                    far = True
-            if not far:
-                fresh = False
-                break
-        if fresh:
-            copy_row(q, out[found])
-            for j in range(J):
-                cost[found] += (q[j] - near[j]) ** 2
-            found += 1
+                q[j] = rows[at + _W * np.uint64(j) + np.uint64(w)]
+                q[j] = min(max(q[j], chain.lower[j]), chain.upper[j])  # which float32 may have rounded
+                other = q[j] - np.copysign(2 * np.pi, q[j] - near[j])
+                if abs(other - near[j]) < abs(q[j] - near[j]) and chain.lower[j] <= other <= chain.upper[j]:
+                    q[j] = other  # of two turns that are both inside the limits, the one nearer to `near`
+            new = _is_new(chain, q, distinct, out, found) and descend(chain, T_frame_hand, T, q, frames, work, BRISK)
+            if new and _is_new(chain, q, distinct, out, found):
+                copy_row(q, out[found])
+                for j in range(J):
+                    cost[found] += (q[j] - near[j]) ** 2
+                found += 1
     return found
+
+
+@jit_inline
+def _is_new(chain: Chain, q: Array, distinct: float, out: Array, found: int) -> bool:
+    """Whether a solution q (J,) is none of out[:found]."""
+    for f in range(found):
+        far = False
+        for j in range(q.shape[0]):
+            delta = abs(out[f, j] - q[j])
+            if chain.wraps[j]:
+                delta = min(delta, abs(delta - 2 * np.pi))
+            far = far or delta > distinct
+        if not far:
+            return False
+    return True
 
 
 @jit_entry

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from kinematics.collision.geometry import BOX, CYLINDER
-from kinematics.collision.sphere_model import F32, SphereModel, SphereWorld
+from kinematics.collision.sphere_model import F32, SphereWorld
 from kinematics.jit.decorators import Function, jit_inline
 from kinematics.jit.simd import WIDTH, below, largest, load, nearest_int, root, size, spread, store
 
@@ -51,7 +51,7 @@ def _sine_cosine(x: Lanes) -> tuple[Lanes, Lanes]:
 
 
 @forced_inline
-def forward_kinematics(S: F32, M: SphereModel) -> None:
+def forward_kinematics(S: F32, M: Any) -> None:  # M: a SphereModel, or what else has its T and prismatic
     """Forward kinematics of all lanes: joint values in rows ROW_X to the frames' rows; frame 0, the world, stands there already."""
     K = _U(M.T.shape[0])
     for k in range(K):

@@ -64,7 +64,7 @@ def _arithmetic(op: Any, instruction: str) -> None:
         _lower_builtin(op, *pair)(lower)
 
 
-for _op, _instruction in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+for _op, _instruction in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")):
     _arithmetic(_op, _instruction)
 
 
@@ -123,6 +123,17 @@ def largest(typing: Any, a: Any, b: Any) -> Any:
         return builder.select(builder.fcmp_unordered("<", args[0], b), b, args[0])
 
     return float32x16(float32x16, float32x16 if b == float32x16 else types.float32), code
+
+
+@_intrinsic
+def chosen(typing: Any, bits: Any, a: Any, b: Any) -> Any:
+    """a in the lanes whose bit is set, b in the others."""
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        lanes = builder.bitcast(builder.trunc(args[0], ir.IntType(WIDTH)), ir.VectorType(ir.IntType(1), WIDTH))
+        return builder.select(lanes, args[1], args[2])
+
+    return float32x16(types.uint64, float32x16, float32x16), code
 
 
 def _unary(builder: Any, name: str, value: Any) -> Any:

@@ -78,6 +78,35 @@ def test_out_of_reach_is_no_solution(solver: Solver) -> None:
     assert solver.solve(transform(p=[3.0, 0.0, 0.5])).shape == (0, len(solver.robot.arm_joints))
 
 
+def test_lanes_find_what_single_descents_find(solver: Solver) -> None:
+    """The same starts, one after the other in float64: next to nothing that these come to is missed, and hardly more is found."""
+    scratch, in_lanes, one_by_one, missed = make_work(solver.chain), 0, 0, 0
+    for T in solver.reachable(40):
+        far = ((solver.seeds.T.reshape(3, 4, -1) - T[:3, :, None]) ** 2 * [[[0.02], [0.02], [0.02], [1.0]]]).sum((0, 1))
+        alone = list[Array]()
+        for start in np.argsort(far)[:24]:
+            q = solver.seeds.q[start].copy()
+            if descend(solver.chain, solver.T_frame_hand, T, q, *scratch, 40) and all(_apart(solver, q, other) for other in alone):
+                alone.append(q)
+        found = solver.solve(T)
+        missed += sum(all(_apart(solver, q, other) for other in found) for q in alone)
+        in_lanes, one_by_one = in_lanes + len({_branch(q) for q in found}), one_by_one + len({_branch(q) for q in alone})
+    if len(solver.near) == 6:  # more joints have no end of solutions: the same starts come to others
+        assert missed <= 0.05 * one_by_one
+    assert in_lanes >= 0.97 * one_by_one
+
+
+def _branch(q: Array) -> tuple[complex, ...]:
+    """q but for whole turns."""
+    return tuple(np.round(np.exp(1j * q), 1))
+
+
+def _apart(solver: Solver, q: Array, other: Array) -> bool:
+    """Whether two solutions are distinct ones, whole turns aside."""
+    off = np.abs(q - other)
+    return bool(np.minimum(off, np.abs(off - 2 * np.pi)).max() > 0.2)
+
+
 def test_same_call_same_answer(solver: Solver) -> None:
     T = solver.reachable(1)[0]
     np.testing.assert_array_equal(solver.solve(T), solver.solve(T))

@@ -26,7 +26,8 @@ class WrittenWorld:
 
     blocking: see `Blocking`. can: whether an object can be moved to a region, beyond what blocks it. reached: whether the arm gets to an
     object, or to the target, at all. finer: the blocking for a thorough look; finest: for an exhaustive one; rough: for a rough one.
-    tried: the moves that were asked for, in order. tight: which moves come near to something.
+    tried: the moves that were asked for, in order. tight: which moves come near to something. seen: the blocking if unseen space were free,
+    where there is some.
     """
 
     names: str
@@ -38,6 +39,7 @@ class WrittenWorld:
     rough: Blocking | None = None
     finest: Blocking | None = None
     tight: Callable[[Choice], bool] = lambda choice: False
+    seen: Blocking | None = None
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -60,8 +62,13 @@ class WrittenWorld:
     def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False) -> _Written:
         return _Written((roughly and self.rough) or self.blocking, self.regions_of(poses))
 
-    partly_unseen = False
-    """Whether there is unseen space."""
+    @property
+    def partly_unseen(self) -> bool:
+        return self.seen is not None
+
+    @property
+    def if_free(self) -> WrittenWorld:
+        return self if self.seen is None else WrittenWorld(self.names, self.seen, self.can, self.reached, None, self.tried)
 
     @property
     def thorough(self) -> WrittenWorld:

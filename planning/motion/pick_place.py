@@ -77,7 +77,7 @@ class Motions:
         more_grasps: Callable[[Sampling], Iterable[Grasp]] | None = None,
         pace: Pace = FULL,
     ) -> None:
-        self.robot, self.scene, self.settings, self.pace = robot, scene, settings, pace
+        self.robot, self.scene, self.settings, self.pace, self.iterations = robot, scene, settings, pace, iterations
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         given = () if scene.grasp is None else (scene.grasp,)
         self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
@@ -281,17 +281,28 @@ class Motions:
 
     @cached_property
     def exhaustive(self) -> Motions:
-        """The same with as many grasps as can be looked at, for what is to be proved. Nothing is while space is unseen; where grasps are
-        costly to sample, the thorough look is all."""
-        return self.thorough if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene) else self._with(EXHAUSTIVE)
+        """The same with as many grasps as can be looked at, for what is to be proved. Where grasps are costly to sample, the thorough look
+        is all."""
+        return self._with(EXHAUSTIVE) if can_be_exhaustive(self.robot, self.scene) else self.thorough
 
     @cached_property
     def finest(self) -> FinestLook | None:
-        """The look that proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: where
-        space is unseen, with meshes, and with a hand of one's own whose pads are askew, where each grasp has to be judged."""
-        if self.partly_unseen or not can_be_exhaustive(self.robot, self.scene):
+        """The look that proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: with
+        meshes, and with a hand of one's own whose pads are askew, where each grasp has to be judged. What it calls closed is so whatever
+        unseen space holds; a hand that it finds keeps out of that."""
+        if not can_be_exhaustive(self.robot, self.scene):
             return None
         return FinestLook(self.robot, self.scene, self.settings, self.cell)
+
+    @cached_property
+    def if_free(self) -> Motions:
+        """The same as if all space that nobody has seen were free; not to be carried out, but to know what is worth a look or a move."""
+        if not self.partly_unseen:
+            return self
+        return Motions(
+            self.robot, self.scene, iterations=self.iterations, time_budget_s=self.cell.time_budget_s, settings=self.settings,
+            target_grasps=self._listed_grasps, more_grasps=self._more_grasps, pace=self.pace,
+        )  # fmt: skip
 
     def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Motions:
         """The exhaustive look with some more grasps of objects that stand at poses."""

@@ -118,11 +118,16 @@ class Lookahead:
             yield name
 
     def _guessed(self, seen: Observation, rng: np.random.Generator) -> Iterator[str]:
-        """All objects by preference, where unseen space is in the way of every plan: what stops them says where to look next."""
-        cost = self.preferences.objects(seen)
-        for name in sorted(seen.movable, key=lambda name: (cost(name), name)):
-            self._regions = islice(self.preferences.regions(seen, name, rng), GLANCED)
-            yield name
+        """The objects that go first in a shortest relaxed plan if all unseen space were free, to where the plan gets shorter: what stops
+        them says where to look next."""
+        assert self._state is not None
+        for world in (self.world.if_free, self.world.if_free.thorough, self.world.if_free.exhaustive):
+            search = Search(world, self.preferences, self.effort, self.most - self._made, rng)
+            if leading := search.leading(self._state):
+                for name, regions in leading:
+                    self._regions = islice(regions, GLANCED)
+                    yield name
+                return
 
     def _off_the_way(self, seen: Observation, name: str, rng: np.random.Generator) -> Iterator[int]:
         """The regions for an object where the target could be picked."""
@@ -160,10 +165,16 @@ class Lookahead:
         if hope:
             return
         fewest, last = self._fewest(self.world.exhaustive, state, standing), self.world.exhaustive
-        if fewest == NEVER and (missed := self._missed_by(state)) is not None:
+        if fewest == NEVER and not self._unseen_is_why(state, standing) and (missed := self._missed_by(state)) is not None:
             fewest, last = self._fewest(missed, state, standing), missed
         if fewest <= left:
             yield _Look(last, 1.0, natural=False)
+
+    def _unseen_is_why(self, state: State, standing: Names) -> bool:
+        """Whether there is hope if unseen space is free, where there is none as it is solid."""
+        if not self.world.partly_unseen:
+            return False
+        return relaxed_plan(self.world.if_free.exhaustive.obstructions(state.poses), self._target, standing) is not None
 
     def _fewest(self, world: World, state: State, standing: Names) -> float:
         """How many moves do at least, by a relaxed plan; NEVER where there is none."""

@@ -38,6 +38,8 @@ class World(Protocol):
     @property
     def exhaustive(self) -> World: ...
     @property
+    def if_free(self) -> World: ...
+    @property
     def partly_unseen(self) -> bool: ...
     def relocate(self, state: State, name: str, region: int, rng: np.random.Generator) -> Done | Blocked: ...
     def retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked: ...
@@ -140,6 +142,12 @@ class Search:
         self._queue.clear()  # what is left refers to this search, and would keep it
         return found
 
+    def leading(self, start: State) -> list[tuple[str, Iterator[int]]]:
+        """The objects that go first in a shortest relaxed plan from a state, the cheapest in front, each with the regions where it gets
+        shorter; empty where no plan is short enough."""
+        node = self._node(start, ())
+        return [] if node is None else [(name, (region for _, region in choices)) for name, choices in self._leading(node)]
+
     def _found(self, start: State) -> list[Step]:
         self._put(self._node(start, ()))
         while (found := self._next()) is not None:
@@ -215,8 +223,12 @@ class Search:
 
     def _choices(self, node: _Node) -> Iterator[Choice]:
         """The moves of a shortest relaxed plan's first object to where the rest of that plan, or of another as short, still holds."""
+        return _in_turn([choices for _, choices in self._leading(node)])
+
+    def _leading(self, node: _Node) -> list[tuple[str, Iterator[Choice]]]:
+        """The same for each such object."""
         names = sorted({name for plan in node.plans for name in plan.firsts}, key=lambda name: (node.cost(name), name))
-        return _in_turn([self._leading_on(node.state, node.seen, node.plans, name) for name in names])
+        return [(name, self._leading_on(node.state, node.seen, node.plans, name)) for name in names]
 
     def _leading_on(self, state: State, seen: Observation, plans: Sequence[RelaxedPlan], name: str) -> Iterator[Choice]:
         """Of a node's, whose choices they are: they don't refer to it, or neither would be gone before the garbage collector comes."""

@@ -65,18 +65,26 @@ class Prover:
 
     def _finest_look(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
         """A hand that takes one of a set of objects while the others of it stand; or else why it is in doubt that there is none."""
-        if not stuck or self.motions.partly_unseen:  # space that nobody has seen is solid, and what it hides is not asked so finely
+        if not stuck:
             return {}, None
         if self.motions.finest is None:
             return {}, "grasps on meshes, or by pads that are askew, can't be looked at densely enough for a proof"
         view, doubt = self.motions.finest.at(state.poses), None
         for name in sorted(stuck):
+            if self._is_hidden(state, name, stuck):
+                doubt = f"{name} may be taken once what nobody has seen before it was seen"
+                continue
             access = view.access(name, stuck - {name})
             if access.hand is not None:
                 return {name: [access.hand]}, None
             if not access.closed:
                 doubt = f"{name} is hardly reachable, if at all: {access.between} hands between others were looked at, and no more are"
         return {}, doubt
+
+    def _is_hidden(self, state: State, name: str, stuck: Names) -> bool:
+        """Whether unseen space alone keeps one of a set of stuck objects from being taken: hands between others are not why."""
+        motions = self.motions
+        return motions.partly_unseen and motions.if_free.exhaustive.obstructions(state.poses).free(name, stuck - {name})
 
     def _would_help(self, state: State, stuck: Names) -> Iterator[str]:
         """What would change it, one thing at a time: another grasp of the target, other approaches, both, an object taken away by hand."""

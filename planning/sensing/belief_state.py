@@ -20,6 +20,7 @@ from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.pick_place import Motions
 from planning.motion.trajectory import Pace
 from planning.plan import Motion
+from planning.sensing.aimed_views import aimed_views
 from planning.sensing.fine_map import FineMap, Moved, coarsened
 from planning.sensing.hiding_places import COMPLETE, SMALLEST_M
 from planning.sensing.look_around import Limits, Looked, look_around, unknown_mask, unknown_space
@@ -58,7 +59,8 @@ class BeliefState:
         self.q, self.start_blocked = before_looking.start().q, before_looking.start_blocked()
         self.belief = Belief((), {}, self.voxels)
 
-    def look(self, world: World, limits: Limits, focus: Array | None, on_step: Callable[[str], None]) -> Looked:
+    def look(self, world: World, limits: Limits, focus: Array | None, on_step: Callable[[str], None], *, aimed: bool = False) -> Looked:
+        """Look around, see `look_around`. aimed: by views that are sought for the focus alone, where there are some."""
         base = self.empty_scene.robot.T_world_base
 
         def drive(motions: Sequence[Motion]) -> tuple[Sequence[Motion], Array]:
@@ -69,11 +71,15 @@ class BeliefState:
             on_step(f"the way to a view stopped: {stopped.why}")
             return (*motions[: stopped.motion], part_done(motions[stopped.motion], q)), q
 
+        intrinsics = getattr(world, "intrinsics", DEFAULT)
+        spots = None
+        if aimed and focus is not None:
+            spots = aimed_views(self.robot, self.empty_scene, self.voxels, self.belief.bodies, focus, self.rng, intrinsics)
         looked = look_around(
             self.empty_scene, self.robot, lambda _, q: with_own_pixels(self.robot, base, world.take_frame(), q), self.q, self.voxels,
             self.rng, bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise,
-            intrinsics=getattr(world, "intrinsics", DEFAULT), pace=self.pace, drive=drive,
-            hiding=self.unseen_boxes if self.by_size else None, on_step=on_step,
+            intrinsics=intrinsics, pace=self.pace, drive=drive, hiding=self.unseen_boxes if self.by_size else None, spots=spots,
+            on_step=on_step,
         )  # fmt: skip
         fresh = looked.frames
         self.fine.add(*looked.rays)

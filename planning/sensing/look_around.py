@@ -102,6 +102,7 @@ def look_around(
     pace: Pace = FULL,
     drive: Drive | None = None,
     hiding: Callable[[], tuple[Body, ...]] | None = None,
+    spots: ReachableViews | None = None,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Looked:
     """Take views of the cabinet, the first one where the arm stands, at q (J,).
@@ -110,6 +111,7 @@ def look_around(
     focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.sensing.focus`.
     choose: "gain", "random" or "sweep". pace: how fast the arm moves. drive: takes the arm along motions to the next view; without it the
     camera is told where it would be. hiding: obstacles around all that may be in unseen space, asked when the arm stands in some of it.
+    spots: the views that are chosen from, by default `reachable_views`.
     Raises: ValueError when the robot has no camera in its hand, and for another word.
     """
     limits = limits or Limits()
@@ -118,7 +120,7 @@ def look_around(
     if limits.views < 1:
         return Looked((), (), voxels, (), q, "no view was allowed")
     base = empty_scene.robot.T_world_base
-    spots = reachable_views(robot, empty_scene, intrinsics)
+    spots = spots or reachable_views(robot, empty_scene, intrinsics)
     preview = InformationGain(voxels, spots.views, RANGE_M[0], focus)
     order = _order(choose, spots, empty_scene.cabinet, rng)
     frames, seen = list[Frame](), list[ClearRays]()
@@ -321,7 +323,19 @@ def _cell_key(scene: Scene) -> bytes:
 
 @lru_cache(maxsize=4)
 def _reachable_views(robot: Robot, cell: _Cell, intrinsics: Intrinsics, seed: int) -> ReachableViews:
-    empty_scene, T_base = cell.empty_scene, cell.empty_scene.robot.T_world_base
+    cabinet, rng = cell.empty_scene.cabinet, np.random.default_rng(seed)
+    found = views_from(robot, cell.empty_scene, np.concatenate([sweep_poses(cabinet), sample_poses(cabinet, CANDIDATES, rng)]), intrinsics)
+    if found is None:
+        raise ValueError(f"robot {robot.name} can't look into this cabinet from anywhere: is the camera mounted the right way round?")
+    return found
+
+
+def views_from(robot: Robot, empty_scene: Scene, poses: Array, intrinsics: Intrinsics) -> ReachableViews | None:
+    """Of camera poses (C, 4, 4), those that the arm can take when nothing is in the cabinet; None when there are none.
+
+    Raises: ValueError when the robot has no camera that moves with the hand.
+    """
+    T_base = empty_scene.robot.T_world_base
     carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_base)
     if "camera" not in carried or carried["camera"][0] != carried["hand"][0]:
         raise ValueError(f"robot {robot.name} has no camera in its hand: give its URDF a link called camera, fixed to the hand")
@@ -329,11 +343,9 @@ def _reachable_views(robot: Robot, cell: _Cell, intrinsics: Intrinsics, seed: in
     workcell = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None)
     gripper = float(robot.home[robot.gripper_joint])
     alone = workcell.problem({}, gripper)
-    rng = np.random.default_rng(seed)
-    poses = np.concatenate([sweep_poses(empty_scene.cabinet), sample_poses(empty_scene.cabinet, CANDIDATES, rng)])
     found = [(q, T) for T in poses for q in workcell.ik(T @ T_camera_hand, tries=8)[:BRANCHES] if workcell.touch(alone, q) is None]
     if not found:
-        raise ValueError(f"robot {robot.name} can't look into this cabinet from anywhere: is the camera mounted the right way round?")
+        return None
     small = reduced(intrinsics)
     own = np.array([robot_depth(robot, T_base, robot.with_arm(q, gripper), T, small) > 0 for q, T in found])
     views = np.array([T for _, T in found])

@@ -151,8 +151,9 @@ class _Record:
 
 @dataclass(eq=False)
 class _Loop:
-    """The state of the loop between two looks. limits, focus: of the next look; failed: objects and regions that came to nothing since the
-    last change; patience: looks that may still follow without a move; steps: of the policy; stops: of the world."""
+    """The state of the loop between two looks. limits, focus: of the next look; aimed: whether its views are sought for the focus alone;
+    failed: objects and regions that came to nothing since the last change; patience: looks that may still follow without a move; steps: of
+    the policy; stops: of the world."""
 
     world: World
     known: Truth
@@ -170,6 +171,7 @@ class _Loop:
     limits: Limits
     patience: int
     focus: Array | None = None
+    aimed: bool = False
     steps: int = 0
     stops: int = 0
     failed: set[tuple[str, int]] = field(default_factory=set)
@@ -181,7 +183,7 @@ class _Loop:
         """Look, then take the target if there is a way, else move something, else look where it may help; the end, if this was it."""
         mind, record = self.mind, self.record
         with self.moving:
-            looked = mind.look(self.world, self.limits, self.focus, self.on_step)
+            looked = mind.look(self.world, self.limits, self.focus, self.on_step, aimed=self.aimed)
         record.way += looked.motions
         try:
             with self.moving:
@@ -206,9 +208,9 @@ class _Loop:
             self.look_after_stop(tried.stopped.q)
             return None
         if tried.moved:
-            self.steps, self.patience, self.limits = self.steps + 1, self.sensing.patience, self.sensing.after_move
+            self.steps, self.patience = self.steps + 1, self.sensing.patience
             with self.moving:
-                self.focus = wanted(mind.empty_scene, mind.robot, mind.belief)
+                self.next_look(self.sensing.after_move, wanted(mind.empty_scene, mind.robot, mind.belief))
             return None
         return None if self.look_closer(motions, state, tried.hindered) else _Ended(taken)
 
@@ -296,18 +298,20 @@ class _Loop:
 
     def look_closer(self, motions: Motions, state: State, hindered: Sequence[tuple[str, Blocked]]) -> bool:
         """Aim the next look at what is in the way; False when the loop is to end instead."""
-        mind, before = self.mind, self.focus
+        mind = self.mind
         with self.moving:
             names = _hidden(motions, state, hindered, self.sensing.most_hidden)
-            self.focus = wanted(mind.empty_scene, mind.robot, mind.belief, names, mind.unseen_voxels())
-        if self.patience == 0 or not self.focus.any() or (before is not None and np.array_equal(before > 0, self.focus > 0)):
-            # the last look has not shown any of what it was to show
+            focus = wanted(mind.empty_scene, mind.robot, mind.belief, names, mind.unseen_voxels())
+        shown = self.focus is None or not np.array_equal(self.focus > 0, focus > 0)
+        if self.patience == 0 or not focus.any() or (self.aimed and not shown):
+            # the last look has not shown any of what it was to show, though it was aimed at it
             self.steps += 1
             if self.rule is Rule.DEEP or self.steps >= self.max_moves:
                 return False
-            self.limits, self.focus = self.sensing.once, None  # the step is lost; the policy may have something else to propose
+            self.next_look(self.sensing.once, None)  # the step is lost; the policy may have something else to propose
             return True
-        self.limits, self.patience = self.sensing.when_stuck, self.patience - 1  # look where it may help, and try once more
+        self.next_look(self.sensing.when_stuck, focus, aimed=not shown)  # look where it may help, and try once more
+        self.patience -= 1
         self.failed.clear()
         return True
 
@@ -316,12 +320,18 @@ class _Loop:
         if self.patience == 0:
             return _Ended(Blocked(doubt.stage, body=self.mind.empty_scene.target_name, detail=doubt.detail))
         self.on_step(f"not carried out: {doubt}")
-        self.limits, self.focus, self.patience = self.sensing.when_stuck, None, self.patience - 1
+        self.next_look(self.sensing.when_stuck, None)
+        self.patience -= 1
         return None
 
     def look_after_stop(self, q: Array) -> None:
         """The arm stopped at q (J,): look again, and plan on from there."""
-        self.mind.q, self.limits, self.focus, self.stops = q, self.sensing.after_move, None, self.stops + 1
+        self.mind.q, self.stops = q, self.stops + 1
+        self.next_look(self.sensing.after_move, None)
+
+    def next_look(self, limits: Limits, focus: Array | None, *, aimed: bool = False) -> None:
+        """Say how the next look is to be. aimed: by views that are sought for the focus (X, Y, Z) alone."""
+        self.limits, self.focus, self.aimed = limits, focus, aimed
 
     def carry_out(self, motions: Motions, state: State, planned: Sequence[Motion], names: Mapping[str, str]) -> Driven:
         """Carry motions out, and put them on record. names: of the objects in the world, by those in what is believed."""
@@ -366,18 +376,31 @@ def _try_target(mind: BeliefState, looked: Looked, motions: Motions, state: Stat
     if mind.belief.body(target) is None:
         return Blocked("look", body=target, detail=f"the target was not found: {looked.reason}")
     taken = motions.retrieve_target(state, rng)
-    if isinstance(taken, Blocked):
-        return taken
+    if isinstance(taken, Blocked):  # a policy that looks ahead has reckoned with the thorough look
+        thorough = motions.thorough.retrieve_target(state, rng)
+        if isinstance(thorough, Blocked):
+            return taken
+        taken = thorough
     ((_, taken),) = motions.quickest([(state, taken)], rng)
     return replace(taken, motions=motions.trajectories(state, taken.motions))
 
 
 def _hidden(motions: Motions, state: State, failed: Sequence[tuple[str, Blocked]], most: int) -> list[str]:
-    """At most so many objects that can't be moved for what was not seen: those tried, else those out of reach, nearest to x_g first."""
-    tried = [name for name, why in failed if (why.body or "").startswith(HIDDEN)]
-    if tried:
-        return list(dict.fromkeys(tried))[:most]
+    """At most so many objects that can't be moved for what was not seen: those tried, else all, nearest to x_g first."""
     at = motions.scene.x_g.T_world_hand[:2, 3]
     near = sorted(state.poses, key=lambda name: float(np.linalg.norm(state.poses[name][:2, 3] - at)))
-    others = ((name, *motions.picks(state, name)) for name in near if name != motions.scene.target_name)
-    return list(islice((n for n, picks, why in others if not picks and (why.body or "").startswith(HIDDEN)), most))
+    for names in ([name for name, _ in failed], [name for name in near if name != motions.scene.target_name]):
+        if found := list(islice((name for name in dict.fromkeys(names) if _is_hidden(motions, state, name)), most)):
+            return found
+    return []
+
+
+def _is_hidden(motions: Motions, state: State, name: str) -> bool:
+    """Whether an object can't be picked, but could be if what nobody has seen were free; asked closely only once the target was found."""
+    picks, why = motions.picks(state, name)
+    if picks:
+        return False
+    target, said = motions.scene.target_name, (why.body or "").startswith(HIDDEN)
+    if said or target not in state.poses:
+        return said
+    return motions.if_free.exhaustive.obstructions(state.poses).free(name, frozenset(state.poses) - {name, target})

@@ -278,17 +278,41 @@ def test_a_state_that_was_not_foreseen_is_thought_about_anew() -> None:
     assert policy.outlook.least_moves == 2  # of the first state
 
 
-def test_where_unseen_space_is_in_every_way_all_is_proposed_by_preference() -> None:
-    """What stops the attempts says where to look next; where everything was seen, nothing is proposed."""
-    stuck = at_first({"t": ["ab"], "a": ["b"], "b": ["a"]})
-    world = WrittenWorld("ab", stuck)
+def test_where_unseen_space_is_in_every_way_that_is_proposed_which_would_help_if_it_were_free() -> None:
+    """What stops the attempts says where to look next; c would not help, and where everything was seen, nothing is proposed."""
+    stuck = at_first({"t": ["ab"], "a": ["b"], "b": ["a"], "c": [""]})
+    assert asked(look(WrittenWorld("abc", stuck)), WrittenWorld("abc", stuck)) == []
+    world = WrittenWorld("abc", stuck, seen=at_first({"t": ["ab"], "a": [""], "b": [""], "c": [""]}))
+    assert [name for name, _ in asked(look(world), world)] == [*"a" * 12, *"b" * 12]
+    dear = Preferences(lambda seen: {"a": 2.0, "b": 1.0, "c": 0.0}.__getitem__, IN_ORDER.regions)
+    assert [name for name, _ in asked(Lookahead(world, dear, SOME, no_proof, most=5), world)] == [*"b" * 12, *"a" * 12]
+    one_first = WrittenWorld("abc", stuck, seen=at_first({"t": ["a"], "a": ["b"], "b": [""], "c": [""]}))
+    assert {name for name, _ in asked(look(one_first), one_first)} == {"b"}
+
+
+def test_what_is_guessed_is_put_where_the_way_gets_shorter() -> None:
+    def seen(name: str, regions: Mapping[str, int]) -> Sequence[str]:
+        return ["a" if regions["a"] < 10 else ""] if name == "t" else [""]
+
+    world = WrittenWorld("a", at_first({"t": [], "a": []}), seen=seen)
+    assert asked(look(world), world) == [("a", region) for region in range(10, 16)]
+
+
+def test_nothing_is_guessed_where_free_space_would_not_help_but_hands_between_others_are_sought() -> None:
+    """A look at the hands that a proof is missed by takes its time, and is not worth it where unseen space is why there is no hope."""
+    stuck, asked_for = at_first({"t": ["a"], "a": ["b"], "b": ["a"]}), list[State]()
+
+    def prove(state: State) -> Finding:
+        asked_for.append(state)
+        return Finding(hope=WrittenWorld("ab", at_first({"t": ["a"], "a": ["b"], "b": [""]})))  # type: ignore[arg-type]
+
+    world = WrittenWorld("ab", stuck, seen=stuck)
     assert asked(look(world), world) == []
-    world.partly_unseen = True
-    found = asked(look(world), world)
-    assert [name for name, _ in found] == [*"a" * 12, *"b" * 12]
-    dear = Preferences(lambda seen: {"a": 2.0, "b": 1.0}.__getitem__, IN_ORDER.regions)
-    found = asked(Lookahead(world, dear, SOME, no_proof, most=5), world)
-    assert [name for name, _ in found] == [*"b" * 12, *"a" * 12]
+    assert [name for name, _ in asked(look(world, prove=prove), world)] == ["b"]
+    assert len(asked_for) == 1
+    world.seen = at_first({"t": ["a"], "a": [""], "b": [""]})
+    assert {name for name, _ in asked(look(world, prove=prove), world)} == {"a"}
+    assert len(asked_for) == 1
 
 
 def test_where_the_quick_look_finds_no_way_a_thorough_one_does() -> None:
@@ -492,8 +516,8 @@ def test_at_last_all_free_regions_are_tried_if_so_many_attempts_are_left() -> No
 
 
 def test_where_space_is_unseen_a_look_is_better_than_the_last_search() -> None:
-    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
-    world.partly_unseen = True
+    ways = at_first({"t": ["a"], "a": [""]})
+    world = WrittenWorld("a", ways, can=lambda choice: False, seen=ways)
     asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9, last=16), no_proof, most=1), world)
     assert len(world.tried) == 6 + 3 + 4
 
@@ -523,8 +547,8 @@ def test_what_is_too_many_moves_for_quick_grasps_may_be_fewer_for_many() -> None
 
 
 def test_with_moves_to_come_nothing_is_guessed_though_there_is_unseen_space() -> None:
-    world = WrittenWorld("ab", at_first({"t": ["a"], "a": [""], "b": [""]}))
-    world.partly_unseen = True
+    ways = at_first({"t": ["a"], "a": [""], "b": [""]})
+    world = WrittenWorld("ab", ways, seen=ways)
     assert asked(look(world), world) == [("a", 0)]
 
 

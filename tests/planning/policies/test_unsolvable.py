@@ -80,6 +80,7 @@ class Cabinet:
         self.exhaustive = SimpleNamespace(obstructions=self._look(usual))
         self.finest: Finest | None = Finest(finest or usual, doubtful)
         self.partly_unseen, self.usual = False, usual
+        self.if_free: Any = None
         self.thorough = SimpleNamespace(target_grasps=("the target's own",))
 
     def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Any]]) -> Any:
@@ -168,10 +169,17 @@ def test_what_is_in_doubt_is_said_where_no_hand_is_found() -> None:
         assert open_.hope.hands == [hand]  # type: ignore[union-attr]
 
 
-def test_where_space_is_unseen_the_thorough_look_is_fine_enough() -> None:
-    cabinet = Cabinet(STUCK, doubtful="ab")
-    cabinet.partly_unseen = True
-    assert proof(cabinet) == proof(Cabinet(STUCK))
+def test_hands_between_others_are_not_sought_on_what_unseen_space_alone_keeps() -> None:
+    cabinet = Cabinet(STUCK, finest={**STUCK, "a": [""]})
+    assert found(cabinet).hope is not None
+    cabinet.partly_unseen, cabinet.if_free = True, Cabinet({**STUCK, "a": [""]})
+    cabinet.finest.asked.clear()  # type: ignore[union-attr]
+    finding = found(cabinet)
+    assert (finding.unsolvable, finding.hope) == (None, None)
+    assert (finding.undecided or "").startswith("a may be taken once")
+    assert cabinet.finest.asked == [("b", frozenset("a"))]  # type: ignore[union-attr]
+    cabinet.if_free = Cabinet(STUCK)
+    assert found(cabinet).hope is not None
 
 
 def test_nothing_is_proved_by_what_is_stuck_where_no_look_is_fine_enough() -> None:

@@ -1,0 +1,81 @@
+"""What the loop does while space is unseen: looks as fine as on the truth, and no move but for a plan that unseen space keeps it from."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import Body, RobotRef, Scene
+from kinematics.shapes import Box
+from kinematics.transforms import transform
+from planning.motion.pick_place import Motions
+from planning.plan import Blocked, Plan
+from planning.policies import make_policy
+from planning.scenes.generation import generate, load_spec
+from planning.sensing.retrieve import _hidden, retrieve_unseen
+from planning.sensing.world import SimulatedWorld
+
+
+def drawn(ur5e: Robot, seed: int, index: int) -> Scene:
+    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), seed, index)
+
+
+def sensed(ur5e: Robot, scene: Scene) -> Plan:
+    rng = np.random.default_rng([0, 4, scene.random_word])
+    world = SimulatedWorld(ur5e, scene, rng, None, "mask")
+    return retrieve_unseen(world, ur5e, scene, lambda motions: make_policy("neural", motions), truth=world, name="neural", rng=rng)
+
+
+@pytest.fixture(scope="module")
+def behind(ur5e: Robot) -> tuple[Motions, str]:
+    """Motions in a scene in which space before one object, which can be picked, is unseen."""
+    scene = drawn(ur5e, 71, 0)
+    motions = Motions(ur5e, scene)
+    name = next(n for n in scene.poses() if n != scene.target and motions.picks(motions.start(), n)[0])
+    at = scene.body(name).T_world_body[:3, 3]
+    screen = Body("unknown_0", Box(np.array([0.02, 0.9, 0.6])), transform(p=[at[0] - 0.1, *at[1:]]))
+    return Motions(ur5e, scene, obstacles=[screen]), name
+
+
+def test_as_if_all_were_free_nothing_unseen_is_in_the_way(behind: tuple[Motions, str], ur5e: Robot) -> None:
+    motions, name = behind
+    state = motions.start()
+    assert motions.partly_unseen
+    assert not motions.if_free.partly_unseen
+    assert motions.if_free.if_free is motions.if_free
+    assert not motions.picks(state, name)[0]
+    whole = Motions(ur5e, motions.scene)
+    for other in state.poses:
+        found, known = (m.picks(state, other)[0] for m in (motions.if_free, whole))
+        assert [pick.approach.tolist() for pick in found] == [pick.approach.tolist() for pick in known]
+
+
+def test_what_unseen_space_keeps_from_being_picked_is_looked_at(behind: tuple[Motions, str]) -> None:
+    """Whatever the last of its grasps touched."""
+    motions, name = behind
+    state, why = motions.start(), Blocked("approach", "camera", "back")
+    others = [n for n in state.poses if motions.picks(state, n)[0]]
+    assert _hidden(motions, state, [(n, why) for n in (*others, name)], 2) == [name]
+    whole = motions.if_free
+    assert _hidden(whole, state, [(n, why) for n in state.poses], 2) == []
+
+
+def test_looks_are_as_fine_as_where_all_was_seen(behind: tuple[Motions, str]) -> None:
+    motions, name = behind
+    poses = motions.start().poses
+    usual, exhaustive = (len(list(look._picking.grasps(poses, name))) for look in (motions.thorough, motions.exhaustive))
+    assert exhaustive > 3 * usual
+    assert motions.finest is not None
+
+
+@pytest.mark.parametrize(("seed", "index"), [(565101, 126), (565101, 105)])
+def test_nothing_is_shuffled_about(ur5e: Robot, seed: int, index: int) -> None:
+    """Of these scenes the first needs grasps that only an exhaustive look has, the second a view through a gap; guesses moved the same
+    things till no moves were left."""
+    plan = sensed(ur5e, drawn(ur5e, seed, index))
+    assert plan.success, plan.reason
+    assert plan.verified
+    assert max(Counter(move.object for move in plan.moves if move.done).values()) == 1

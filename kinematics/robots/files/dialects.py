@@ -131,8 +131,11 @@ def _collide(visuals: Iterable[etree._Element]) -> None:
 
 
 def frozen_mimics(root: etree._Element) -> list[str]:
-    """The names of fixed joints that have a <mimic> all the same: converters freeze what they can't drive."""
-    return [joint.get("name", "") for joint in root.iter("joint") if joint.get("type") == "fixed" and joint.find("mimic") is not None]
+    """The names of fixed joints that have a <mimic> all the same, which is taken away: converters freeze what they can't drive."""
+    frozen = [(joint, mimic) for joint in root.iter("joint") if joint.get("type") == "fixed" for mimic in joint.findall("mimic")]
+    for joint, mimic in frozen:
+        joint.remove(mimic)
+    return [joint.get("name", "") for joint, _ in frozen]
 
 
 def _bare_ends(root: etree._Element) -> set[str]:

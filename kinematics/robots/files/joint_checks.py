@@ -108,9 +108,11 @@ _CHECKS: tuple[Callable[[etree._Element, list[str]], str | None], ...] = (_type,
 
 
 def check_mimics(root: etree._Element) -> None:
-    """Raises: ValueError when a joint mimics itself, by way of others or at once, or one that is fixed: none of them would have a motor."""
+    """Raises: ValueError when a joint mimics itself, by way of others or at once, or one that is fixed: none of them would have a motor.
+    What is fixed itself follows nothing, whatever its <mimic> says."""
     fixed = [j.get("name") for j in root.iter("joint") if j.get("type") == "fixed"]
-    follows = {j.get("name", ""): m.get("joint", "") for j in root.iter("joint") if (m := j.find("mimic")) is not None}
+    moving = [j for j in root.iter("joint") if j.get("type") != "fixed"]
+    follows = {j.get("name", ""): m.get("joint", "") for j in moving if (m := j.find("mimic")) is not None}
     for first in follows:
         way = [first]
         while (after := follows.get(way[-1])) is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,9 @@ WRIST = re.compile(r"wrist|elbow|forearm|(roll|pitch|yaw)(_joint)?$", re.IGNOREC
 CUP = re.compile(r"suction|vacuum|cup", re.IGNORECASE)
 HINGE_RAD = 0.6
 """How far a hinged jaw is opened, at most: further, it faces the tip of what it closes on no more."""
+
+
+THROUGH_M = 0.005  # fingers whose middles are as far apart on the one side before, and on the other after, have passed through each other
 
 
 class CupFound(NoGripper):
@@ -253,7 +256,31 @@ def _coupled(model: Model, palm: int, motors: list[int], fingers: tuple[tuple[in
         followers[j] = (rate, their_start - rate * start)
         stop = start + float(np.sign(stop - start)) * way[0]
     low, high = sorted((start, float(stop)))
+    _check_side(model, palm, fingers, first, {first: (start, float(stop)), **_followed(followers, start, float(stop))})
     return Motors(palm, first, followers, (low, high), fingers, stop > start)
+
+
+def _followed(followers: Mapping[int, tuple[float, float]], start: float, stop: float) -> dict[int, tuple[float, float]]:
+    """Where followers are when the first motor is at two values."""
+    return {j: (rate * start + offset, rate * stop + offset) for j, (rate, offset) in followers.items()}
+
+
+def _check_side(model: Model, palm: int, fingers: tuple[Branch, ...], first: int, ends: Mapping[int, tuple[float, float]]) -> None:
+    """Raises: NoGripper for two sliding fingers that pass through each other between closed and open. ends: where each motor is then."""
+    if len(fingers) != 2 or not all(_slides(model, j) for j in ends):
+        return
+    between = list[Array]()
+    for k in (0, 1):
+        q = model.rest.copy()
+        q[list(ends)] = [values[k] for values in ends.values()]
+        middles = [model.points(f, q, palm).mean(0) for f in fingers]
+        between.append(middles[0] - middles[1])
+    if min(np.linalg.norm(d) for d in between) > THROUGH_M and between[0] @ between[1] < 0:
+        names = [model.tree.names[f[0]] for f in fingers]
+        raise NoGripper(
+            f"no gripper that can be used: its fingers {names[0]} and {names[1]} pass through each other as {model.joints[first]} goes "
+            f"from {min(ends[first]):g} to {max(ends[first]):g}; one of its axes or limits has the wrong sign"
+        )
 
 
 def _slides(model: Model, joint: int) -> bool:

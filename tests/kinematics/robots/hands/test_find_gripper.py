@@ -171,8 +171,12 @@ def test_a_frame_that_is_not_between_the_pads_is_answered_with_the_one_that_is(
         (MIRRORED.replace(SLIDE, 'type="continuous"'), "its joint 'f1' has no limits, so it is never open"),
         (re.sub(r"<collision>.*?</collision>", "", MIRRORED), "has no collision geometry (plus, minus): give these links their fingers"),
         (MIRRORED + THIRD + FOURTH, "4 fingers with 4 motors (f1, f2, f3, f4)"),
+        (
+            sliding((0, -1, (0, 0.04)), (0, -1, (-0.04, 0))),
+            "its fingers plus and minus pass through each other as f1 goes from 0 to 0.04; one of its axes or limits has the wrong sign",
+        ),
     ],
-    ids=["none", "endless", "mounts", "four"],
+    ids=["none", "endless", "mounts", "four", "through"],
 )  # fmt: skip
 def test_what_is_no_gripper_is_said_with_what_was_found(gripper: str, says: str, robot: Callable[..., Robot]) -> None:
     with pytest.raises(NoGripper) as e:
@@ -302,3 +306,11 @@ def test_fixed_joints_that_are_said_to_follow_others_are_named(robot: Callable[.
     alone = joint("f1", TURN, "palm", "plus", "0 0.3 0.06", "0 1 0", (0, 0.04)) + FINGERS + frozen
     with pytest.raises(ValueError, match=says):
         robot(alone)
+
+
+def test_a_fixed_joint_follows_nothing_even_where_it_is_said_to_follow_a_fixed_one(robot: Callable[..., Robot]) -> None:
+    """As converters leave fingers behind that a suction cup has taken the place of."""
+    links = "".join(f'<link name="{name}">{box("0.01 0.01 0.01", "0 0.2 0")}</link>' for name in ("a", "b"))
+    ends = [f'type="fixed"><parent link="palm"/><child link="{name}"/>' for name in ("a", "b")]
+    made = robot(MIRRORED + links + f'<joint name="fa" {ends[0]}</joint><joint name="fb" {ends[1]}<mimic joint="fa"/></joint>')
+    assert "joints with <mimic> that are fixed stand still; where they move, say their type: fb" in made.notes

@@ -14,6 +14,7 @@ from planning.verdict import polygons
 from planning.verdict.polyhedra import Int, Window
 
 FACING = np.cos(np.radians(30))  # a face that looks this much along the closing direction can be a pad's
+SIDEWAYS = np.cos(np.radians(75))  # a face that looks further away than that is a finger's side
 JAW_FACING = np.cos(np.radians(50))  # of a jaw against a fixed one, which turns as it closes, any that looks so
 LEAST_FACE_M2, LEAST_JAW_FACE_M2 = 2e-5, 2e-6
 BESIDE_M = 0.015  # the pads are within so much of the hand frame's origin, along its z
@@ -146,8 +147,25 @@ def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array],
             out.append((not main, abs(float(middle[1])), pad))
     out.sort(key=lambda found: found[:2])
     if not out or out[0][0]:
-        raise ValueError(f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y")
+        words = f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y"
+        off = _least_off(robot, arm, fingers, at, inward)
+        raise ValueError(words if off is None else f"{words}: the best one there looks {off:.1f}° away from it")
     return [pad for *_, pad in out]
+
+
+def _least_off(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], inward: Array) -> float | None:
+    """How far, in degrees, the face of a finger beside the hand frame looks away from `inward` (3,) that does so least; None where none
+    faces the other side at all."""
+    best = 0.0
+    for hull in robot.hulls:
+        if hull.link in fingers:
+            carrier, T_carrier_link = arm.links[hull.link]
+            T = at[carrier][0] @ T_carrier_link
+            points = hull.vertices @ T[:3, :3].T + T[:3, 3]
+            for normal, outline, _ in _faces(points, hull.faces, inward, SIDEWAYS, LEAST_FACE_M2):
+                here = outline[:, 2].min() <= BESIDE_M and outline[:, 2].max() >= -BESIDE_M and outline[:, 1].mean() * inward[1] <= 0
+                best = max(best, float(normal @ inward)) if here else best
+    return float(np.degrees(np.arccos(best))) if best > SIDEWAYS else None
 
 
 def _in_parts(robot: Robot, link: str) -> bool:

@@ -39,7 +39,7 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
         try:
             return Answer(plan_scene(job, line.where, line.scene), line.scene)
         except InputError as e:
-            error = str(e)
+            error = str(e) if str(e).startswith(f"{line.where}: ") else f"{line.where}: {e}"
     if job.fail_fast:
         raise InputError(error)
     robot = line.scene.robot.name if line.scene is not None else None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kinematics.errors import InputError
 from planning import metrics
-from planning.io.files import read_plans, read_scenes
+from planning.io.files import read_known, read_plans
 from planning.io.outputs import write_text
 from planning.metrics import Episode
 from planning.policies import LOOK_AHEAD
@@ -28,11 +28,11 @@ def run(*, plans: Sequence[Path], scenes: Sequence[Path], out: Sequence[Path], a
     sources: Sequence[Path | None] = plans or [None]
     if any(str(s) == "-" for s in scenes) and any(s is None or str(s) == "-" for s in sources):
         raise InputError("report: plans and scenes can't both come from stdin; give one of them as a file")
-    objects = count_objects(scenes)
+    objects, refused = count_objects(scenes)
     episodes = []
     for source in sources:
         for where, plan in read_plans(source):
-            if scenes and plan.scene not in objects:
+            if scenes and plan.scene not in objects and plan.scene not in refused:
                 raise InputError(f"{where}: none of the {len(objects)} scenes in {' '.join(map(str, scenes))} is {plan.scene}")
             episodes.append(Episode.of(plan))
     report = collect(episodes, objects)
@@ -48,14 +48,17 @@ def run(*, plans: Sequence[Path], scenes: Sequence[Path], out: Sequence[Path], a
     return None
 
 
-def count_objects(scenes: Sequence[Path]) -> dict[str, int]:
-    """How many objects each scene of some files has, the target among them. Raises: InputError for two scenes of one name that differ."""
-    found: dict[str, int] = {}
+def count_objects(scenes: Sequence[Path]) -> tuple[dict[str, int], set[str]]:
+    """How many objects each scene of some files has, the target among them; and which scenes can't be meant. Raises: InputError for two
+    scenes of one name that differ."""
+    found, refused = dict[str, int](), set[str]()
     for file in scenes:
-        for where, scene in read_scenes(file, "report", on_mesh=terminal.mesh_progress):
+        known, wrong = read_known(file, "report", on_mesh=terminal.mesh_progress)
+        refused |= wrong.keys()
+        for where, scene in known:
             if found.setdefault(scene.id, len(scene.objects)) != len(scene.objects):
                 raise InputError(f"{where}: another scene is called {scene.id}, too; report on them one after the other")
-    return found
+    return found, refused
 
 
 def collect(episodes: Sequence[Episode], objects: Mapping[str, int] | None = None) -> Report:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame, did_you_mean
-from planning.io.files import read_either, read_scenes
+from planning.io.files import read_either, read_scene_lines
 from planning.io.outputs import replacing
 from retrieve_cli.terminal import mesh_progress, say
 
@@ -111,10 +111,12 @@ def _find(file: Path | None, index: int, scenes: Path | None) -> tuple[str, Scen
     if file is None and str(scenes) == "-":
         raise InputError("show: plan and scenes can't both come from stdin; give one of them as a file")
     known = []
-    for _, scene in read_scenes(scenes, "show", on_mesh=mesh_progress):
-        if scene.id == value.scene:
-            return where, scene, value
-        known.append(scene.id)
+    for line in read_scene_lines(scenes, "show", on_mesh=mesh_progress):
+        if line.id == value.scene:
+            if line.scene is None:
+                raise InputError(line.error)
+            return where, line.scene, value
+        known.append(line.id)
     hint = did_you_mean(value.scene, known)
     raise InputError(f"{scenes}: none of its {len(known)} scenes is {value.scene}, for which the plan at {where} was made{hint}")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame
-from planning.io.files import read_plans, read_scenes
+from planning.io.files import read_known, read_plans
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.other_robot import other_robot
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from planning.plan import Fault, Plan
     from planning.verdict import Settings, Verdict
 
-Item = tuple[str, "Scene", "Plan", "Scene | None"]
+Item = tuple[str, "Scene | None", "Plan", "Scene | None"]
 
 
 def run(
@@ -44,11 +44,16 @@ def run(
     if str(scenes) == "-" and (plans is None or str(plans) == "-"):
         raise InputError("verify: scenes and plans can't both come from stdin; give one of them as a file")
     announce_first_run()
-    known = by_id(scenes, pose_noise_mm / 1000)
-    believed = {} if seen is None else by_id(seen, pose_noise_mm / 1000)
+    known, refused = by_id(scenes, pose_noise_mm / 1000)
+    believed, _ = ({}, {}) if seen is None else by_id(seen, pose_noise_mm / 1000)
 
     def items() -> Any:
         for where, plan in read_plans(plans, "verify"):
+            if plan.scene in refused and plan.scene not in known:
+                if plan.motions:
+                    raise InputError(f"{where}: its scene can't be meant: {refused[plan.scene]}")
+                yield where, None, plan, None
+                continue
             if plan.scene not in known:
                 raise InputError(f"{where}: none of the {len(known)} scenes in {scenes} is {plan.scene}")
             scene = known[plan.scene]
@@ -70,16 +75,18 @@ def run(
     return UNSOLVED if wrong else DONE
 
 
-def by_id(file: Path, noise_m: float) -> Mapping[str, Scene]:
-    """The scenes of a file by their ids, settled as they were for planning. Raises: InputError for two of one id that differ."""
+def by_id(file: Path, noise_m: float) -> tuple[Mapping[str, Scene], Mapping[str, str]]:
+    """The scenes of a file by their ids, settled as they were for planning; and what is wrong with those that can't be meant. Raises:
+    InputError for two of one id that differ."""
     from planning.io.scene_documents import scene_to_json
 
+    scenes, refused = read_known(file, "verify", noise_m=noise_m, on_mesh=mesh_progress)
     found: dict[str, Scene] = {}
-    for where, scene in read_scenes(file, "verify", noise_m=noise_m, on_mesh=mesh_progress):
+    for where, scene in scenes:
         if scene.id in found and scene_to_json(found[scene.id]) != scene_to_json(scene):
             raise InputError(f"{where}: another scene is called {scene.id}, too, and plans say no more; verify them one after the other")
         found[scene.id] = scene
-    return found
+    return found, refused
 
 
 def moved_strangers(scene: Scene, plan: Plan) -> list[str]:
@@ -89,19 +96,22 @@ def moved_strangers(scene: Scene, plan: Plan) -> list[str]:
 
 
 def judged(settings: Settings, as_json: bool, item: Item) -> tuple[str, bool]:
-    """What is printed of a plan, and whether it is false. Raises: InputError when the scene's robot can't be loaded."""
+    """What is printed of a plan, and whether it is false. A plan without motions may be of a scene that can't be meant: None. Raises:
+    InputError when the scene's robot can't be loaded."""
     from kinematics.robots.load import from_ref
     from planning.sensing.on_truth import judge_on_truth
     from planning.verdict import Verdict, examine
 
     where, scene, plan, seen = item
-    with blame(where):
-        arm = from_ref(scene.robot, on_step=say)
-        if seen is None or not plan.motions:
-            verdict = examine(scene, plan, arm, settings)
-        else:
-            faults = judge_on_truth(arm, scene, seen, plan, settings)
-            verdict = Verdict(faults, (), not faults)
+    verdict = Verdict((), (), None)
+    if scene is not None:
+        with blame(where):
+            arm = from_ref(scene.robot, on_step=say)
+            if seen is None or not plan.motions:
+                verdict = examine(scene, plan, arm, settings)
+            else:
+                faults = judge_on_truth(arm, scene, seen, plan, settings)
+                verdict = Verdict(faults, (), not faults)
     return (to_json(plan, verdict) if as_json else f"{where}: {in_words(plan, verdict)}"), verdict.verified is False
 
 

@@ -20,6 +20,8 @@ SMALLEST_M, LARGEST_M = 1e-4, 100.0
 """Sizes and places that can be meant, metres."""
 MOST_DEEP = 32
 """Levels of objects and arrays in a document; a plan has six."""
+LARGEST_WHOLE = 2**53
+"""Up to here every whole number is a float of its own."""
 UNIT_TOLERANCE = 1e-3
 """A quaternion whose length is within this of 1 was rounded, and is normalised; any other is a mistake."""
 
@@ -85,14 +87,17 @@ class Node:
         return self.value
 
     def integer(self, least: int | None = None, most: int | None = None) -> int:
-        """A whole number, from `least` to `most`."""
-        if isinstance(self.value, bool) or not isinstance(self.value, int):
-            raise self.error(f"{_kind(self.value)} stands where a whole number is expected")
-        if least is not None and self.value < least:
-            raise self.error(f"{self.value} is below {least}")
-        if most is not None and self.value > most:
-            raise self.error(f"{self.value} is above {most}")
-        return self.value
+        """A whole number, from `least` to `most`; 10.0 is one, as it is for JSON Schema: some languages write no other."""
+        value = self.value
+        if isinstance(value, float) and value.is_integer() and abs(value) <= LARGEST_WHOLE:
+            value = int(value)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self.error(f"{_kind(value)} stands where a whole number is expected")
+        if least is not None and value < least:
+            raise self.error(f"{value} is below {least}")
+        if most is not None and value > most:
+            raise self.error(f"{value} is above {most}")
+        return value
 
     def number(self, *, positive: bool = False, least: float | None = None, most: float | None = None) -> float:
         """A finite number in the range."""

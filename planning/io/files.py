@@ -24,6 +24,7 @@ from planning.plan import Plan
 
 T = TypeVar("T")
 
+GZIP = b"\x1f\x8b"
 UNREADABLE = (OSError, RuntimeError)
 """What paths give besides ValueError: no permission, a name that is too long, links in a circle."""
 
@@ -80,6 +81,22 @@ def read_scene_lines(
         raise _nothing(source, how)
 
 
+def read_known(
+    source: Path | None, command: str, *, noise_m: float = NOISE_M, on_mesh: OnMesh = lambda *_: None
+) -> tuple[list[tuple[str, Scene]], dict[str, str]]:
+    """(where, scene) of every line of a file that plans were made for, and what is wrong with its lines that can't be meant, by id: they did
+    not end the batch, so they don't keep anybody from looking at its plans. Raises: InputError when there is no scene at all."""
+    scenes, refused = list[tuple[str, Scene]](), dict[str, str]()
+    for line in read_scene_lines(source, command, noise_m=noise_m, on_mesh=on_mesh):
+        if line.scene is not None:
+            scenes.append((line.where, line.scene))
+        else:
+            refused.setdefault(line.id, line.error)
+    if not scenes:
+        raise InputError(next(iter(refused.values())))
+    return scenes, refused
+
+
 def read_plans(source: Path | None, command: str = "report") -> Iterator[tuple[str, Plan]]:
     """Yield (where, plan) like `read_scenes`."""
     yield from _read(source, plan_from_node, _PLANS_FROM.format(command=command))
@@ -133,6 +150,8 @@ def _lines(source: Path | None, how: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _text(where: str, raw: bytes) -> str:
+    if raw.startswith(GZIP):
+        raise InputError(f"{where}: this is compressed (gzip): gunzip -c FILE | retrieve …, with - for the file where another one is named")
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError as e:

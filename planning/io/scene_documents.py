@@ -161,9 +161,10 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
     Raises: InputError.
     """
     second = expect(node, "scene") >= 2
+    of_first = () if second else ("target", "grasp")  # which version 2 may leave out, or say to be null
     f = _fields(
-        node, second, ("schema", "id", "robot", "cabinet", "regions", "objects", "target", "grasp"), ("seed", "approaches", "observation"),
-        ("obstacles", "grasps", "target_box"),
+        node, second, ("schema", "id", "robot", "cabinet", "regions", "objects", *of_first), ("seed", "approaches", "observation"),
+        ("target", "grasp", "obstacles", "grasps", "target_box"),
     )  # fmt: skip
     cabinet = f["cabinet"].record(("size_m", "T_world_cabinet", "wall_m"))
     objects = _bodies(f["objects"], load, second, WALLS, least=0 if second else 1)
@@ -176,8 +177,8 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
             cabinet["size_m"].vector(3, positive=True, lengths=True), cabinet["T_world_cabinet"].pose(), cabinet["wall_m"].length()
         ),
         objects=objects,
-        target=_target(f["target"], objects, second),
-        grasp=_grasp(f["grasp"]) if not second or f["grasp"].value is not None else None,
+        target=_target(f["target"], objects, second) if "target" in f else None,
+        grasp=_grasp(f["grasp"]) if "grasp" in f and not (second and f["grasp"].value is None) else None,
         regions_n=f["regions"].record(("n",))["n"].integer(least=1, most=MOST_REGIONS),
         approaches=tuple(a.text(APPROACHES) for a in f["approaches"].items(least=1)) if "approaches" in f else APPROACHES,
         seed=tuple(s.integer() for s in f["seed"].items()) if "seed" in f else (),
@@ -197,7 +198,8 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
 
 def _fields(node: Node, second: bool, required: Sequence[str], optional: Sequence[str], of_second: Sequence[str]) -> dict[str, Node]:
     """The fields of an object that has more of them in version 2."""
-    if not second and isinstance(node.value, dict) and (later := [name for name in of_second if name in node.value]):
+    later = [name for name in of_second if name not in required and isinstance(node.value, dict) and name in node.value]
+    if later and not second:
         raise node.error(f'the field {later[0]!r} came with version 2: write "schema": "{SCENE_2}"')
     return node.record(required, (*optional, *of_second) if second else optional)
 

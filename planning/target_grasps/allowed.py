@@ -26,7 +26,9 @@ class GraspChoice(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class TargetGrasps:
-    """first: the best in front. more: others that are found when asked for, by how densely they are sampled; None where there are none."""
+    """first: the best in front. more: others that are found when asked for, by how densely they are sampled; None where there are none.
+    Only the usual ones are judged one by one: of a dense sample's tens of thousands the hand alone rules out most, and as for what is moved
+    out of the way the finished plan is judged."""
 
     first: tuple[Grasp, ...]
     more: Callable[[Sampling], Iterator[Grasp]] | None = None
@@ -64,8 +66,8 @@ def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGras
 
     def more(sampling: Sampling) -> Iterator[Grasp]:
         found = sampled_grasps(robot, scene, target.name, target.T_world_body, sampling=sampling)
-        if isinstance(target.shape, ConvexMesh):
-            return found  # they were judged
+        if isinstance(target.shape, ConvexMesh) or sampling is not USUAL:
+            return found  # those on a mesh were judged
         return (grasp for grasp in found if judge_grasp(robot, scene, grasp) is None)
 
     grasps = TargetGrasps(good, more)

@@ -42,7 +42,7 @@ def run(
         names.add(folder.name)
         folder.mkdir(parents=True, exist_ok=True)
         written = export(plan, to, folder, rate_hz, wanted)
-        say(f"{plan.scene}: {len(written)} files in {folder}")
+        say(f"{plan.scene}: {len(written)} file{'' if len(written) == 1 else 's'} in {folder}")
     if not names:
         raise InputError(failed[0] if failed else "export: there is no plan to export")
     return None

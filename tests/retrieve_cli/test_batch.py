@@ -111,6 +111,27 @@ def test_a_line_that_is_no_scene_gets_a_plan_that_says_so(scenes: Path, tmp_path
         assert [line.split(": ")[0] for line in told] == [f"{file}:{n}" for n in (1, 3, 6, 8)]
     assert main(["report", str(tmp_path / "plans-1.jsonl"), "-o", str(tmp_path / "report.md")]) == 0
     assert "Scene: it can't be meant" in (tmp_path / "report.md").read_text()
+    judged_with_what_can_not_be_meant(file, tmp_path / "plans-1.jsonl", tmp_path, capsys)
+
+
+def judged_with_what_can_not_be_meant(file: Path, plans: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What did not end the batch keeps nobody from judging, reporting and showing its plans; but motions need a scene."""
+    capsys.readouterr()
+    assert main(["verify", str(file), str(plans)]) == 0
+    verdicts = [line.split(": ")[2] for line in capsys.readouterr().out.splitlines()]
+    assert len(verdicts) == 8
+    assert {verdicts[i] for i in (0, 2, 5, 7)} == {"null"}
+    assert "true" in verdicts
+    assert main(["report", str(plans), "--scenes", str(file), "-o", str(tmp_path / "more.md")]) == 0
+    assert main(["show", str(plans), "--scenes", str(file), "--index", "4", "--html", str(tmp_path / "page.html")]) == 0
+    assert main(["show", str(plans), "--scenes", str(file), "--index", "2", "--html", str(tmp_path / "page.html")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"{file}:3: cabinet.size_m: -0.5 is not positive"
+    moving = json.loads(next(line for line in plans.read_text().splitlines() if json.loads(line)["motions"]))
+    strange = write(tmp_path / "strange.jsonl", [json.dumps(moving | {"scene": "sized"})])
+    assert main(["verify", str(file), str(strange)]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"{strange}:1: its scene can't be meant: {file}:3: cabinet.size_m: -0.5 is not positive"
+    )
 
 
 def test_failing_fast_and_nothing_but_bad_lines(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -169,8 +169,9 @@ def test_the_plan_begins_at_q_start(retrieve: Callable[..., Spoken], scenes: Cal
         return lambda scene: scene["robot"].update(q_start=q)
 
     file = scenes(start(shoulder_pan_joint=0.8), start(elbow_joint=4.0), lambda scene: scene.update(grasp=None))
-    code, out, _ = retrieve("plan", file, "--policy", "local")
+    code, out, err = retrieve("plan", file, "--policy", "local")
     begun, beyond, without = lines(out)
+    assert f"{file}:3: scene " in err
     assert (code, begun["success"], beyond["success"]) == (0, True, False)
     motion = begun["motions"][0]
     assert motion["q"][0][motion["joint_names"].index("shoulder_pan_joint")] == pytest.approx(0.8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gzip
 import io
 import json
 import os
@@ -489,3 +490,10 @@ def test_lines_are_counted_where_that_takes_nothing_away(tmp_path: Path) -> None
     assert [count_lines(source) for source in (None, Path("-"), tmp_path, tmp_path / "none")] == [None] * 4
     os.mkfifo(tmp_path / "pipe")
     assert count_lines(tmp_path / "pipe") is None
+
+
+def test_what_is_compressed_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "scenes.jsonl.gz"
+    file.write_bytes(gzip.compress(b"{}\n"))
+    with pytest.raises(InputError, match=r"scenes\.jsonl\.gz:1: this is compressed \(gzip\): gunzip -c FILE"):
+        list(read_scenes(file))

@@ -35,6 +35,32 @@ def test_a_scene_of_version_2_comes_back(document: dict[str, Any]) -> None:
     jsonschema.validate(written, SCHEMA)
 
 
+def test_what_may_be_null_may_be_left_out_in_version_2() -> None:
+    document = no_target()
+    short = {key: value for key, value in document.items() if value is not None}
+    assert {"target", "grasp"} <= document.keys() - short.keys()
+    jsonschema.validate(short, SCHEMA)
+    assert scene_to_json(scene_from_json(short)) == document
+    for name in ("target", "grasp"):
+        first = documents.scene()
+        del first[name]
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(first, SCHEMA)
+        with pytest.raises(InputError, match=f"missing field '{name}'"):
+            scene_from_json(first)
+
+
+def test_whole_numbers_may_have_a_point() -> None:
+    """JSON has but one kind of number, and JSON Schema calls 10.0 an integer."""
+    document = documents.scene()
+    pointed = document | {"regions": {"n": float(document["regions"]["n"])}, "seed": [float(n) for n in document["seed"]]}
+    jsonschema.validate(pointed, SCHEMA)
+    assert json.dumps(scene_to_json(scene_from_json(pointed))) == json.dumps(document)
+    for wrong in (2.5, 1e300, True, "10"):
+        with pytest.raises(InputError, match=r"regions\.n: .* stands where a whole number is expected"):
+            scene_from_json(document | {"regions": {"n": wrong}})
+
+
 def test_what_uses_nothing_of_version_2_is_written_as_version_1() -> None:
     first = documents.scene()
     second = {**first, "schema": "retrieve/scene@2", "obstacles": [], "grasps": []}

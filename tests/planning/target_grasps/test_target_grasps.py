@@ -13,12 +13,13 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, RobotRef, Scene
 from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
-from planning.grasping.sampling import DENSE, USUAL
+from planning.grasping.sampling import DENSE, DENSEST, USUAL
 from planning.io.results import scene_writer
 from planning.motion.pick_place import Motions
 from planning.plan import SCENE
 from planning.policies.unsolvable import Finding, Prover
 from planning.scenes.generation import generate, load_spec
+from planning.target_grasps import allowed
 from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
 from planning.target_grasps.proposals import propose, rank
 from planning.verdict import judge_grasp
@@ -155,3 +156,22 @@ def test_another_grasp_a_millimetre_or_a_degree_away_is_another(ur5e: Robot, sce
     up = Grasp(transform(p=(0.0, 0.0, 0.001)) @ best.T_world_hand, best.width_m)
     turned = Grasp(best.T_world_hand @ transform(rotation_about((0.0, 1.0, 0.0), np.radians(1.0))), best.width_m)
     assert len(rank(ur5e, scene, [best, up, turned], most=9).grasps) == 3
+
+
+def test_dense_grasps_of_the_target_are_not_judged_one_by_one(ur5e: Robot, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There are tens of thousands, of which the hand alone rules most out at once: to judge each took minutes where no grasp helps."""
+    asked = list[Grasp]()
+
+    def judge(robot: Robot, scene: Scene, grasp: Grasp | None = None) -> str | None:
+        assert grasp is not None
+        asked.append(grasp)
+        return judge_grasp(robot, scene, grasp)
+
+    monkeypatch.setattr(allowed, "judge_grasp", judge)
+    chosen = target_grasps(ur5e, scene, GraspChoice.ANY)
+    assert isinstance(chosen, TargetGrasps)
+    assert chosen.more is not None
+    asked.clear()
+    assert len(list(chosen.more(DENSEST))) > 1000
+    assert asked == []
+    assert len(list(chosen.more(USUAL))) <= len(asked)

@@ -84,8 +84,9 @@ def read_scene_lines(
 def read_known(
     source: Path | None, command: str, *, noise_m: float = NOISE_M, on_mesh: OnMesh = lambda *_: None
 ) -> tuple[list[tuple[str, Scene]], dict[str, str]]:
-    """(where, scene) of every line of a file that plans were made for, and what is wrong with its lines that can't be meant, by id: they did
-    not end the batch, so they don't keep anybody from looking at its plans. Raises: InputError when there is no scene at all."""
+    """(where, scene) of every line of a file that plans were made for, and what is wrong with its lines that can't be meant, by id.
+
+    They did not end the batch, so they don't keep anybody from looking at its plans. Raises: InputError when there is no scene at all."""
     scenes, refused = list[tuple[str, Scene]](), dict[str, str]()
     for line in read_scene_lines(source, command, noise_m=noise_m, on_mesh=on_mesh):
         if line.scene is not None:

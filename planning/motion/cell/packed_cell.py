@@ -28,6 +28,7 @@ from planning.motion.settings import LEAST_TILT_DEG, MotionSettings, tilt_limit_
 
 ELSEWHERE_KEPT = 256  # queries by the opening, what stands and what is held
 KEPT = 16  # sets of poses for which the packed bodies are kept
+KNOWN_KEPT = 32  # queries at one of these sets; a large robot's take 2 MB each
 CLEAR_KEPT = 64  # queries that ask for a clearance
 
 
@@ -101,6 +102,8 @@ class PackedCell:
         if ignore:
             return self._pack(solids, bodies, gripper, held, ignore)
         if (gripper, held) not in known:
+            if len(known) == KNOWN_KEPT:
+                known.pop(next(iter(known)))  # the oldest
             known[gripper, held] = self._packed_among(solids, bodies, gripper, held)
         return known[gripper, held]
 
@@ -160,6 +163,8 @@ class PackedCell:
             return None
         _, solids, bodies, known, _ = self._standing(poses)
         if (first, last) not in known:
+            if len(known) == KNOWN_KEPT:
+                known.pop(next(iter(known)))
             posed, model, links, pairs, off_m = moving
             check = np.ones((len(links), len(bodies)), np.uint8)
             check[posed.frame == 0] = 0

@@ -9,7 +9,7 @@ from kinematics.jit.record import Record
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held, RobotRef
 from kinematics.transforms import transform
-from planning.motion.cell.packed_cell import PackedCell
+from planning.motion.cell.packed_cell import KNOWN_KEPT, PackedCell
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
 
@@ -32,6 +32,20 @@ def test_a_hand_among_the_same_objects_elsewhere_is_packed_as_if_anew(ur5e: Robo
     assert all(np.array_equal(a, b) for a, b in zip(_arrays(second.task), _arrays(anew.task), strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(_arrays(second.task), kept, strict=True))
     assert all(np.array_equal(a, b) for a, b in zip(_arrays(first.task), kept, strict=True))
+
+
+def test_so_many_queries_of_a_state_are_kept_and_no_more_and_a_forgotten_one_is_packed_the_same(ur5e: Robot) -> None:
+    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 3141, 0)
+    cell, poses = PackedCell(ur5e, scene, (), DEFAULTS), scene.poses()
+    values = np.linspace(ur5e.lower[ur5e.gripper_joint], ur5e.upper[ur5e.gripper_joint], KNOWN_KEPT + 2).tolist()
+    first = cell.problem(poses, values[0])
+    assert cell.problem(poses, values[0]) is first
+    for value in values[1:]:
+        cell.problem(poses, value)
+    assert len(cell._standing(poses).known) == KNOWN_KEPT
+    again = cell.problem(poses, values[0])
+    assert again is not first
+    assert all(np.array_equal(a, b) for a, b in zip(_arrays(again.task), _arrays(first.task), strict=True))
 
 
 def _arrays(record: object) -> list[np.ndarray]:

@@ -33,7 +33,7 @@ ROUNDING_M = 1e-9
 
 @dataclass(frozen=True)
 class Contact:
-    """Two names that touch, a link or the held object first, and the penetration depth in metres (see `depth`)."""
+    """Two names that touch, a link or the held object first, and the penetration depth in metres (see `depth`); below 0 it is a gap."""
 
     a: str
     b: str
@@ -162,10 +162,11 @@ def depth(a: Solid, b: Solid, *, near: bool = False) -> float | None:
     return min(bound, float(overlap.min()))
 
 
-def near_pairs(some: Sequence[Solid], others: Sequence[Solid]) -> list[list[int]]:
-    """Which of some solids and which of others (P, 2) have boxes along the world's axes that overlap: no other two touch."""
+def near_pairs(some: Sequence[Solid], others: Sequence[Solid], within_m: float = 0.0) -> list[list[int]]:
+    """Which of some solids and which of others (P, 2) have boxes along the world's axes that overlap, or are no further apart than
+    within_m: no other two touch, or are so near."""
     (middle, half), (middle_b, half_b) = _boxes_around(some), _boxes_around(others)
-    apart = np.abs(middle[:, None] - middle_b) > half[:, None] + half_b + ROUNDING_M
+    apart = np.abs(middle[:, None] - middle_b) > half[:, None] + half_b + (within_m + ROUNDING_M)
     found: list[list[int]] = np.argwhere(~apart.any(-1)).tolist()
     return found
 
@@ -199,13 +200,20 @@ def always_touching(
 
 
 def overlapping(bodies: Sequence[Body], tolerance_m: float = 0.001) -> list[Contact]:
-    """Pairs of standing bodies that overlap by more than the tolerance, deepest first."""
+    """Pairs of standing bodies that overlap by more than the tolerance, deepest first. A tolerance below 0 finds those, too, that are apart
+    by less than that: their depth is below 0."""
     parts = [(n, s.move(b.T_world_body)) for n, b in enumerate(bodies) for s in shape_solids(b.name, b.shape)]
     solids, deepest = [s for _, s in parts], dict[tuple[int, int], float]()
-    for (a, solid), (b, other) in ((parts[i], parts[j]) for i, j in near_pairs(solids, solids)):
-        if b < a and (d := depth(solid, other, near=True)) is not None and d > tolerance_m:
-            deepest[b, a] = max(d, deepest.get((b, a), 0.0))
+    for (a, solid), (b, other) in ((parts[i], parts[j]) for i, j in near_pairs(solids, solids, max(0.0, -tolerance_m))):
+        if b < a and (d := _depth_or_gap(solid, other, tolerance_m)) is not None and d > tolerance_m:
+            deepest[b, a] = max(d, deepest.get((b, a), -np.inf))
     return sorted((Contact(bodies[b].name, bodies[a].name, d) for (b, a), d in deepest.items()), key=lambda c: -c.depth_m)
+
+
+def _depth_or_gap(a: Solid, b: Solid, tolerance_m: float) -> float | None:
+    """How deep two solids penetrate; with a tolerance below 0 less their gap, where they are apart."""
+    d = depth(a, b, near=True)
+    return d if d is not None or tolerance_m >= 0 else -gap(a, b, -tolerance_m)
 
 
 def apart(body: Body, others: Sequence[Body], gap_m: float) -> bool:

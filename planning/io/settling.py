@@ -1,5 +1,8 @@
 """Pose noise is no mistake: what stands a little in the floor, in a wall or in its neighbour is lifted or parted, and it is told.
 
+What touches something is parted by a little more than motions must keep, too: a hand lifts nothing out of a touch, and poses that are told
+to the millimetre touch often. What stands on an object or an obstacle is lifted by as much; on the floor it may touch.
+
 What can't be meant is a mistake, whose message names the object, the amount and the likely cause: an object that floats, stands outside the
 cabinet or deep in something, sizes or positions in millimetres. Objects that a camera saw (source "seen") are left as they were fitted.
 """
@@ -11,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.collision.fcl_solids import Contact, Solid, depth, overlapping, shape_solids
+from kinematics.collision.fcl_solids import Contact, Solid, depth, gap, overlapping, shape_solids
 from kinematics.scene import WALLS, Body, Scene, Settlement
 from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array, apply, inverse, transform
+from perception.objects.settle import GAP_M
 
 NOISE_M = 0.002
 """So much overlap, or air below an object, is noise of its pose."""
@@ -23,6 +27,9 @@ LEAST_M = 5e-5
 WEDGED_M = 0.001
 """So much overlap is left where there is no room to part two objects."""
 ROUNDS = 100
+ROOM_ROUNDS = 30
+ROOM_M = GAP_M
+"""Things that are nearer are parted, for no motion can be certified between them; what stands may have a gap of 1 mm, says the verdict."""
 HUGE_M, TINY_M, FAR_M = 5.0, 0.002, 20.0
 """What is longer or shorter than this, or further from the cabinet, is no object in it: units were confused."""
 
@@ -58,7 +65,10 @@ def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
     for body in scene.objects:
         if body.source == "given":
             _stand(scene, objects, body, noise_m, moved)
-    _part(scene, objects, noise_m, moved)
+    if _close(scene, objects):
+        _part(scene, objects, noise_m, moved)
+        if noise_m >= ROOM_M:
+            _make_room(scene, objects, noise_m, moved)
     if not moved:
         return scene
     R = scene.cabinet.T_world_cabinet[:3, :3]
@@ -148,41 +158,78 @@ def _part(scene: Scene, objects: dict[str, Body], noise_m: float, moved: dict[st
         raise _overlap(scene, contacts[0], ": there is no room to part them")
 
 
-def _contacts(scene: Scene, objects: Mapping[str, Body]) -> list[Contact]:
-    """What overlaps, deepest first, the object first; fixtures among themselves are no concern, nor what a camera saw."""
+def _make_room(scene: Scene, objects: dict[str, Body], noise_m: float, moved: dict[str, _Moved]) -> None:
+    """Part what touches, or nearly does, in groups of neighbours: all of a group, or none where there is no room for all, where one would
+    go further than its pose may be wrong, or where the target would go sideways, for x_g is told for where it stands."""
+    for group in _groups(_close(scene, objects)):
+        trial, shifts = dict(objects), dict[str, _Moved]()
+        for _ in range(ROOM_ROUNDS):
+            close = [c for c in _close(scene, trial) if {c.a, c.b} & group and c.b != "ceiling"]
+            if not close:
+                break
+            for contact in close:
+                _part_two(scene, trial, contact, shifts, room_m=ROOM_M)
+        sideways = {name: float(np.linalg.norm(m.by[:2])) for name, m in shifts.items()}
+        if not close and all(m <= (0.0 if name == scene.target else noise_m) for name, m in sideways.items()):
+            for name, m in shifts.items():
+                _move(scene, objects, name, m.by, moved[name].reasons[-1] if name in moved else m.reasons[0], moved)
+
+
+def _close(scene: Scene, objects: Mapping[str, Body]) -> list[Contact]:
+    """What overlaps or touches, or nearly does; but for the floor, which what stands on it may touch."""
+    return _contacts(scene, objects, LEAST_M - ROOM_M, but="floor")
+
+
+def _groups(contacts: Sequence[Contact]) -> list[set[str]]:
+    """The names of neighbours that hang together by contacts."""
+    groups = list[set[str]]()
+    for contact in contacts:
+        touched = [group for group in groups if group & {contact.a, contact.b}]
+        groups = [group for group in groups if group not in touched] + [set[str]().union({contact.a, contact.b}, *touched)]
+    return groups
+
+
+def _contacts(scene: Scene, objects: Mapping[str, Body], tolerance_m: float = LEAST_M, but: str | None = None) -> list[Contact]:
+    """What overlaps by more than the tolerance, deepest first, the object first; below 0: or is apart by less. Fixtures among themselves
+    are no concern, nor what a camera saw, nor the fixture `but`."""
     still = {b.name for b in scene.fixtures()}
     skip = still | {b.name for b in objects.values() if b.source == "seen"}
     found = []
-    for c in overlapping((*scene.fixtures(), *objects.values()), LEAST_M):
+    for c in overlapping([*(b for b in scene.fixtures() if b.name != but), *objects.values()], tolerance_m):
         a, b = (c.a, c.b) if c.a not in still else (c.b, c.a)
         if a not in skip and not (b in skip and b not in still):
             found.append(Contact(a, b, c.depth_m))
     return found
 
 
-def _part_two(scene: Scene, objects: dict[str, Body], contact: Contact, moved: dict[str, _Moved]) -> None:
-    """Move an object out of another, or both by half, along the shortest level way; or up, where that is much shorter."""
+def _part_two(scene: Scene, objects: dict[str, Body], contact: Contact, moved: dict[str, _Moved], *, room_m: float = 0.0) -> None:
+    """Move an object out of another, or both by half, along the shortest level way; or up, where that is much shorter. room_m: how far
+    apart they are to be."""
     body = objects[contact.a]
     other = objects.get(contact.b) or next(b for b in scene.fixtures() if b.name == contact.b)
-    way = _shortest_way(scene, other, body)
+    way = _shortest_way(scene, other, body, room_m)
     share = 1.0 if contact.b not in objects else 0.0 if contact.a == scene.target else 1.0 if contact.b == scene.target else 0.5
     if abs(way[2]) > 0:  # one stands on the other: the upper one is lifted
         share = 1.0 if way[2] > 0 or contact.b not in objects else 0.0
+    deep = contact.depth_m
     for name, by, neighbour in ((contact.a, share * way, contact.b), (contact.b, (share - 1) * way, contact.a)):
         if np.abs(by).max() > 0:
-            _move(scene, objects, name, by, f"it overlapped {neighbour} by {1000 * contact.depth_m:.1f} mm", moved)
+            why = f"it overlapped {neighbour} by {1000 * deep:.1f} mm" if deep > LEAST_M else f"it touched {neighbour}"
+            if deep < -LEAST_M:
+                why = f"it stood {-1000 * deep:.1f} mm from {neighbour}"
+            _move(scene, objects, name, by, why, moved)
 
 
-def _shortest_way(scene: Scene, still: Body, body: Body) -> Array:
-    """The shortest shift (3,) in the cabinet's frame that takes `body` out of `still`: level, or straight up or down."""
+def _shortest_way(scene: Scene, still: Body, body: Body, room_m: float) -> Array:
+    """The shortest shift (3,) in the cabinet's frame that takes `body` out of `still`, and room_m away: level, or straight up or down."""
     T_cabinet = inverse(scene.cabinet.T_world_cabinet)
     best: tuple[float, Array] = (np.inf, np.zeros(3))
     for a in (s.move(T_cabinet @ still.T_world_body) for s in shape_solids(still.name, still.shape)):
         for b in (s.move(T_cabinet @ body.T_world_body) for s in shape_solids(body.name, body.shape)):
-            if depth(a, b) is not None:
+            if (depth(a, b) is not None) if room_m == 0 else gap(a, b, room_m) < room_m:
                 best = min(best, _way_out(a, b), key=lambda way: way[0])
     length, along = best
-    return np.asarray((length + LEAST_M / 10) * along) if np.isfinite(length) else np.zeros(3)
+    return np.asarray((length + room_m + LEAST_M / 10) * along) if np.isfinite(length) else np.zeros(3)
 
 
 def _way_out(still: Solid, solid: Solid) -> tuple[float, Array]:

@@ -240,3 +240,22 @@ def test_where_a_hand_looks_is_said_by_what_can_be_seen(ahead: Sequence[float], 
     """A hand that looks straight down has no yaw, but its fingers close along one."""
     R = np.stack([np.cross(closing, ahead), closing, ahead], -1)
     assert looks(Grasp(transform(R), 0.05)) == words
+
+
+@pytest.mark.parametrize("target", ["can_1", "box_0"])
+def test_what_touches_its_neighbour_and_what_it_stands_on_can_be_lifted(
+    target: str, retrieve: Callable[..., Spoken], tmp_path: Path
+) -> None:
+    """Poses told to the millimetre touch: a can on a board, and two boxes side by side before it."""
+    document = documents.scene() | {"schema": "retrieve/scene@2", "target": target, "grasp": None}
+    board = {"type": "box", "size_m": [0.3, 0.3, 0.04]}
+    document["obstacles"] = [{"name": "board", "shape": board, "T_world_object": documents.pose(0.6, 0.1, 0.12)}]
+    for body, y, z in zip(document["objects"], (0.1, 0.1, 0.15), (0.19, 0.2, 0.24)):
+        body["T_world_object"]["p"] = [0.6 if body["name"] == "can_1" else 0.5, y, z]
+    (tmp_path / "cell.jsonl").write_text(documents.lines(document))
+    code, out, _ = retrieve("plan", tmp_path / "cell.jsonl", "--policy", "local", "--grasp", "any")
+    (plan,) = lines(out)
+    assert (code, plan["success"], plan["verified"]) == (0, True, True)
+    assert {note["object"] for note in plan["settled"]} == {"box_0", "can_1", "box_2"}
+    (tmp_path / "plans.jsonl").write_text(out)
+    assert retrieve("verify", tmp_path / "cell.jsonl", tmp_path / "plans.jsonl")[0] == 0

@@ -16,7 +16,7 @@ from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, box_corners
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.io.plan_documents import plan_from_json, plan_to_json
-from planning.io.settling import LEAST_M, NOISE_M, Unsettled, settle
+from planning.io.settling import LEAST_M, NOISE_M, ROOM_M, Unsettled, settle
 from planning.plan import Blocked, Plan
 
 TURNED = transform(rotation_about((0, 0, 1), 0.7), [0.3, 0.1, 0.4])  # a cabinet that stands askew
@@ -89,7 +89,8 @@ def test_a_little_overlap_is_parted(
     assert free(settled)
     np.testing.assert_array_equal(settled.objects[0].T_world_body, target.T_world_body)
     by = settled.objects[1].T_world_body[:3, 3] - other.T_world_body[:3, 3]
-    assert np.linalg.norm(by[:2]) <= deep + 4 * LEAST_M
+    assert np.linalg.norm(by[:2]) <= deep + ROOM_M + 4 * LEAST_M
+    assert not overlapping(settled.objects, LEAST_M - ROOM_M)
     assert by[2] == pytest.approx(-sink if abs(sink) > LEAST_M else 0.0, abs=1e-9)
 
 
@@ -116,11 +117,34 @@ def test_stacks_stand_on_each_other() -> None:
     low, board = standing("low", BOX, 0.2, 0.0), Body("board", Box(np.array([0.2, 0.3, 0.01])), TURNED @ transform(p=[0.3, 0.25, 0.2]))
     stacked, shelved = standing("top", CAN, 0.2, 0.0, z=0.1), standing("on_board", CAN, 0.3, 0.25, z=0.205)
     scene = scene_of(low, stacked, shelved, obstacles=[board])
-    assert settle(scene) is scene
+    lifted = {note.object: note for note in settle(scene).settled}
+    assert {n: note.reason for n, note in lifted.items()} == {"top": "it touched low", "on_board": "it touched board"}
     sunk = replace(stacked, T_world_body=TURNED @ transform(p=[0.2, 0.0, 0.159]))
     (note,) = settle(scene_of(low, sunk)).settled
-    assert note.object == "top"
-    np.testing.assert_allclose(note.by_m, [0, 0, 0.001], atol=2 * LEAST_M)
+    assert str(note) == "top was moved by 1.7 mm: it overlapped low by 1.0 mm"
+    for by_m, up in ((lifted["top"].by_m, ROOM_M), (lifted["on_board"].by_m, ROOM_M), (note.by_m, 0.001 + ROOM_M)):
+        np.testing.assert_allclose(by_m, [0, 0, up], atol=2 * LEAST_M)
+
+
+def test_what_touches_is_parted_so_far_that_it_can_be_lifted() -> None:
+    """Two boxes that touch, and one at a wall. The target stays where it is, though it touches a wall, for x_g is told for that place."""
+    scene = scene_of(standing("t", BOX, 0.2, 0.0), standing("a", BOX, 0.2, 0.0802), standing("w", BOX, 0.4, -0.39))
+    settled = settle(scene)
+    assert {n.object: n.reason for n in settled.settled} == {"a": "it stood 0.2 mm from t", "w": "it touched right"}
+    close = [c for c in overlapping([*settled.fixtures(), *settled.objects], LEAST_M - ROOM_M) if {c.a, c.b} & set(settled.poses())]
+    assert {c.a for c in close} == {"floor"}
+    by_m = {n.object: n.by_m @ TURNED[:3, :3] for n in settled.settled}
+    np.testing.assert_allclose(by_m["a"], [0, ROOM_M - 0.0002, 0], atol=LEAST_M)
+    np.testing.assert_allclose(by_m["w"], [0, ROOM_M, 0], atol=LEAST_M)
+    at_wall = scene_of(standing("t", BOX, 0.4, -0.39))
+    assert settle(at_wall) is at_wall
+    assert settle(scene, 0.0) is scene
+
+
+def test_where_there_is_no_room_for_all_all_touch_as_before() -> None:
+    wide = Box(np.array([0.06, 0.215, 0.1]))
+    scene = scene_of(*(standing(f"b{i}", wide, 0.2, 0.215 * i - 0.3225) for i in range(4)))
+    assert settle(scene) is scene
 
 
 CASES: list[tuple[Body, str]] = [

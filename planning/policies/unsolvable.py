@@ -54,6 +54,8 @@ class Prover:
             stuck = stuck_set(view, frozenset(state.poses) - {self.target})
             if view.free(self.target, stuck):
                 return Finding(hope=look) if hands else Finding()
+            if not view.free(self.target, frozenset()):  # whatever goes, the target stays
+                return Finding(Unsolvable((), tuple(self._would_help(state, stuck))))
             found, doubt = self._finest_look(state, stuck)
             if found:
                 hands |= found

@@ -205,31 +205,36 @@ def test_what_is_named_is_in_order() -> None:
 def test_only_what_frees_the_target_is_said_to_help() -> None:
     ways: Ways = {"t": ["a"], "a": ["b"], "b": ["ac"], "c": ["b"]}
     assert proof(Cabinet(ways)) == Unsolvable(("a", "b", "c"), ("a taken away by hand", "b taken away by hand"))
-    assert proof(Cabinet({**STUCK, "t": []})) == Unsolvable(("a", "b"), ())
+
+
+def test_no_object_is_named_where_the_target_is_out_of_reach_with_every_one_gone() -> None:
+    cabinet = Cabinet({**STUCK, "t": []}, doubtful="ab")
+    assert proof(cabinet) == Unsolvable((), ())
+    assert cabinet.finest.asked == []
 
 
 def test_another_grasp_or_other_approaches_help_where_they_free_the_target() -> None:
     walled: Ways = {**STUCK, "t": []}
     grasped, freed = {**walled, "t": [""]}, {**walled, "t": ["a"], "a": [""]}
-    assert proof(Cabinet(walled, any_grasp=grasped)) == Unsolvable(("a", "b"), ("another grasp of t",))
-    assert proof(Cabinet(walled, freely=freed)) == Unsolvable(("a", "b"), (OTHERS,))
-    assert proof(Cabinet(walled, any_grasp=grasped, freely=freed)) == Unsolvable(("a", "b"), ("another grasp of t", OTHERS))
+    assert proof(Cabinet(walled, any_grasp=grasped)) == Unsolvable((), ("another grasp of t",))
+    assert proof(Cabinet(walled, freely=freed)) == Unsolvable((), (OTHERS,))
+    assert proof(Cabinet(walled, any_grasp=grasped, freely=freed)) == Unsolvable((), ("another grasp of t", OTHERS))
 
 
 def test_both_together_are_said_where_neither_helps_alone() -> None:
     walled: Ways = {**STUCK, "t": []}
     freed, grasped = {**walled, "t": ["a"], "a": [""]}, {**walled, "t": [""]}
-    assert proof(Cabinet(walled, both=freed)) == Unsolvable(("a", "b"), ())  # a is stuck in the freer view as well
-    assert proof(Cabinet(walled, both=grasped)) == Unsolvable(("a", "b"), (f"another grasp of t and {OTHERS}",))
-    assert proof(Cabinet(walled, any_grasp=grasped, both=grasped)) == Unsolvable(("a", "b"), ("another grasp of t",))
-    assert proof(Cabinet(walled, freely=grasped, both=grasped)) == Unsolvable(("a", "b"), (OTHERS,))
+    assert proof(Cabinet(walled, both=freed)) == Unsolvable((), ())  # a is stuck in the freer view as well
+    assert proof(Cabinet(walled, both=grasped)) == Unsolvable((), (f"another grasp of t and {OTHERS}",))
+    assert proof(Cabinet(walled, any_grasp=grasped, both=grasped)) == Unsolvable((), ("another grasp of t",))
+    assert proof(Cabinet(walled, freely=grasped, both=grasped)) == Unsolvable((), (OTHERS,))
 
 
 def test_where_all_approaches_are_allowed_no_others_are_named() -> None:
     cabinet = Cabinet({**STUCK, "t": []})
     cabinet.scene.approaches = APPROACHES
     cabinet.answers = {(APPROACHES, True): STUCK}
-    assert proof(cabinet) == Unsolvable(("a", "b"), ())
+    assert proof(cabinet) == Unsolvable((), ())
     assert cabinet.made == 1
 
 

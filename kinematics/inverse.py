@@ -33,11 +33,13 @@ STALLED = 10
 
 class Seeds(NamedTuple):
     """Where the search for solutions starts: configurations (N, J) and the first three rows of their hand poses in the world, T (12, N);
-    and the chain, for the lanes."""
+    and the chain, for the lanes. No last frame of the chain is ever further than reach_m from the point root (3,)."""
 
     q: Array
     T: F32
     lanes: LaneChain
+    root: Array
+    reach_m: float
 
 
 def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
@@ -47,7 +49,14 @@ def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
     q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
     T = np.empty((n, 4, 4))
     _hand_poses(chain, T_frame_hand, q, np.empty((len(chain.q_index) + 1, 4, 4)), T)
-    return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32), lane_chain(chain))
+    return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32), lane_chain(chain), chain.T_prev[0, :3, 3], _reach_m(chain))
+
+
+def _reach_m(chain: Chain) -> float:
+    """How far the last frame of a chain can be from its first joint, at most: all its links and strokes in one line."""
+    furthest = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.q_index]
+    slides = np.where(chain.prismatic == 1, np.abs(chain.scale) * furthest + np.abs(chain.offset), 0.0)
+    return float(np.linalg.norm(chain.T_prev[1:, :3, 3], axis=1).sum() + slides.sum())
 
 
 def solve(
@@ -63,7 +72,8 @@ def solve(
     if seeds.q.shape != (N, J) or seeds.T.shape[0] != 12:
         raise ValueError(f"the seeds are for another arm: {seeds.q.shape} for {J} joints")
     tries = max(0, min(tries, N))
-    if tries == 0:
+    away = np.linalg.norm(T_world_hand[:3, 3] - seeds.root) - np.linalg.norm(T_frame_hand[:3, 3])
+    if tries == 0 or away > seeds.reach_m + POSITION_TOLERANCE_M:
         return np.empty((0, J))
     starts, score, far = np.zeros(tries, np.int64), np.zeros(N, np.float32), np.full(tries, np.inf, np.float32)
     _nearest(seeds.T, T_world_hand, score, starts, far)

@@ -74,6 +74,15 @@ def test_six_joints_have_all_their_branches(ur5e: Robot) -> None:
     assert usual >= 0.7 * all_there_is
 
 
+def test_no_hand_is_further_than_all_links_in_a_line(solver: Solver) -> None:
+    """And a pose beyond that is not searched for, which an arm told to stand in the wrong place is asked for by the thousand."""
+    longest = solver.seeds.reach_m + np.linalg.norm(solver.T_frame_hand[:3, 3])
+    away = np.linalg.norm(solver.seeds.T[[3, 7, 11]].T - solver.seeds.root, axis=1)
+    assert 0.5 * longest < away.max() <= longest + 1e-6
+    T = transform(p=solver.seeds.root + np.array([0.0, 0.0, longest + 1e-3]))
+    assert solve(solver.chain, solver.T_frame_hand, solver.seeds._replace(lanes=None), T, solver.near).shape == (0, len(solver.near))  # type: ignore[arg-type]
+
+
 def test_out_of_reach_is_no_solution(solver: Solver) -> None:
     assert solver.solve(transform(p=[3.0, 0.0, 0.5])).shape == (0, len(solver.robot.arm_joints))
 

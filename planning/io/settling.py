@@ -53,7 +53,7 @@ class _Moved:
 def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
     """The scene with its objects standing free of each other and on something; `Scene.settled` says what was moved.
 
-    noise_m: how much is taken for noise. The target moves last, for x_g is told for where it stands.
+    noise_m: how much is taken for noise. The target moves last, for x_g is told for where it stands, and goes along where it touches.
     Raises: Unsettled for what can't be meant.
     """
     for body in scene.objects:
@@ -68,7 +68,7 @@ def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
     if _close(scene, objects):
         _part(scene, objects, noise_m, moved)
         if noise_m >= ROOM_M:
-            _make_room(scene, objects, noise_m, moved)
+            scene = _make_room(scene, objects, noise_m, moved)
     if not moved:
         return scene
     R = scene.cabinet.T_world_cabinet[:3, :3]
@@ -158,9 +158,9 @@ def _part(scene: Scene, objects: dict[str, Body], noise_m: float, moved: dict[st
         raise _overlap(scene, contacts[0], ": there is no room to part them")
 
 
-def _make_room(scene: Scene, objects: dict[str, Body], noise_m: float, moved: dict[str, _Moved]) -> None:
-    """Part what touches, or nearly does, in groups of neighbours: all of a group, or none where there is no room for all, where one would
-    go further than its pose may be wrong, or where the target would go sideways, for x_g is told for where it stands."""
+def _make_room(scene: Scene, objects: dict[str, Body], noise_m: float, moved: dict[str, _Moved]) -> Scene:
+    """Part what touches, or nearly does, in groups of neighbours: all of a group, or none where there is no room for all, or where one
+    would go further than its pose may be wrong. Where the target gives way its grasps do, too: in the scene that comes back."""
     for group in _groups(_close(scene, objects)):
         trial, shifts = dict(objects), dict[str, _Moved]()
         for _ in range(ROOM_ROUNDS):
@@ -169,10 +169,20 @@ def _make_room(scene: Scene, objects: dict[str, Body], noise_m: float, moved: di
                 break
             for contact in close:
                 _part_two(scene, trial, contact, shifts, room_m=ROOM_M)
-        sideways = {name: float(np.linalg.norm(m.by[:2])) for name, m in shifts.items()}
-        if not close and all(m <= (0.0 if name == scene.target else noise_m) for name, m in sideways.items()):
-            for name, m in shifts.items():
-                _move(scene, objects, name, m.by, moved[name].reasons[-1] if name in moved else m.reasons[0], moved)
+        if close or any(np.linalg.norm(m.by[:2]) > noise_m for m in shifts.values()):
+            continue
+        for name, m in shifts.items():
+            _move(scene, objects, name, m.by, moved[name].reasons[-1] if name in moved else m.reasons[0], moved)
+            if name == scene.target:
+                scene = _with_grasps_moved(scene, scene.cabinet.T_world_cabinet[:3, :3] @ m.by)
+    return scene
+
+
+def _with_grasps_moved(scene: Scene, by_m: Array) -> Scene:
+    """The scene with the target's grasps moved by (3,) in the world."""
+    T = transform(p=by_m)
+    grasp = scene.grasp and replace(scene.grasp, T_world_hand=T @ scene.grasp.T_world_hand)
+    return replace(scene, grasp=grasp, grasps=tuple((replace(g, T_world_hand=T @ g.T_world_hand), score) for g, score in scene.grasps))
 
 
 def _close(scene: Scene, objects: Mapping[str, Body]) -> list[Contact]:

@@ -127,7 +127,7 @@ def test_stacks_stand_on_each_other() -> None:
 
 
 def test_what_touches_is_parted_so_far_that_it_can_be_lifted() -> None:
-    """Two boxes that touch, and one at a wall. The target stays where it is, though it touches a wall, for x_g is told for that place."""
+    """Two boxes that touch, and one at a wall."""
     scene = scene_of(standing("t", BOX, 0.2, 0.0), standing("a", BOX, 0.2, 0.0802), standing("w", BOX, 0.4, -0.39))
     settled = settle(scene)
     assert {n.object: n.reason for n in settled.settled} == {"a": "it stood 0.2 mm from t", "w": "it touched right"}
@@ -136,9 +136,34 @@ def test_what_touches_is_parted_so_far_that_it_can_be_lifted() -> None:
     by_m = {n.object: n.by_m @ TURNED[:3, :3] for n in settled.settled}
     np.testing.assert_allclose(by_m["a"], [0, ROOM_M - 0.0002, 0], atol=LEAST_M)
     np.testing.assert_allclose(by_m["w"], [0, ROOM_M, 0], atol=LEAST_M)
-    at_wall = scene_of(standing("t", BOX, 0.4, -0.39))
-    assert settle(at_wall) is at_wall
+    assert settled.grasp is scene.grasp
     assert settle(scene, 0.0) is scene
+
+
+def test_the_grasps_go_with_a_target_that_touches_a_wall() -> None:
+    scene = scene_of(standing("t", BOX, 0.4, -0.39))
+    assert scene.grasp is not None
+    scene = replace(scene, grasps=((scene.grasp, 0.5),))
+    settled = settle(scene)
+    (note,) = settled.settled
+    np.testing.assert_allclose(note.by_m @ TURNED[:3, :3], [0, ROOM_M, 0], atol=LEAST_M)
+    for before, after in ((scene.grasp, settled.grasp), (scene.grasps[0][0], settled.grasps[0][0])):
+        assert after is not None
+        np.testing.assert_allclose(after.T_world_hand, transform(p=note.by_m) @ before.T_world_hand, atol=1e-12)
+
+
+def test_what_leans_on_another_is_left_alone() -> None:
+    """It touches the other's upper edge with a side that slopes: the ways to the side and up are far."""
+    sloping, post = rotation_about((1, 0, 0), -0.3), Box(np.array([0.05, 0.02, 0.2]))
+    low, apart, together = standing("low", BOX, 0.2, 0.2), 0.0, 0.2
+    foot = (box_corners(post.size_m / 2) @ sloping.T)[:, 2].min()
+    for _ in range(40):
+        middle = (apart + together) / 2
+        leaning = Body("post", post, TURNED @ transform(sloping, [0.2, middle, -foot]))
+        apart, together = (apart, middle) if overlapping([low, leaning], 0.0) else (middle, together)
+    scene = scene_of(low, leaning)
+    assert overlapping([low, leaning], LEAST_M - ROOM_M)
+    assert settle(scene) is scene
 
 
 def test_where_there_is_no_room_for_all_all_touch_as_before() -> None:

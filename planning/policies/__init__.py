@@ -17,8 +17,8 @@ from planning.policies.search import Effort, Preferences
 from planning.policies.unsolvable import Prover
 from planning.retrieval import MAX_MOVES, Policy
 
-QUICK, PATIENT = Effort(attempts=300), Effort(attempts=3000)
-"""How many moves a policy that looks ahead may try, and how many the ceiling."""
+QUICK, PATIENT = Effort(attempts=300), Effort(attempts=3000, last=1000)
+"""How many moves a policy that looks ahead may try; and how many the ceiling, which tries any regions at last."""
 QUICK_FIRST = replace(QUICK, last=1000)
 """What `neural` may: where the quick tries have not done and there is hope, a third of what the ceiling may besides."""
 

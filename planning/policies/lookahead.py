@@ -41,8 +41,15 @@ def nearest_regions(seen: Observation, name: str, rng: np.random.Generator) -> S
     return [int(i) for i in free[np.argsort(away, kind="stable")]]
 
 
+def scattered_regions(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
+    """The free regions, in any order."""
+    return [int(i) for i in rng.permutation(free_regions(seen, name))]
+
+
 NEAREST = Preferences(lambda seen: lambda name: 0.0, nearest_regions)
 """Any object, to the nearest regions."""
+SCATTERED = replace(NEAREST, regions=scattered_regions)
+"""Any object, to any region: where the arm finds no way though nothing is in the way of the hand, near places change little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +199,10 @@ class Lookahead:
 
     def _searched_at_last(self, world: World, state: State, left: int, many: int, rng: np.random.Generator) -> list[Step]:
         """The moves to the likeliest regions, not the near ones first; and if there are none of them, those that many attempts find as the
-        ceiling makes them (none where only the densest grasps hold out hope: each takes its time)."""
+        ceiling makes them, or the ceiling itself to any regions (none where only the densest grasps hold out hope: each takes its time)."""
         likeliest, few = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
-        for preferences, attempts in ((likeliest, few if self.preferences.nearby else 0), (NEAREST, many)):
+        others = SCATTERED if self.preferences is NEAREST else NEAREST
+        for preferences, attempts in ((likeliest, few if self.preferences.nearby else 0), (others, many)):
             if attempts and (found := Search(world, preferences, replace(self.effort, attempts=attempts), left, rng).run(state)):
                 return found
         return []

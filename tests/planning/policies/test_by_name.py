@@ -69,7 +69,7 @@ def test_the_rrt_baseline_counts_paths_once_for_both_halves() -> None:
     ("name", "preferences", "effort", "glance"),
     [
         ("lookahead", NEAREST, Effort(attempts=300), False),
-        ("search", NEAREST, Effort(attempts=3000), False),
+        ("search", NEAREST, Effort(attempts=3000, last=1000), False),
         ("neural", ("make_neural_preferences", ("CachedEncoding", "objects networks of ur5e")), Effort(attempts=300, last=1000), True),
     ],
 )

@@ -515,6 +515,18 @@ def test_at_last_all_free_regions_are_tried_if_so_many_attempts_are_left() -> No
     assert asked(Lookahead(world, NEAR_AND_LIKELY, patient, no_proof, most=1), world) == [("a", 9)]
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_ceiling_tries_places_at_last_that_are_not_the_nearest(seed: int) -> None:
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
+    policy, seen = Lookahead(world, NEAREST, Effort(attempts=8, last=14), no_proof, most=1), observe(world.scene, world.state)
+    list(policy.select(seen, np.random.default_rng(seed)))
+    tried = [region for _, region in world.tried]
+    nearest, at_last = tried[:-14], tried[-14:]
+    assert set(nearest) <= set(at_last)
+    assert len(set(at_last)) == 14
+    assert at_last[: len(nearest)] != nearest
+
+
 def test_where_space_is_unseen_a_look_is_better_than_the_last_search() -> None:
     ways = at_first({"t": ["a"], "a": [""]})
     world = WrittenWorld("a", ways, can=lambda choice: False, seen=ways)

@@ -142,7 +142,7 @@ def _palm(model: Model, hand_link: str | None, named: Sequence[int]) -> int:
     if named:
         movers = [i for i in range(len(tree.names)) if tree.kind[i] != FIXED and tree.q_index[i] == named[0]]
         palm = model.group(int(tree.parent[min(movers, key=lambda i: len(tree.path(i)))]))
-        while not set(named) <= {int(tree.q_index[i]) for i in model.below(palm)} and tree.parent[palm] >= 0:
+        while not set(named) <= {int(tree.q_index[i]) for i in tree.below(palm)} and tree.parent[palm] >= 0:
             palm = model.group(int(tree.parent[palm]))  # fingers that stand on motors of their own
         return _whole_hand(model, palm, named)
     if hand_link is None:

@@ -99,8 +99,7 @@ class Robot:
     @cached_property
     def hand_links(self) -> frozenset[str]:
         """The links that the arm's last joint moves: palm and fingers, and what is fixed to them."""
-        last = self._movers()[-1]
-        return frozenset(name for i, name in enumerate(self.tree.names) if last in self.tree.path(i))
+        return frozenset(self.tree.names[i] for i in self.tree.below(self._movers()[-1]))
 
     def pivot(self, T_world_base: Array) -> Array:
         """Where (2,) the arm's first joint turns about the vertical, in the world's x and y; the base's origin where it does not turn so,

@@ -107,6 +107,10 @@ class Tree:
             way.append(int(self.parent[way[-1]]))
         return way[::-1]
 
+    def below(self, link: int) -> list[int]:
+        """Indices of a link and of all that it carries."""
+        return [i for i in range(len(self.names)) if link in self.path(i)]
+
 
 @dataclass(frozen=True, eq=False)
 class LinkHull:

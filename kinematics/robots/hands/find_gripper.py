@@ -136,8 +136,8 @@ def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
     words = [model.tree.names[last], _joint_behind(model, last)] if way else []
     if len(way) > 2 and any(JAW.search(word) for word in words) and not WRIST.search(words[1]):
         return model.group(int(model.tree.parent[last]))
-    after = [model.tree.names[i] for i in model.below(last)]
-    cups = [i for i in model.below(last) if CUP.search(model.tree.names[i])]
+    after = [model.tree.names[i] for i in model.tree.below(last)]
+    cups = [i for i in model.tree.below(last) if CUP.search(model.tree.names[i])]
     if cups:
         raise CupFound(f"{model.tree.names[cups[-1]]!r} looks like a suction cup", cups[-1])
     raise NoGripper(
@@ -159,7 +159,7 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
     Raises: NoGripper where nothing moves on it, or too much.
     """
     tree = model.tree
-    movers = [m for m in model.moved_on(palm) if model.points(model.below(m), model.rest, palm).size]
+    movers = [m for m in model.moved_on(palm) if model.points(model.tree.below(m), model.rest, palm).size]
     spinning = [m for m in movers if not np.isfinite([model.lower[tree.q_index[m]], model.upper[tree.q_index[m]]]).all()]
     if len(spinning) < len(movers) and not set(named) & {
         int(tree.q_index[m]) for m in spinning
@@ -182,10 +182,10 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
                 f"what moves on the link {tree.names[palm]!r} has no collision geometry ({', '.join(bare)}): give these links their fingers"
             )
         else:
-            after = ", ".join(tree.names[i] for i in model.below(palm))
+            after = ", ".join(tree.names[i] for i in tree.below(palm))
             what = f"nothing moves on the link {tree.names[palm]!r} (links there: {after})"
         raise NoGripper(f"no gripper found: {what}")
-    branches = tuple(tuple(model.below(m)) for m in movers)
+    branches = tuple(tuple(model.tree.below(m)) for m in movers)
     if len(branches) in (2, 3) and len(motors) >= 3:
         return _driven_apart(model, palm, branches, named)
     bodies = _fingers(model, palm, branches, motors)

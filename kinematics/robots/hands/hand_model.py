@@ -43,13 +43,9 @@ class Model:
         """The links that move on a group, by joints of their own."""
         return [i for i in range(len(self.tree.names)) if self.tree.kind[i] != FIXED and self.group(int(self.tree.parent[i])) == group]
 
-    def below(self, link: int) -> list[int]:
-        """A link and all that it carries."""
-        return [i for i in range(len(self.tree.names)) if link in self.tree.path(i)]
-
     def motors(self, link: int) -> list[int]:
         """The actuated joints of a link and of what it carries, in order."""
-        moving = (i for i in self.below(link) if self.tree.kind[i] != FIXED)
+        moving = (i for i in self.tree.below(link) if self.tree.kind[i] != FIXED)
         return list(dict.fromkeys(int(self.tree.q_index[i]) for i in moving))
 
     def points(self, links: Sequence[int], q: Array, frame: int) -> Array:

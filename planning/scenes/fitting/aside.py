@@ -73,7 +73,7 @@ def _stem(tree: Tree, root: int) -> list[int]:
     """The moving links from a branch's root on, up to where more than one moves on the same."""
     stem, ends = [root], [root]
     while len(ends) == 1:
-        moving = [i for i in range(len(tree.names)) if tree.kind[i] != FIXED and root in tree.path(i)]
+        moving = [i for i in tree.below(root) if tree.kind[i] != FIXED]
         ends = [i for i in moving if [k for k in tree.path(i)[:-1] if tree.kind[k] != FIXED][-1:] == stem[-1:]]
         stem += ends if len(ends) == 1 else []
     return stem
@@ -95,7 +95,7 @@ def _turning(robot: Robot) -> list[int]:
 
 def _below(robot: Robot, root: int) -> frozenset[str]:
     """A link and all that hang on it."""
-    return frozenset(name for i, name in enumerate(robot.tree.names) if root in robot.tree.path(i))
+    return frozenset(robot.tree.names[i] for i in robot.tree.below(root))
 
 
 def _to_the_arm(robot: Robot, limb: Limb, ahead: Array) -> Array:

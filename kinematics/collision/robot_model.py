@@ -19,6 +19,7 @@ from kinematics.collision.posed_geometry import (
     with_covers,
 )
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
+from kinematics.kept import forget_oldest
 from kinematics.robots.robot import Robot
 from kinematics.robots.tree import carried
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, convex_parts
@@ -101,8 +102,7 @@ class RobotCollisionModel:
         """The same, and packed for the sphere check."""
         known = self._posed
         if gripper not in known:
-            if len(known) == OPENINGS:
-                known.pop(next(iter(known)))  # the oldest
+            forget_oldest(known, OPENINGS)
             frames, T = self._carried(gripper)
             if self._home is None:
                 self._home = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])

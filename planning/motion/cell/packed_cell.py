@@ -13,6 +13,7 @@ from kinematics.collision.geometry import Query, Solids, make_solids, scene_soli
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
 from kinematics.collision.sphere_model import with_more_parts
+from kinematics.kept import forget_oldest
 from kinematics.mount import standing_still
 from kinematics.robots.names import check_names
 from kinematics.robots.robot import Robot
@@ -102,8 +103,7 @@ class PackedCell:
         if ignore:
             return self._pack(solids, bodies, gripper, held, ignore)
         if (gripper, held) not in known:
-            if len(known) == KNOWN_KEPT:
-                known.pop(next(iter(known)))  # the oldest
+            forget_oldest(known, KNOWN_KEPT)
             known[gripper, held] = self._packed_among(solids, bodies, gripper, held)
         return known[gripper, held]
 
@@ -113,8 +113,7 @@ class PackedCell:
         if key in self._elsewhere:
             query = self._elsewhere[key]
             return query._replace(task=task_elsewhere(query.task, solids))
-        if len(self._elsewhere) == ELSEWHERE_KEPT:
-            self._elsewhere.pop(next(iter(self._elsewhere)))  # the oldest
+        forget_oldest(self._elsewhere, ELSEWHERE_KEPT)
         query = self._elsewhere[key] = self._pack(solids, bodies, gripper, held)
         return query
 
@@ -163,8 +162,7 @@ class PackedCell:
             return None
         _, solids, bodies, known, _ = self._standing(poses)
         if (first, last) not in known:
-            if len(known) == KNOWN_KEPT:
-                known.pop(next(iter(known)))
+            forget_oldest(known, KNOWN_KEPT)
             posed, model, links, pairs, off_m = moving
             check = np.ones((len(links), len(bodies)), np.uint8)
             check[posed.frame == 0] = 0
@@ -195,8 +193,7 @@ class PackedCell:
         """The same query for motions that keep so far from everything but what they may touch and unseen space, in metres."""
         key = id(query), clearance_m
         if key not in self._clear:
-            if len(self._clear) == CLEAR_KEPT:
-                self._clear.pop(next(iter(self._clear)))  # the oldest
+            forget_oldest(self._clear, CLEAR_KEPT)
             clear = query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m, query.off_m))
             self._clear[key] = query, clear
         return self._clear[key][1]
@@ -236,8 +233,7 @@ class PackedCell:
     def _standing(self, poses: Mapping[str, Array]) -> _Bodies:
         found = self._bodies.pop(id(poses), None)
         if found is None:
-            if len(self._bodies) == KEPT:
-                self._bodies.pop(next(iter(self._bodies)))  # the one that was not asked about for longest
+            forget_oldest(self._bodies, KEPT)  # the one that was not asked about for longest
             fixed = self._fixed
             which = tuple(i for i, name in enumerate(self._rows) if name in poses or name in fixed)
             if which not in self._some:

@@ -103,10 +103,11 @@ def cloud(depth: Depth | Array, intrinsics: Intrinsics, T_world_camera: Array) -
 
 
 def project(points_world: Array, intrinsics: Intrinsics, T_world_camera: Array) -> Array:
-    """Points (N, 3) to (N, 3): column, row and depth z; columns and rows are NaN for points that are not in front of the camera."""
-    p = (points_world - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
-    z = np.where(p[:, 2] > 1e-9, p[:, 2], np.nan)
-    return np.stack([intrinsics.fx * p[:, 0] / z + intrinsics.cx, intrinsics.fy * p[:, 1] / z + intrinsics.cy, p[:, 2]], -1)
+    """Points (N, 3) to (N, 3): column, row and depth z; columns and rows are NaN for points that are not in front of the camera. By
+    cameras at several poses (C, 4, 4): (C, N, 3)."""
+    p = (points_world - T_world_camera[..., None, :3, 3]) @ T_world_camera[..., :3, :3]
+    z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
+    return np.stack([intrinsics.fx * p[..., 0] / z + intrinsics.cx, intrinsics.fy * p[..., 1] / z + intrinsics.cy, p[..., 2]], -1)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Scene
 from kinematics.transforms import Array, inverse, rotation_about
-from perception.camera import Intrinsics, look_at
+from perception.camera import Intrinsics, look_at, project
 from perception.mapping.next_best_view import sample_poses
 from perception.mapping.voxels import OCCUPIED, Voxels
 from perception.rendering.synthetic_camera import DEFAULT
@@ -62,11 +62,8 @@ def aimed_views(
 
 def in_image(poses: Array, points: Array, intrinsics: Intrinsics) -> NDArray[np.bool_]:
     """Which points (N, 3) are in the image of a camera at each of poses (C, 4, 4), if nothing hides them: (C, N)."""
-    T = inverse(poses)
-    x, y, z = np.moveaxis(np.einsum("cij,nj->cni", T[:, :3, :3], points) + T[:, None, :3, 3], -1, 0)
-    ahead = np.maximum(z, 1e-9)
-    u, v = intrinsics.fx * x / ahead + intrinsics.cx, intrinsics.fy * y / ahead + intrinsics.cy
-    return np.asarray((z > 0) & (u >= 0) & (u < intrinsics.width) & (v >= 0) & (v < intrinsics.height))
+    u, v, _ = np.moveaxis(project(points, intrinsics, poses), -1, 0)
+    return np.asarray((u >= 0) & (u < intrinsics.width) & (v >= 0) & (v < intrinsics.height))  # not a number: behind the camera
 
 
 def in_sight(voxels: Voxels, bodies: Sequence[Body], eyes: Array, points: Array) -> NDArray[np.bool_]:

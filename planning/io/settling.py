@@ -221,13 +221,16 @@ def _part_two(scene: Scene, objects: dict[str, Body], contact: Contact, moved: d
     share = 1.0 if contact.b not in objects else 0.0 if contact.a == scene.target else 1.0 if contact.b == scene.target else 0.5
     if abs(way[2]) > 0:  # one stands on the other: the upper one is lifted
         share = 1.0 if way[2] > 0 or contact.b not in objects else 0.0
-    deep = contact.depth_m
     for name, by, neighbour in ((contact.a, share * way, contact.b), (contact.b, (share - 1) * way, contact.a)):
         if np.abs(by).max() > 0:
-            why = f"it overlapped {neighbour} by {1000 * deep:.1f} mm" if deep > LEAST_M else f"it touched {neighbour}"
-            if deep < -LEAST_M:
-                why = f"it stood {-1000 * deep:.1f} mm from {neighbour}"
-            _move(scene, objects, name, by, why, moved)
+            _move(scene, objects, name, by, _why(neighbour, contact.depth_m), moved)
+
+
+def _why(neighbour: str, depth_m: float) -> str:
+    """Why an object gives way to a neighbour."""
+    if abs(depth_m) <= LEAST_M:
+        return f"it touched {neighbour}"
+    return f"it overlapped {neighbour} by {1000 * depth_m:.1f} mm" if depth_m > 0 else f"it stood {-1000 * depth_m:.1f} mm from {neighbour}"
 
 
 def _shortest_way(scene: Scene, still: Body, body: Body, room_m: float) -> Array:

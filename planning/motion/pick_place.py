@@ -77,7 +77,7 @@ class Motions:
         more_grasps: Callable[[Sampling], Iterable[Grasp]] | None = None,
         pace: Pace = FULL,
     ) -> None:
-        self.robot, self.scene, self.settings, self.pace, self.iterations = robot, scene, settings, pace, iterations
+        self.robot, self.scene, self.settings, self.pace = robot, scene, settings, pace
         self.cell = Workcell(robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=obstacles, settings=settings)
         given = () if scene.grasp is None else (scene.grasp,)
         self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
@@ -300,7 +300,7 @@ class Motions:
         if not self.partly_unseen:
             return self
         return Motions(
-            self.robot, self.scene, iterations=self.iterations, time_budget_s=self.cell.time_budget_s, settings=self.settings,
+            self.robot, self.scene, iterations=self.cell.iterations, time_budget_s=self.cell.time_budget_s, settings=self.settings,
             target_grasps=self._listed_grasps, more_grasps=self._more_grasps, pace=self.pace,
         )  # fmt: skip
 

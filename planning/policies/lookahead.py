@@ -18,6 +18,7 @@ import numpy as np
 from kinematics.scene import State
 from perception.observation import Observation
 from planning.plan import Outlook
+from planning.policies.random import random_region
 from planning.policies.regions import free_regions
 from planning.policies.search import Effort, Preferences, Search, Step, World
 from planning.policies.unsolvable import Finding
@@ -41,14 +42,9 @@ def nearest_regions(seen: Observation, name: str, rng: np.random.Generator) -> S
     return [int(i) for i in free[np.argsort(away, kind="stable")]]
 
 
-def scattered_regions(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-    """The free regions, in any order."""
-    return [int(i) for i in rng.permutation(free_regions(seen, name))]
-
-
 NEAREST = Preferences(lambda seen: lambda name: 0.0, nearest_regions)
 """Any object, to the nearest regions."""
-SCATTERED = replace(NEAREST, regions=scattered_regions)
+SCATTERED = replace(NEAREST, regions=random_region)
 """Any object, to any region: where the arm finds no way though nothing is in the way of the hand, near places change little."""
 
 

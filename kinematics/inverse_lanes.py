@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Chain
 from kinematics.collision.sphere_lanes import ROW_X, U64, Lanes, Mask, Real, forced_inline, forward_kinematics
+from kinematics.collision.sphere_model import F32
 from kinematics.jit.decorators import jit_inline
 from kinematics.jit.record import record
 from kinematics.jit.simd import WIDTH, below, chosen, largest, load, nearest_int, root, spread, store
 from kinematics.transforms import Array
-
-F32 = NDArray[np.float32]
 
 STEPS, STALLED = 24, 6
 NEAR = 1e-7

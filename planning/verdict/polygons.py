@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.decorators import jit_entry, jit_inline
+from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array
 
 _SAME = 1e-12
@@ -19,14 +19,13 @@ def hull(points: Array) -> Array:
     """
     if len(points) < 3:
         return points
-    order, out = np.empty(len(points), np.int64), np.empty((len(points) + 1, 2))
+    order, out = np.lexsort((points[:, 1], points[:, 0])), np.empty((len(points) + 1, 2))
     return out[: _hull(np.ascontiguousarray(points, float), order, out)]
 
 
 @jit_entry
 def _hull(points: Array, order: NDArray[np.int64], out: Array) -> int:
-    """`hull` of points (M, 2), M > 2, into out (M + 1, 2); how many corners there are. order (M,): scratch."""
-    _by_x_and_y(points, order)
+    """`hull` of points (M, 2), M > 2, into out (M + 1, 2); how many corners there are. order (M,): the points by x, then by y."""
     count, M = 0, points.shape[0]
     for chain in range(2):  # the lower one from left to right, then the upper one back; each ends where the other begins
         first = count
@@ -41,29 +40,6 @@ def _hull(points: Array, order: NDArray[np.int64], out: Array) -> int:
             count += 1
         count -= 1
     return count
-
-
-@jit_inline
-def _by_x_and_y(points: Array, order: NDArray[np.int64]) -> None:
-    """The order (M,) of points (M, 2) by x, then by y: Shell's sort."""
-    M = order.shape[0]
-    for i in range(M):
-        order[i] = i
-    gap = 1
-    while 3 * gap + 1 < M:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for i in range(gap, M):
-            one, k = order[i], i
-            x, y = points[one, 0], points[one, 1]
-            while k >= gap:
-                other = order[k - gap]
-                if points[other, 0] < x or (points[other, 0] == x and points[other, 1] <= y):
-                    break
-                order[k] = other
-                k -= gap
-            order[k] = one
-        gap //= 3
 
 
 def clip(polygon: Array, window: Array) -> Array:

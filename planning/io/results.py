@@ -98,6 +98,7 @@ class _File(Results[T]):
         self._due = deque[str]()
         self._log: IO[str] | None = None
         self._written = 0
+        self._begun = False  # until then the part is an earlier run's
 
     def left(self, items: Iterable[Item], key: Callable[[Item], str]) -> Iterator[Item]:
         for number, item in enumerate(items):
@@ -140,6 +141,7 @@ class _File(Results[T]):
         with naming(self._name):
             os.truncate(self.part, [0, *ends][self.kept])
             os.truncate(self.log, words[self.kept])
+        self._begun = True
         self._tell(f"{self._name}: {self.kept} results are there; going on")
 
     def _put(self, line: str) -> None:
@@ -162,6 +164,7 @@ class _File(Results[T]):
             os.replace(self.part, aside)
             self._tell(f"{self._name}: an earlier run left {self.part.name} ({lines} results): it is kept as {aside.name}")
             self._open()
+        self._begun = True
         assert self._log is not None
         with naming(self._name):
             self._log.truncate(0)
@@ -200,11 +203,13 @@ class _File(Results[T]):
         self.log.unlink(missing_ok=True)
 
     def break_off(self) -> None:
-        """Leave what is there to a later run; nothing, if there is nothing."""
+        """Leave what is there to a later run, an earlier run's part above all; nothing, if there is nothing."""
         if self._stream is None:
             return
         count = self.kept + self._written
-        if count == 0:
+        if not self._begun:
+            self._tell(f"{self._name}: broken off before it began; {self.part.name} is as it was")
+        elif count == 0:
             self.part.unlink(missing_ok=True)
             self.log.unlink(missing_ok=True)
         else:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from kinematics.errors import InputError
 from kinematics.scene import Scene
+from planning.io import results
 from planning.io.results import scene_writer
 from planning.io.scene_documents import scene_from_json
 
@@ -162,3 +163,33 @@ def test_no_room_names_the_file() -> None:
 def test_half_a_character_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"'\\udc80' can't be written as UTF-8"), scene_writer(tmp_path / "s.jsonl") as write:
         write(replace(SCENE, id="\udc80"))
+
+
+@pytest.mark.parametrize("resume", [True, False])
+def test_a_run_that_is_broken_off_before_it_begins_leaves_the_earlier_ones_results(
+    resume: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while the part is read, which takes seconds of a large one, must not remove it."""
+    out, part, log = tmp_path / "s.jsonl", tmp_path / "s.part.jsonl", tmp_path / "s.part.log"
+    run(out, 9, killed_after=4)
+    kept = part.read_bytes(), log.read_bytes()
+
+    def interrupted(file: Path) -> list[int]:
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(results, "_line_ends", interrupted)
+        run(out, 9, resume=resume)
+    assert (part.read_bytes(), log.read_bytes()) == kept
+    assert run(out, 9, resume=True) == [4, 5, 6, 7, 8]
+
+
+def test_a_log_that_can_not_be_opened_costs_no_results(tmp_path: Path) -> None:
+    out, part, log = tmp_path / "s.jsonl", tmp_path / "s.part.jsonl", tmp_path / "s.part.log"
+    run(out, 9, killed_after=4)
+    kept = part.read_bytes()
+    log.unlink()
+    log.mkdir()
+    with pytest.raises(InputError, match="can't be written"):
+        run(out, 9)
+    assert part.read_bytes() == kept

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -96,12 +97,11 @@ def _arrays(file: Path) -> Mapping[str, Any]:
         if file.suffix == ".json":
             data = json.loads(file.read_text(encoding="utf-8"))
             return data if isinstance(data, dict) else {"array": data}
-        if file.suffix == ".npy":
-            return {"array": np.load(file, allow_pickle=False)}
-        if file.suffix == ".npz":
-            with np.load(file, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-    except ValueError as e:
+        if file.suffix in (".npy", ".npz"):
+            with file.open("rb") as stream:
+                found = np.load(stream, allow_pickle=False)  # which looks at what is in a file, not at its name
+                return {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
+    except (ValueError, EOFError, BadZipFile, RecursionError) as e:
         if "allow_pickle" in str(e) or "pickle" in str(e).lower():
             raise InputError(
                 f"{file}: holds pickled objects, which are not read: they could run code; save plain arrays where you made them: "

@@ -63,13 +63,27 @@ def test_the_hands_own(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_grasps(tmp_path / "g.json", "hand").T, hands())
 
 
+def test_an_array_whose_file_says_archive(tmp_path: Path) -> None:
+    np.save(tmp_path / "g.npy", hands())
+    (tmp_path / "g.npy").rename(tmp_path / "g.npz")
+    np.testing.assert_array_equal(read_grasps(tmp_path / "g.npz", "hand").T, hands())
+
+
 def test_what_is_no_grasp(tmp_path: Path) -> None:
     pickled, sheared, flat, text = (tmp_path / name for name in ("p.npz", "s.npy", "f.npy", "g.txt"))
     np.savez(pickled, pred_grasps_cam=np.array({1: hands()}, dtype=object))
     np.save(sheared, 2 * hands())
     np.save(flat, np.zeros((4, 3)))
     text.write_text("")
+    empty, cut, nested = (tmp_path / name for name in ("e.npy", "c.npz", "n.json"))
+    empty.write_bytes(b"")
+    np.savez(cut, T=hands())
+    cut.write_bytes(cut.read_bytes()[:200])
+    nested.write_text("[" * 100_000)
     for file, says in (
+        (empty, "can't be read"),
+        (cut, "can't be read"),
+        (nested, "can't be read"),
         (pickled, "holds pickled objects, which are not read: they could run code"),
         (sheared, "grasp 0 has no rotation: is the convention right"),
         (flat, "are poses"),

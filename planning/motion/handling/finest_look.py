@@ -163,6 +163,7 @@ def with_more_room(scene: Scene, by_m: float) -> Scene:
         cabinet,
         size_m=cabinet.size_m + np.array([0.0, 2 * by_m, 2 * by_m]),
         T_world_cabinet=cabinet.T_world_cabinet @ transform(p=[by_m, 0.0, -by_m]),
+        wall_m=max(cabinet.wall_m - 2 * by_m, min(cabinet.wall_m, SMALLEST_M)),  # for links beside, above and below it, too
     )
     objects, obstacles = (tuple(_smaller(body, by_m) for body in bodies) for bodies in (scene.objects, scene.obstacles))
     return replace(scene, cabinet=roomier, objects=objects, obstacles=obstacles)

@@ -52,6 +52,18 @@ def test_everything_is_further_from_any_point_by_as_much_as_is_asked() -> None:
     assert np.linalg.norm(in_cabinet - nearest, axis=1)[solid].min() > by_m - 1e-9
 
 
+def test_walls_are_further_from_what_is_outside_too() -> None:
+    """A forearm may pass below the cabinet's floor: no point of a roomier wall is nearer than asked to one that is in no wall."""
+    by_m, rng = 0.004, np.random.default_rng(1)
+    points = rng.uniform([0.2, -0.4, 0.1], [1.0, 0.6, 0.7], (200_000, 3))
+    roomier = with_more_room(scene_of(Body("b", Box(np.full(3, 0.05)), CABINET.T_world_cabinet)), by_m).cabinet
+    solid = points[np.any([inside(wall, points, 0.0) for wall in roomier.walls()], 0)]
+    ways = rng.normal(size=solid.shape)
+    around = solid + (by_m - 1e-9) * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    assert len(solid) > 1000
+    assert np.any([inside(wall, around, 0.0) for wall in CABINET.walls()], 0).all()
+
+
 def test_what_is_stuck_is_so_by_what_stands_around_it(ur5e: Robot) -> None:
     """Three boxes of a shelf keep each other; what can be picked is free."""
     scene = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)

@@ -111,7 +111,7 @@ def plan_scene(
         return plan
     from planning.sensing.missing_views import for_want_of_views  # views and what draws them: not every plan needs them
 
-    return for_want_of_views(robot, scene, plan)
+    return for_want_of_views(motions, plan)
 
 
 def verify_plan(scene: Scene, plan: Plan) -> tuple[Fault, ...]:

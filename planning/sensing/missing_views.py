@@ -26,15 +26,15 @@ NEAR_M = 0.3
 """A view is told by where the camera is and by the point so far before it."""
 
 
-def for_want_of_views(robot: Robot, scene: Scene, plan: Plan) -> Plan:
+def for_want_of_views(motions: Motions, plan: Plan) -> Plan:
     """The plan of an unsolved scene out of frames; its reason is stage "look", with what to look at, when unseen space is why.
 
-    Unseen space is not why when it is proved that no moves would help even if all of it were free.
+    motions: with which it was sought. Unseen space is not why when it is proved that no moves would help even if all of it were free.
     """
     if plan.success or plan.reason is None or plan.reason.stage in ("scene", "verify"):
         return plan
-    whole = Motions(robot, scene)
-    if plan.unsolvable is not None and Prover(whole)(whole.start()).unsolvable is not None:
+    robot, scene, free = motions.robot, motions.scene, motions.if_free
+    if plan.unsolvable is not None and Prover(free)(free.start()).unsolvable is not None:
         return plan
     stuck = () if plan.unsolvable is None else plan.unsolvable.stuck
     hindered = dict.fromkeys([*stuck, *(m.object for m in plan.moves if not m.done)])

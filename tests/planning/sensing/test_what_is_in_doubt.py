@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, RobotRef, Scene
+from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Box
 from kinematics.transforms import transform
+from planning.conclusion import failed
 from planning.motion.pick_place import Motions
-from planning.plan import Blocked, Plan
+from planning.motion.settings import DEFAULTS
+from planning.plan import Blocked, Plan, Unsolvable
 from planning.policies import make_policy
+from planning.policies.unsolvable import Finding
 from planning.scenes.generation import generate, load_spec
+from planning.sensing import missing_views
 from planning.sensing.retrieve import _hidden, retrieve_unseen
 from planning.sensing.world import SimulatedWorld
 
@@ -61,6 +67,29 @@ def test_what_unseen_space_keeps_from_being_picked_is_looked_at(behind: tuple[Mo
     assert _hidden(motions, state, [(n, why) for n in (*others, name)], 2) == [name]
     whole = motions.if_free
     assert _hidden(whole, state, [(n, why) for n in state.poses], 2) == []
+
+
+def test_whether_unseen_space_is_why_is_asked_with_the_grasps_and_settings_of_the_plan(
+    behind: tuple[Motions, str], ur5e: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With x_g alone, or another tilt, there may be a proof where the plan had more to choose from."""
+    among, name = behind
+    obstacle = Body("unknown_0", Box(np.full(3, 0.02)), transform(p=[0.5, 0.0, 0.9]))
+    given, settings = (among.scene.x_g, among.scene.x_g), replace(DEFAULTS, max_tilt_deg=170.0)
+    motions = Motions(ur5e, among.scene, obstacles=[obstacle], target_grasps=given, settings=settings)
+    proof, asked = Unsolvable((name,), ()), list[Motions]()
+
+    def prover(free: Motions) -> Callable[[State], Finding]:
+        asked.append(free)
+        return lambda state: Finding(proof)
+
+    monkeypatch.setattr(missing_views, "Prover", prover)
+    plan = replace(failed("s", "", name="n", rule="deep"), reason=Blocked("unsolvable"), unsolvable=proof)
+    assert missing_views.for_want_of_views(motions, plan) is plan
+    (free,) = asked
+    assert not free.partly_unseen
+    assert free.target_grasps == given
+    assert free.settings is settings
 
 
 def test_looks_are_as_fine_as_where_all_was_seen(behind: tuple[Motions, str]) -> None:

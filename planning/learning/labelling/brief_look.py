@@ -57,22 +57,20 @@ class BriefLook:
     def placeable(self, name: str, regions: Sequence[int] | Int) -> Flags:
         """To which of some regions (N,) an object can be carried now.
 
-        The ways with the same grasp are asked together: where the hand can't be, none of them leads.
+        The ways with the same grasp are asked together: where the hand can't be, none of them leads. The next grasp is looked at for the
+        regions that are left.
         """
-        cell, regions, poses = self.motions.cell, np.asarray(regions, np.int64), self.state.poses
-        rest, out = self._rest(name), np.zeros(len(regions), np.bool_)
-        open_: Int | None = None
-        releases: dict[float, ReleaseQuery] = {}
-        for ways in _by_grasp(filter(self._reachable, self._ways(name))):
-            carrying: dict[int, PlanningQuery] = {}
-            picks = [self._pick(name, rest, way, carrying) for way in ways]
-            if open_ is None:
-                centres = self.motions.scene.regions()[regions]
-                open_ = np.flatnonzero(cell.room_over(name, poses[name][:3, :3], centres, rest))
-            if not len(open_):
+        cell, regions, rest = self.motions.cell, np.asarray(regions, np.int64), self._rest(name)
+        out, releases = np.zeros(len(regions), np.bool_), dict[float, ReleaseQuery]()
+        left = np.flatnonzero(cell.room_over(name, self.state.poses[name][:3, :3], self.motions.scene.regions()[regions], rest))
+        for ways in _by_grasp(self._ways(name)):
+            if not len(left):
                 break
-            self._carry(picks, rest, regions, open_, releases, out)
-            open_ = open_[~out[open_]]
+            carrying: dict[int, PlanningQuery] = {}
+            picks = [self._pick(name, rest, way, carrying) for way in ways if self._reachable(way)]
+            if picks:
+                self._carry(picks, rest, regions, left, releases, out)
+                left = left[~out[left]]
         return out
 
     def _carry(

@@ -1,7 +1,8 @@
 """A survey: looking around a cabinet until nothing that could be seen is in the way of a plan.
 
 A recording is planned on without another look, so it has to show more than a first idea: after the views that reveal most, those are taken
-that reveal what the arm would sweep on its ways to the target and to the objects that may have to be moved (`planning.sensing.focus`).
+that reveal what the arm would sweep on its ways to the target and to the objects that may have to be moved (`planning.sensing.focus`),
+through gaps between what stands there (`planning.sensing.aimed_views`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ RECORDING = Limits(share=0.995, least=0.001, views=24, travel=0.003)
 """Of a recording that is to be planned on."""
 CLOSER = Limits(share=1.0, least=0.0002, views=7, travel=0.0)
 """Of one round of looks at what is in the way: the view where the arm stands already and six more; how far the arm goes is no matter."""
-ROUNDS = 4
+ROUNDS = 8
 """After so many rounds the rest can't be seen, or is of little use."""
 
 
@@ -35,6 +36,7 @@ def survey(mind: BeliefState, world: World, limits: Limits, on_step: Callable[[s
     if mind.empty_scene.grasp is None or mind.belief.body(target) is None:
         return reason
     others = [b.name for b in mind.belief.bodies if b.name != target]
+    aimed = True
     for _ in range(ROUNDS):
         left = limits.views - len(mind.frames)
         if left < 1:
@@ -43,8 +45,10 @@ def survey(mind: BeliefState, world: World, limits: Limits, on_step: Callable[[s
         if not focus.any():
             return "nothing that was not seen is in the way of any grasp"
         before = len(mind.frames)
-        looked = mind.look(world, replace(CLOSER, views=min(CLOSER.views, left + 1)), focus, on_step)
+        looked = mind.look(world, replace(CLOSER, views=min(CLOSER.views, left + 1)), focus, on_step, aimed=aimed)
         del mind.frames[before]  # the same view as the last one
-        if len(looked.frames) < 2:
+        shown = len(looked.frames) > 1
+        if not shown and not aimed:
             return looked.reason
+        aimed = shown  # what no aimed view shows, one of those for the whole cabinet may
     return looked.reason

@@ -1,7 +1,8 @@
 """A motion in samples so near to each other that no point of what moves goes further than a step, and quick bounds between boxes.
 
 Between two poses of a solid the displacement of its points is greatest at a corner of a box around it. It is measured over pieces of at
-most `COARSE` in any joint, within which speeds vary by less than `SLACK` allows for.
+most `COARSE` in any joint, within which speeds vary by less than `SLACK` allows for; on a spline, where joints speed up and slow down, from
+sample to sample, and pieces are cut until none is longer than a step.
 """
 
 from __future__ import annotations
@@ -64,17 +65,27 @@ class Sweep:
 
 def sweep(arm: Arm, T_world_base: Array, course: Course, boxes: Boxes, step_m: float) -> Sweep:
     """The samples of a motion, its rows among them, step_m apart."""
-    rows, q = course.dense(COARSE)
-    movers = len(boxes.carrier)
-    far = SLACK * _moved(_poses(arm, T_world_base, q, boxes), boxes.middle[:movers], boxes.half[:movers])
-    counts = np.maximum(1, np.ceil(far.max(1) / step_m)).astype(np.int64)
-    pace = far / counts[:, None]
+    (rows, q), movers = course.dense(COARSE), len(boxes.carrier)
+    T = _poses(arm, T_world_base, q, boxes)
+    while True:
+        finer, gone = _cut(rows, SLACK * _moved(T, boxes.middle[:movers], boxes.half[:movers]), step_m)
+        if len(finer) == len(rows):
+            break
+        rows, T = finer, _poses(arm, T_world_base, course.at(finer), boxes)
+        if course.spline is None:  # joints go evenly within a piece
+            break
+    still = np.zeros((len(rows), len(boxes.half) - movers))
+    return Sweep(rows, T, boxes.T[movers:], boxes.middle, boxes.half, np.concatenate([gone, still], axis=1))
+
+
+def _cut(rows: Array, far: Array, step_m: float) -> tuple[Array, Array]:
+    """Places (N,) on a way, pieces of it (P,) cut evenly so that nothing that goes `far` (P, M) in one goes further than a step at a time; and
+    how far each has gone (N, M) at them, if it goes evenly."""
+    counts = np.maximum(1, np.ceil(far.max(1, initial=0.0) / step_m)).astype(np.int64)
     piece = np.repeat(np.arange(len(counts)), counts)
     share = (np.arange(len(piece)) - (np.cumsum(counts) - counts)[piece] + 1) / counts[piece]
     fine = np.concatenate([rows[:1], rows[piece] + share * np.diff(rows)[piece]])
-    gone = np.zeros((len(fine), len(boxes.half)))
-    np.cumsum(pace[piece], axis=0, out=gone[1:, :movers])
-    return Sweep(fine, _poses(arm, T_world_base, course.at(fine), boxes), boxes.T[movers:], boxes.middle, boxes.half, gone)
+    return fine, np.concatenate([np.zeros((1, far.shape[1])), np.cumsum((far / counts[:, None])[piece], axis=0)])
 
 
 def _poses(arm: Arm, T_world_base: Array, q: Array, boxes: Boxes) -> Array:

@@ -67,6 +67,17 @@ def test_a_spline_is_followed_where_it_goes() -> None:
     assert len(sweep(ARM, np.eye(4), swing, boxes(1), 0.002).rows) >= 1 + 6
 
 
+@pytest.mark.parametrize("way", [0.02, 0.03, 0.05, 0.3])
+def test_where_joints_speed_up_and_slow_down_no_point_goes_further_than_is_said(way: float) -> None:
+    """A spline from rest to rest is nearly twice as fast in its middle as in the mean, and slow at its ends."""
+    for moves, half in (((way,), 0.1), ((0, 0, way), 0.8)):
+        found = sweep(ARM, BASE, splined((0,), moves), boxes(3, half=(half, half, 0.1)), 0.002)
+        corners = found.T[:, 0, :3, :3] @ np.array([[x, y, 0.1] for x in (-half, half) for y in (-half, half)]).T + found.T[:, 0, :3, 3:]
+        far = np.linalg.norm(corners[:, None] - corners[None], axis=2).max(-1)
+        assert np.diag(far, 1).max() <= 0.002
+        assert (far <= np.abs(found.gone[:, None, 0] - found.gone[None, :, 0]) + 1e-12).all()
+
+
 def test_how_far_a_corner_moves() -> None:
     a, b = np.eye(4), transform(p=[3, 4, 0])
     c = transform(rotation_about((0, 0, 1), 0.2), [3, 4, 0])

@@ -15,7 +15,7 @@ from kinematics.transforms import Array, transform
 from perception.observation import Observation
 from planning.grasping.finger_grasps import open_width
 from planning.motion.pick_place import Motions
-from planning.policies.regions import free_regions
+from planning.policies.regions import nearest_regions
 
 SAMPLES = 64
 
@@ -79,9 +79,6 @@ def make_local_region(lines: Lines) -> Callable[[Observation, str, np.random.Gen
 
     def local_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
         line, box = lines.of(seen), seen.boxes[name]
-        free = free_regions(seen, name)
-        distance = np.linalg.norm(seen.regions[free, :2] - box[:2], axis=1)
-        nearest = free[np.argsort(distance, kind="stable")]
-        return [int(i) for i in nearest if line.first_touch(np.array([*seen.regions[i, :2], *box[2:]])) is None]
+        return [i for i in nearest_regions(seen, name, rng) if line.first_touch(np.array([*seen.regions[i, :2], *box[2:]])) is None]
 
     return local_region

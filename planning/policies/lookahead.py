@@ -8,7 +8,7 @@ that object is proposed, to the best regions off that way, before any motion was
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import inf
@@ -19,7 +19,7 @@ from kinematics.scene import State
 from perception.observation import Observation
 from planning.plan import Outlook
 from planning.policies.random import random_region
-from planning.policies.regions import free_regions
+from planning.policies.regions import nearest_regions
 from planning.policies.search import Effort, Preferences, Search, Step, World
 from planning.policies.unsolvable import Finding
 from planning.relaxed_plan import Names, relaxed_plan
@@ -33,13 +33,6 @@ ONCE_MORE = 1 / 2
 NEVER = inf
 """So many moves where no number of them does."""
 Prove = Callable[[State], Finding]
-
-
-def nearest_regions(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
-    """The free regions, the nearest to where the object stands in front."""
-    free = free_regions(seen, name)
-    away = np.linalg.norm(seen.regions[free, :2] - seen.boxes[name][:2], axis=1)
-    return [int(i) for i in free[np.argsort(away, kind="stable")]]
 
 
 NEAREST = Preferences(lambda seen: lambda name: 0.0, nearest_regions)
@@ -68,6 +61,7 @@ class Lookahead:
         self.outlook = Outlook()
         self._target = world.scene.target_name
         self._state: State | None = None
+        self._first: State | None = None
         self._made = -1  # moves; states that were seen, less the first
         self._coming: list[Step] = []
         self._regions: Iterator[int] = iter(())
@@ -101,7 +95,7 @@ class Lookahead:
             return False
         came_about = bool(self._coming) and self._coming[0].after is state
         self._coming = self._coming[1:] if came_about else []
-        self._state = state
+        self._state, self._first = state, self._first or state
         self._made += 1
         return True
 
@@ -188,9 +182,13 @@ class Lookahead:
         return plan.length
 
     def _missed_by(self, state: State) -> World | None:
-        """The look with the hands that were found where a proof was sought that there is no hope; None where none were."""
-        found = self.prove(state)
-        self.outlook = replace(self.outlook, unsolvable=found.unsolvable, undecided=found.undecided)
+        """The look with the hands that were found where a proof was sought that there is no hope; None where none were. What is proved of
+        objects that were moved is no proof for the scene."""
+        found, first = self.prove(state), self._first or state
+        proof, undecided = found.unsolvable, found.undecided
+        if proof is not None and not all(np.array_equal(state.poses[name], first.poses[name]) for name in proof.stuck):
+            proof, undecided = None, f"{proof.words}, where they stand after moves"
+        self.outlook = replace(self.outlook, unsolvable=proof, undecided=undecided)
         return found.hope
 
     def _searched_at_last(self, world: World, state: State, left: int, many: int, rng: np.random.Generator) -> list[Step]:

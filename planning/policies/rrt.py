@@ -16,7 +16,7 @@ from kinematics.transforms import apply, inverse
 from perception.observation import Observation
 from planning.learning.labelling.labels import PathsToTarget, paths_met, paths_to_target
 from planning.motion.pick_place import Motions
-from planning.policies.regions import free_regions
+from planning.policies.regions import nearest_regions
 
 PATHS = 16
 
@@ -56,9 +56,7 @@ def make_rrt_region(paths: CountedPaths) -> Callable[[Observation, str, np.rando
 
     def rrt_region(seen: Observation, name: str, rng: np.random.Generator) -> Sequence[int]:
         _, hits = paths.of(seen, rng)
-        free = free_regions(seen, name)
-        free = free[hits[seen.movable.index(name), free] == 0]
-        away = np.linalg.norm(seen.regions[free, :2] - seen.boxes[name][:2], axis=1)
-        return [int(i) for i in free[np.argsort(away, kind="stable")]]
+        of_this = hits[seen.movable.index(name)]
+        return [i for i in nearest_regions(seen, name, rng) if of_this[i] == 0]
 
     return rrt_region

@@ -79,7 +79,7 @@ def sweep(arm: Arm, T_world_base: Array, course: Course, boxes: Boxes, step_m: f
 
 
 def _cut(rows: Array, far: Array, step_m: float) -> tuple[Array, Array]:
-    """Places (N,) on a way, pieces of it (P,) cut evenly so that nothing that goes `far` (P, M) in one goes further than a step at a time; and
+    """Places (N,) on a way whose pieces (P,) are cut evenly, so that what goes `far` (P, M) in one goes no further than a step at once; and
     how far each has gone (N, M) at them, if it goes evenly."""
     counts = np.maximum(1, np.ceil(far.max(1, initial=0.0) / step_m)).astype(np.int64)
     piece = np.repeat(np.arange(len(counts)), counts)

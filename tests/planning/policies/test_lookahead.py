@@ -16,7 +16,8 @@ from perception.observation import Observation, observe
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Choice
 from planning.plan import Blocked, Outlook, Unsolvable
-from planning.policies.lookahead import NEAREST, Lookahead, nearest_regions
+from planning.policies.lookahead import NEAREST, Lookahead
+from planning.policies.regions import nearest_regions
 from planning.policies.search import Effort, Preferences, Search
 from planning.policies.unsolvable import Finding
 
@@ -360,6 +361,22 @@ def test_a_proof_ends_it_and_is_remembered() -> None:
     assert asked(policy, world) == []
     assert policy.outlook.unsolvable == proved(world.state).unsolvable
     assert not world.tried
+
+
+def test_what_is_proved_of_objects_that_were_moved_is_no_proof_for_the_scene() -> None:
+    wherever = {"t": ["a"], "a": ["b"], "b": ["a"], "c": [""]}
+    world = WrittenWorld("abc", lambda name, regions: wherever[name])
+    for moved, is_proof in (("c", True), ("a", False)):
+        world.state = world.start()
+        policy = look(world, prove=no_proof)
+        assert asked(policy, world) == []
+        poses = world.state.poses
+        world.state = State(world.state.q, {**poses, moved: world.place_pose(moved, poses[moved], 2)})
+        policy.prove = proved
+        asked(policy, world)
+        assert (policy.outlook.unsolvable is not None) == is_proof
+        if not is_proof:
+            assert policy.outlook.undecided == f"{proved(world.state).unsolvable.words}, where they stand after moves"  # type: ignore[union-attr]
 
 
 def test_hands_that_a_proof_was_missed_by_are_searched_with() -> None:

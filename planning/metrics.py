@@ -132,10 +132,10 @@ def failure(plan: Plan) -> str:
     """Why a plan failed, one of `KINDS`.
 
     scene: it can't be meant. verify: the exact check refused its motions. look: the target was not found. moves: more are needed than are
-    allowed. unsolvable: no move helps. Else the plan ends in a state where the target can't be
-    taken, and what counts is how far the attempts got in that state. pick: no proposed object could be taken hold of; region: one could,
-    but all its proposed places were taken; place: one was free, but the object could not be carried there. Where nothing was attempted,
-    retrieve: all moves that are allowed were made, and the target is still blocked; selection: the policy proposed nothing.
+    allowed. unsolvable: no move helps. Else the plan ends in a state where the target can't be taken, and what counts is how far the
+    attempts got in that state. pick: no proposed object could be taken hold of; region: one could, but all its proposed places were taken;
+    place: one was free, but the object could not be carried there. Where nothing was attempted, retrieve: all moves that are allowed were
+    made, and the target is still blocked; selection: the policy proposed nothing.
     """
     if plan.reason is not None and plan.reason.stage in SAID:
         return plan.reason.stage

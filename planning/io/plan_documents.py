@@ -15,9 +15,9 @@ from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion,
 
 PLAN = "retrieve/plan@2"
 WAYPOINT_PLAN = "retrieve/plan@1"
+"""A plan whose motions are waypoints, without velocities and accelerations."""
 STATED = ("duration_s", "clearance_m")
 """Figures of a plan that are those of its motions: kept as they were written, for the verdict."""
-"""A plan whose motions are waypoints, without velocities and accelerations."""
 RULES = ("deep", "region", "strict")
 
 

@@ -107,7 +107,7 @@ def look_around(
 ) -> Looked:
     """Take views of the cabinet, the first one where the arm stands, at q (J,).
 
-    blank: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
+    empty_scene: the scene without its objects; bodies: the objects that are known already. camera: takes the pictures, of `intrinsics`.
     focus (X, Y, Z): what voxels count more than others, in shares of the space, see `planning.sensing.focus`.
     choose: "gain", "random" or "sweep". pace: how fast the arm moves. drive: takes the arm along motions to the next view; without it the
     camera is told where it would be. hiding: obstacles around all that may be in unseen space, asked when the arm stands in some of it.

@@ -11,7 +11,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from threading import Thread
@@ -104,8 +104,10 @@ class _Worker:
     item: Any
 
     def give(self, job: int, item: Any) -> None:
+        """Send an item. One that has died while it was idle is found out where its outcome is waited for."""
         self.job, self.item = job, item
-        self.pipe.send(item)
+        with suppress(BrokenPipeError, ConnectionResetError):
+            self.pipe.send(item)
 
     def end(self) -> None:
         self.process.terminate()

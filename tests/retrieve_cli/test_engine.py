@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -124,6 +125,20 @@ def test_a_process_that_dies_is_replaced_and_that_is_said(tmp_path: Path, capsys
     assert sorted(p.name for p in tmp_path.iterdir()) == ["2", "6"]
     told = sorted(capsys.readouterr().err.splitlines())
     assert told == [f"item {i}: its process died (exit code -9); another one begins it again" for i in (2, 6)]
+
+
+def test_a_process_that_dies_while_it_is_idle_is_replaced_too(capsys: pytest.CaptureFixture[str]) -> None:
+    """A broken pipe to it would pass for a reader of stdout that has gone, which ends a run without a word."""
+
+    def items() -> Iterator[int]:
+        yield from range(4)
+        for child in multiprocessing.active_children():  # the next item is asked for when one of them is idle
+            child.kill()
+            child.join()
+        yield from range(4, 8)
+
+    assert list(map_ordered(square, items(), workers=2)) == [x * x for x in range(8)]
+    assert "its process died (exit code -9); another one begins it again" in capsys.readouterr().err
 
 
 def test_an_item_that_always_kills_ends_the_run() -> None:

@@ -30,7 +30,7 @@ def run(
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder for the exported plans")
     names, failed = set[str](), list[str]()
-    for number, (where, plan) in enumerate(read_plans(plans)):
+    for where, plan in read_plans(plans):
         if not plan.success:
             failed.append(f"{where}: the plan of {plan.scene} failed ({plan.reason}); there is nothing to carry out")
             say(failed[-1])
@@ -38,8 +38,9 @@ def run(
         if not plan.verified and not unverified:
             raise InputError(f"{where}: the plan of {plan.scene} is not verified; --unverified exports it all the same, at your own risk")
         name = re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan"
-        folder = out / (name if name not in names else f"{name}_{number}")
-        names.add(folder.name)
+        name = next(other for other in (name, *(f"{name}_{k}" for k in range(1, len(names) + 2))) if other not in names)
+        names.add(name)
+        folder = out / name
         folder.mkdir(parents=True, exist_ok=True)
         written = export(plan, to, folder, rate_hz, wanted)
         say(f"{plan.scene}: {len(written)} file{'' if len(written) == 1 else 's'} in {folder}")

@@ -29,6 +29,8 @@ def write(folder: Path, steps: Sequence[Step], scene: str) -> list[Path]:
     import yaml
 
     written, order, start = list[Path](), list[dict[str, Any]](), 0.0
+    for old in (*folder.glob("*_arm.yaml"), *folder.glob("*_gripper.yaml")):  # of a longer plan, perhaps, that was exported there before
+        old.unlink()
     for number, step in enumerate(steps):
         arm = isinstance(step, ArmStep)
         file = folder / f"{number:02d}_{'arm' if arm else 'gripper'}.yaml"

@@ -124,6 +124,25 @@ def test_ros2_is_read_back_from_yaml_and_from_the_bag(plan: Plan, tmp_path: Path
     assert seen[1][2].position == 0.4
 
 
+def test_no_step_of_a_plan_that_was_exported_before_is_left(plan: Plan, tmp_path: Path) -> None:
+    export(plan, "ros2", tmp_path)
+    export(replace(plan, motions=plan.motions[:2]), "ros2", tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"00_arm.yaml", "sequence.yaml", "bag"}
+
+
+def test_each_plan_has_a_folder_of_its_own(plan: Plan, tmp_path: Path) -> None:
+    """Though one is called as another one's folder would be."""
+    with plan_writer(tmp_path / "plans.jsonl") as write:
+        for scene in ("a_2", "a", "a", "a", "a_1"):
+            write(replace(plan, scene=scene))
+    assert main(["export", str(tmp_path / "plans.jsonl"), "--to", "npz", "-o", str(tmp_path / "out")]) == 0
+    scenes = {}
+    for folder in (tmp_path / "out").iterdir():
+        with np.load(folder / "trajectory.npz", allow_pickle=False) as data:
+            scenes[folder.name] = str(data["scene"])
+    assert scenes == {"a_2": "a_2", "a": "a", "a_1": "a", "a_3": "a", "a_1_1": "a_1"}
+
+
 def test_csv_and_npz_at_a_millisecond(plan: Plan, tmp_path: Path) -> None:
     export(plan, "csv", tmp_path)
     head, *lines = (tmp_path / "trajectory.csv").read_text().splitlines()

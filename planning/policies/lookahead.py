@@ -187,7 +187,7 @@ class Lookahead:
         found, first = self.prove(state), self._first or state
         proof, undecided = found.unsolvable, found.undecided
         if proof is not None and not all(np.array_equal(state.poses[name], first.poses[name]) for name in proof.stuck):
-            proof, undecided = None, f"{proof.words}, where they stand after moves"
+            undecided, proof = f"{proof.words}, where they stand after moves", None
         self.outlook = replace(self.outlook, unsolvable=proof, undecided=undecided)
         return found.hope
 

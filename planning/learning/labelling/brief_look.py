@@ -49,10 +49,14 @@ class BriefLook:
     def pickable(self, name: str) -> bool:
         """Whether an object can be picked now: some way holds up to the static checks, and the arm gets there from where it is.
 
-        The first ways that are found are tried first, for most often they will do.
+        The first ways that are found are tried first, for most often they will do; where there are no more of them, all were tried.
         """
-        first = islice(self.view.free_ways(name, self.names - {name}), MAX_TRIES)
-        return any(map(self._reachable, first)) or any(map(self._reachable, self._ways(name)))
+        tried = 0
+        for way in islice(self.view.free_ways(name, self.names - {name}), MAX_TRIES):
+            if self._reachable(way):
+                return True
+            tried += 1
+        return tried == MAX_TRIES and any(map(self._reachable, self._ways(name)))
 
     def placeable(self, name: str, regions: Sequence[int] | Int) -> Flags:
         """To which of some regions (N,) an object can be carried now.

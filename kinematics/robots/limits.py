@@ -26,6 +26,8 @@ VELOCITY = 1.0
 """Assumed where a URDF gives none, rad/s or m/s."""
 KINDS = ("velocity", "acceleration", "jerk")
 ALL = "all"
+LEAST, MOST = 1e-3, 1e6
+"""What a file of limits may say, in rad or m, and s: what lies beyond is a slip of the unit, and no trajectory comes of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +80,26 @@ def read_limits(file: Path, joints: Sequence[str], known: JointLimits) -> JointL
     values = {kind: np.array(getattr(known, kind)) for kind in KINDS}
     for name, table in sorted(tables.items(), key=lambda item: item[0] != ALL):
         if name != ALL and name not in joints:
-            close = get_close_matches(name, joints, 1)
-            meant = f"; did you mean {close[0]!r}?" if close else ""
-            raise ValueError(f"{file}: there is no joint {name!r}; the robot's are {', '.join(joints)}, and {ALL!r} means each{meant}")
+            known_ones = f"the robot's are {', '.join(joints)}, and {ALL!r} means each"
+            raise ValueError(f"{file}: there is no joint {name!r}; {known_ones}{_meant(name, joints)}")
         if not isinstance(table, dict):
             raise ValueError(f"{file}: {name} must be a table, [{name}], with numbers for {', '.join(KINDS)}")
         for kind, value in table.items():
             if kind not in KINDS:
-                raise ValueError(f"{file}: {name}.{kind} is unknown; {', '.join(KINDS)} can be given")
+                raise ValueError(f"{file}: {name}.{kind} is unknown; {', '.join(KINDS)} can be given{_meant(kind, KINDS)}")
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
                 raise ValueError(f"{file}: {name}.{kind}: {value!r} is no positive number")
+            if not LEAST <= value <= MOST:
+                raise ValueError(f"{file}: {name}.{kind}: {value!r} is not between {LEAST:g} and {MOST:,.0f}; it counts rad (or m) and s")
             values[kind][slice(None) if name == ALL else list(joints).index(name)] = value
     assumed = "" if all(kind in tables.get(ALL, {}) for kind in KINDS) else known.assumed
     return JointLimits(values["velocity"], values["acceleration"], values["jerk"], f"{file.name}, else {known.source}", assumed)
+
+
+def _meant(name: str, known: Sequence[str]) -> str:
+    """What a misspelt name may mean, as the end of a sentence; empty where nothing is near."""
+    close = get_close_matches(name, known, 1)
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def _urdf_velocity(urdf: etree._Element, name: str) -> float | None:

@@ -35,7 +35,7 @@ tr:last-child td { border-bottom: 0; }
 td:first-child { font-weight: 600; }
 td:last-child:not(.n) { white-space: normal; }
 tr.quiet td { color: var(--quiet); font-weight: 400; }
-svg { display: block; width: 100%; height: auto; max-width: 880px; }
+svg { display: block; width: 100%; height: auto; min-width: 620px; max-width: 880px; }
 svg text { font-size: 14px; font-variant-numeric: tabular-nums; fill: var(--ink); }
 svg text.soft, svg tspan.soft { fill: var(--quiet); font-size: 12px; }
 .key { display: flex; gap: 24px; flex-wrap: wrap; font-size: .85rem; color: var(--quiet); margin: 4px 0 14px; }
@@ -47,7 +47,7 @@ svg text.soft, svg tspan.soft { fill: var(--quiet); font-size: 12px; }
 .key .dash::before { border-top-style: dashed; }
 svg.panels { max-width: none; min-width: 720px; }
 svg text.rule { font-weight: 600; }
-svg + .scroll, .scroll + .scroll { margin-top: 14px; }
+.scroll + .scroll { margin-top: 14px; }
 summary { cursor: pointer; color: var(--quiet); font-size: .9rem; }
 details[open] summary { margin-bottom: 10px; }
 ul { margin: 0; padding-left: 20px; }
@@ -137,7 +137,8 @@ def _chart(rows: Sequence[Row]) -> str:
     key = '<div class="key"><span>retrieved</span><span class="whisker">95 % Wilson interval</span>'
     key += '<span class="diamond">the paper, 100 scenes of its own</span></div>' if marked else "</div>"
     label = escape(f"Success: {words}", quote=True)
-    return f'{key}\n<svg viewBox="0 0 {LABEL + PLOT + VALUE} {height}" role="img" aria-label="{label}">{grid}{bars}</svg>'
+    drawing = f'<svg viewBox="0 0 {LABEL + PLOT + VALUE} {height}" role="img" aria-label="{label}">{grid}{bars}</svg>'
+    return f'{key}\n<div class="scroll">{drawing}</div>'
 
 
 def _bar(r: Row, top: float, paper: Share | None) -> str:

@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import os
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -325,6 +326,13 @@ class Page(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         self.text += data
+
+
+def test_a_narrow_window_scrolls_the_drawings_instead_of_shrinking_their_words() -> None:
+    html = to_html(collect(episodes(), OBJECTS))
+    assert html.count("<svg") >= 2
+    assert html.count("<svg") == html.count('<div class="scroll"><svg')
+    assert re.search(r"\nsvg \{[^}]*min-width: \d+px", html)
 
 
 def test_the_page_stands_alone_and_escapes() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +45,10 @@ def run(
         _list(as_json)
         return
     if tool is not None or at is not None:
-        name, urdf = _with_tool(name, tool, at, urdf), None
+        out, joined = _with_tool(name, tool, at, urdf)
+        with _written_if_it_serves(out, joined):
+            run(name=str(out), hand_frame=hand_frame, gripper_joint=gripper_joint, tool=None, at=None, urdf=None, png=png, as_json=as_json)
+        return
     own = name.endswith((".urdf", ".xml", ".xacro")) or "/" in name
     if not own:
         choose("robot", name, named_robots())
@@ -73,8 +78,8 @@ def _say_steps(step: str) -> None:
         say(step)
 
 
-def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -> str:
-    """Write an arm with a gripper of another URDF; the file's name, which is a robot of one's own from then on."""
+def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -> tuple[Path, str]:
+    """Join an arm and a gripper of another URDF: where the robot goes, which is one of one's own from then on, and its URDF."""
     if tool is None:
         raise InputError(f"robots: --at says where a tool is; say which: retrieve robots {name} --tool GRIPPER.urdf --urdf OUT.urdf")
     if out is None or str(out) == "-":
@@ -84,9 +89,23 @@ def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -
 
     with blame("robots"):
         root, link = with_tool(Path(name), tool, at)
-    write_text(out, to_string(root))
     say(f"{tool.name} hangs on the link {link!r}; the robot is {out}")
-    return str(out)
+    return out, to_string(root)
+
+
+@contextmanager
+def _written_if_it_serves(out: Path, urdf: str) -> Iterator[None]:
+    """A robot's URDF, written; where what is done with it fails, `out` is again what it was before."""
+    before = out.read_bytes() if out.is_file() else None
+    write_text(out, urdf)
+    try:
+        yield
+    except BaseException:
+        if before is not None:
+            out.write_bytes(before)
+        elif out.is_file():
+            out.unlink()
+        raise
 
 
 def _installed(name: str) -> bool:

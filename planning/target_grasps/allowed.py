@@ -10,7 +10,7 @@ from itertools import chain
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
-from kinematics.shapes import ConvexMesh
+from kinematics.shapes import ConvexMesh, Cylinder
 from planning.grasping.sampling import USUAL, Sampling
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.verdict import judge_grasp
@@ -71,4 +71,23 @@ def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGras
         return (grasp for grasp in found if judge_grasp(robot, scene, grasp) is None)
 
     grasps = TargetGrasps(good, more)
-    return grasps if grasps.representative() is not None else f"no grasp that is sampled on {target.name} can be meant"
+    if grasps.representative() is not None:
+        return grasps
+    return f"no grasp that is sampled on {target.name} can be meant: {_why_none(robot, scene)}"
+
+
+def _why_none(robot: Robot, scene: Scene) -> str:
+    """What is wrong with the most natural grasp that is sampled on the target, or why the sampler finds none."""
+    target = scene.target_body
+    first = next(sampled_grasps(robot, scene, target.name, target.T_world_body), None)
+    if first is not None:
+        return f"the first: {judge_grasp(robot, scene, first)}"
+    size = " × ".join(f"{2000 * half:.0f}" for half in target.shape.half)
+    approaches = "/".join(scene.approaches)
+    if robot.opening.cup_m:
+        cup = f"the cup, {1000 * robot.opening.cup_m:.0f} mm across"
+        return f"it measures {size} mm, and {cup}, finds no flat face of it that is larger ({approaches})"
+    if robot.opening.round_only and not isinstance(target.shape, Cylinder):
+        return "the fingers turn as they open and take round objects only"
+    opens = f"the fingers, which open {1000 * robot.opening.max_m:.0f} mm"
+    return f"it measures {size} mm, and {opens}, find no two faces of it to close on ({approaches})"

@@ -70,6 +70,24 @@ def test_an_arm_and_a_gripper_of_two_files_become_one_robot(tmp_path: Path, caps
         assert says in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("before", [None, b"<robot/>"])
+def test_an_arm_whose_tool_is_no_gripper_leaves_no_urdf_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], before: bytes | None
+) -> None:
+    tool, out = tmp_path / "ball.urdf", tmp_path / "both.urdf"
+    tool.write_text('<robot name="t"><link name="b"><collision><geometry><sphere radius="0.02"/></geometry></collision></link></robot>')
+    bare = etree.fromstring(OWN.read_bytes())
+    for joint in [joint for joint in bare.iter("joint") if joint.find("parent").get("link") == "palm"]:
+        joint.set("type", "fixed")
+    (tmp_path / "arm.urdf").write_bytes(etree.tostring(bare))
+    if before is not None:
+        out.write_bytes(before)
+    words = ["robots", str(tmp_path / "arm.urdf"), "--tool", str(tool), "--at", "palm", "--urdf", str(out)]
+    assert main(words) == 2
+    assert "no gripper" in capsys.readouterr().err
+    assert (out.read_bytes() if out.exists() else None) == before
+
+
 @pytest.mark.parametrize(
     ("args", "says"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, RobotRef, Scene
+from kinematics.shapes import Cylinder, Shape
 from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
 from planning.grasping.sampling import DENSE, DENSEST, USUAL
@@ -82,6 +84,22 @@ def test_a_list_of_which_nothing_can_be_meant_says_why(alone: Scene) -> None:
     assert plan.reason.detail.startswith(
         f"grasp: none of the {len(alone.grasps)} that are listed can be meant; the first: x_g does not hold"
     )
+
+
+@pytest.mark.parametrize(
+    ("shape", "why"),
+    [
+        (Cylinder(0.06, 0.1), "it measures 120 × 120 × 100 mm, and the fingers, which open 8[0-9] mm, find no two faces of it to close on"),
+        (Cylinder(0.03, 0.004), "it measures 60 × 60 × 4 mm"),
+    ],
+)
+def test_a_target_that_no_sampled_grasp_holds_says_how_large_it_is(ur5e: Robot, alone: Scene, shape: Shape, why: str) -> None:
+    T, old = alone.target_body.T_world_body.copy(), alone.target_body.shape
+    T[2, 3] += shape.half[2] - old.half[2]
+    other = replace(alone, objects=(replace(alone.target_body, shape=shape, T_world_body=T),), grasp=None, grasps=())
+    wrong = target_grasps(ur5e, other, GraspChoice.ANY)
+    assert isinstance(wrong, str)
+    assert re.match(f"no grasp that is sampled on {alone.target} can be meant: {why}", wrong)
 
 
 def test_without_a_grasp_or_a_list_there_is_nothing_to_choose(ur5e: Robot, alone: Scene) -> None:

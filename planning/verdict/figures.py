@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
@@ -22,6 +23,7 @@ VALUE = 1e-3  # by which a return may
 REGION_M = 1e-3  # by which the middle of what is put down may be beside its region
 TIME_S = 1e-3
 GRIPPER = 1e-4  # rad or m
+WIDTH_M = 5e-4  # by which the width that a gripper is told may differ from the one that it then has
 NOTHING = "nothing"
 STATED = {"duration_s": 1e-3, "clearance_m": 1e-5}
 """By which figures in a plan's file may differ from those of its motions."""
@@ -164,6 +166,25 @@ def gripper_faults(motions: Sequence[Motion]) -> list[Fault]:
             off = abs(state.value - float(is_at))
             if not off <= GRIPPER:
                 detail = f"motion {number} tells the gripper {state.value:.4g} {when} it, and {told.joint} is at {is_at:.4g}"
+                out.append(Fault(motion.stage, (), detail, off))
+    return out
+
+
+def width_faults(motions: Sequence[Motion], opening: Opening) -> list[Fault]:
+    """The width that the gripper is told is the one that it has there, and no wider than where the plan has its joint."""
+    out = []
+    for number, motion in enumerate(motions):
+        if motion.gripper is None:
+            continue
+        for when, state in (("before", motion.gripper.before), ("after", motion.gripper.after)):
+            at, told = (opening.width_at(value) for value in (state.value, state.value if state.command is None else state.command))
+            said = max(state.width_m, float(opening.width_m[0]))  # what it can't close further
+            off = max(abs(said - told), told - at)
+            if not off <= WIDTH_M:
+                detail = (
+                    f"motion {number} tells the gripper a width of {1000 * state.width_m:.1f} mm {when} it; "
+                    f"its joint is told {1000 * told:.1f} mm and stands at {1000 * at:.1f} mm"
+                )
                 out.append(Fault(motion.stage, (), detail, off))
     return out
 

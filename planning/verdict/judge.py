@@ -20,7 +20,7 @@ from planning.plan import Motion, Plan
 from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course, courses
 from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings
-from planning.verdict.figures import figure_faults, goal_faults, grasp_faults, move_faults, tilt_faults
+from planning.verdict.figures import figure_faults, goal_faults, grasp_faults, move_faults, tilt_faults, width_faults
 from planning.verdict.hand import Hand, hand_of
 from planning.verdict.ledger import Ledger, keep
 from planning.verdict.limits import GAP, limit_faults
@@ -118,7 +118,8 @@ def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Setti
     if done.ledger is None:
         return done.faults, done.notes
     said = move_faults(scene, plan, done.ledger, settings) + goal_faults(scene, plan, done.ledger)
-    return done.faults + said + figure_faults(scene, plan, done.run, hand), done.notes
+    said += figure_faults(scene, plan, done.run, hand) + width_faults(plan.motions, robot.opening)
+    return done.faults + said, done.notes
 
 
 def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, settings: Settings, grasps: Sequence[Grasp]) -> _Replayed:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from toy_arm import HAND, course, motion, splined
 
+from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, box_corners
 from kinematics.transforms import Array, rotation_about, transform
@@ -26,6 +27,7 @@ from planning.verdict.figures import (
     move_faults,
     stated_faults,
     tilt_faults,
+    width_faults,
 )
 from planning.verdict.ledger import Carry, Ledger, difference
 
@@ -454,3 +456,19 @@ def test_the_gripper_is_told_where_its_joint_is() -> None:
     assert gripper_faults([zero]) == []
     claws = replace(zero, gripper=Gripper("claw", GripperState(0, 0), GripperState(0, 0)))
     assert [f.detail.split(" tells")[0] for f in gripper_faults([claws, zero, off])] == ["motion 0", "motion 2", "motion 2"]
+
+
+def test_the_gripper_is_told_the_width_that_its_joint_has() -> None:
+    opening = Opening(np.array([0.8, 0.0]), np.array([0.005, 0.085]), np.zeros(2), np.zeros(2))  # 0.1 rad are 10 mm
+
+    def told(value: float, width_m: float, command: float | None = None) -> list[str]:
+        state = GripperState(value, width_m, command=command)
+        return [f.detail for f in width_faults([replace(motion((0,)), gripper=Gripper("grip", state, state))], opening)]
+
+    assert told(0.3, 0.055) == told(0.3, 0.0554) == told(0.8, 0.0) == []  # it can't close further
+    assert told(0.3, 0.053, 0.32) == []  # what was only seen: it closes until it meets it
+    assert told(0.3, 0.08)[0] == "motion 0 tells the gripper a width of 80.0 mm before it; its joint is told 55.0 mm and stands at 55.0 mm"
+    assert len(told(0.3, 0.0)) == len(told(0.3, 0.053)) == len(told(0.3, np.nan)) == 2
+    assert len(told(0.3, 0.055, 0.32)) == 2  # width and command differ
+    assert len(told(0.3, 0.065, 0.2)) == 2  # it would let go
+    assert width_faults([motion((0,))], opening) == []

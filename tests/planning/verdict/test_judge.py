@@ -130,6 +130,14 @@ def _told_otherwise(_: Json, plan: Json) -> None:
     motion["gripper"] = {"joint": joint, "before": now, "after": {**now, "value": now["value"] + 0.01}}
 
 
+def _told_another_width(_: Json, plan: Json) -> None:
+    """As a plan has it whose numbers for the controller alone are wrong: the joint moves as it should."""
+    motion, joint = plan["motions"][1], "finger_joint"
+    value = motion["q"][0][motion["joint_names"].index(joint)]
+    now = {"value": value, "command_m": 0.2, "force_N": None}
+    motion["gripper"] = {"joint": joint, "before": now, "after": now}
+
+
 def _another_gripper(_: Json, plan: Json) -> None:
     _told_otherwise(_, plan)
     plan["motions"][1]["gripper"]["joint"] = "claw"
@@ -214,6 +222,7 @@ def _nobody_moved(_: Json, plan: Json) -> None:
         (_shorter, "plan", "duration_s"),
         (_clear, "plan", "clearance_m is 0.0100, and the motions make it nothing"),
         (_told_otherwise, "", "tells the gripper"),
+        (_told_another_width, "", "tells the gripper a width of"),
         (_another_gripper, "", "'claw', which is none of its joints"),
         (_better_return, "plan", "return"),
         (_another_region, "moves", "outside region 11"),

@@ -16,7 +16,7 @@ from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.library import plan_scene
 from planning.motion.trajectory import FURTHER_M
-from planning.plan import Motion
+from planning.plan import GripperState, Motion
 from planning.scenes.generation import generate, load_spec
 from planning.sensing.closing import close_on, with_fingers
 from planning.sensing.world import SimulatedWorld
@@ -109,10 +109,11 @@ def test_a_plan_on_what_was_seen_holds_on_what_is_there(ur5e: Robot) -> None:
             assert motion.gripper is not None
             assert motion.gripper.after.value == motion.q[-1, g]
             assert motion.gripper.after.command is not None
-    untold = tuple(
-        m if m.gripper is None else replace(m, gripper=replace(m.gripper, after=replace(m.gripper.after, command=None)))
-        for m in plan.motions
-    )
+
+    def as_seen(told: GripperState) -> GripperState:
+        return replace(told, width_m=ur5e.opening.width_at(told.value), command=None)
+
+    untold = tuple(m if m.gripper is None else replace(m, gripper=replace(m.gripper, after=as_seen(m.gripper.after))) for m in plan.motions)
     assert all("stops" in detail for detail in on_the_truth(untold))
     assert on_the_truth(untold)
 

@@ -61,7 +61,6 @@ class Lookahead:
         self.outlook = Outlook()
         self._target = world.scene.target_name
         self._state: State | None = None
-        self._first: State | None = None
         self._made = -1  # moves; states that were seen, less the first
         self._coming: list[Step] = []
         self._regions: Iterator[int] = iter(())
@@ -95,7 +94,7 @@ class Lookahead:
             return False
         came_about = bool(self._coming) and self._coming[0].after is state
         self._coming = self._coming[1:] if came_about else []
-        self._state, self._first = state, self._first or state
+        self._state = state
         self._made += 1
         return True
 
@@ -184,9 +183,9 @@ class Lookahead:
     def _missed_by(self, state: State) -> World | None:
         """The look with the hands that were found where a proof was sought that there is no hope; None where none were. What is proved of
         objects that were moved is no proof for the scene."""
-        found, first = self.prove(state), self._first or state
+        found, first = self.prove(state), self.world.scene.poses()
         proof, undecided = found.unsolvable, found.undecided
-        if proof is not None and not all(np.array_equal(state.poses[name], first.poses[name]) for name in proof.stuck):
+        if proof is not None and not all(np.array_equal(state.poses[name], first[name]) for name in proof.stuck):
             undecided, proof = f"{proof.words}, where they stand after moves", None
         self.outlook = replace(self.outlook, unsolvable=proof, undecided=undecided)
         return found.hope

@@ -6,6 +6,7 @@ plan's rows mean (ros2_controllers, joint_trajectory_controller/doc/trajectory.r
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,9 @@ def write(folder: Path, steps: Sequence[Step], scene: str) -> list[Path]:
     import yaml
 
     written, order, start = list[Path](), list[dict[str, Any]](), 0.0
-    for old in (*folder.glob("*_arm.yaml"), *folder.glob("*_gripper.yaml")):  # of a longer plan, perhaps, that was exported there before
-        old.unlink()
+    for old in folder.iterdir():  # steps of a longer plan, perhaps, that was exported there before
+        if re.fullmatch(r"\d{2,}_(arm|gripper)\.yaml", old.name):
+            old.unlink()
     for number, step in enumerate(steps):
         arm = isinstance(step, ArmStep)
         file = folder / f"{number:02d}_{'arm' if arm else 'gripper'}.yaml"

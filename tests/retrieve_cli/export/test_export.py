@@ -126,8 +126,9 @@ def test_ros2_is_read_back_from_yaml_and_from_the_bag(plan: Plan, tmp_path: Path
 
 def test_no_step_of_a_plan_that_was_exported_before_is_left(plan: Plan, tmp_path: Path) -> None:
     export(plan, "ros2", tmp_path)
+    (tmp_path / "my_arm.yaml").write_text("of one's own")
     export(replace(plan, motions=plan.motions[:2]), "ros2", tmp_path)
-    assert {p.name for p in tmp_path.iterdir()} == {"00_arm.yaml", "sequence.yaml", "bag"}
+    assert {p.name for p in tmp_path.iterdir()} == {"00_arm.yaml", "sequence.yaml", "bag", "my_arm.yaml"}
 
 
 def test_each_plan_has_a_folder_of_its_own(plan: Plan, tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.names import free_name
+
 Instances = tuple[NDArray[np.int32], tuple[str, ...]]
 ReadImage = Callable[[Path, tuple[int, ...]], NDArray[Any]]
 VOID = 255
@@ -80,8 +82,7 @@ def numbered_names(names: Sequence[str]) -> list[str]:
     """The names, of which a second one that is the same is called name_1, a third one name_2."""
     out: list[str] = []
     for base in names:
-        name = next(n for n in (base, *(f"{base}_{again}" for again in range(1, len(names) + 1))) if n not in out)
-        out.append(name)
+        out.append(free_name(base, out))
     return out
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from kinematics.collision.fcl_solids import apart
+from kinematics.names import free_name
 from kinematics.scene import Body, Scene
 from kinematics.shapes import Box, bounds
 from kinematics.transforms import Array, transform
@@ -73,20 +74,13 @@ def _arranged(
             p = T[:3, :3] @ np.array([x, y, 0.0]) + T[:3, 3]
             turned = f"{file}@{p[0]},{p[1]},scale={scale},yaw={yaw}"
             body = scene_from_words(replace(words, objects=(turned,), target=None), load).objects[0]
-            body = replace(body, name=_free(body.name, taken))
+            body = replace(body, name=free_name(body.name, taken, 2))
             if apart(body, [*bodies, *empty.fixtures()[1:]], GAP_M) and _inside(empty, body):
                 bodies.append(body)
                 break
         else:
             return bodies, file
     return bodies, None
-
-
-def _free(name: str, taken: Sequence[str]) -> str:
-    number, out = 2, name
-    while out in taken:
-        out, number = f"{name}_{number}", number + 1
-    return out
 
 
 def _inside(scene: Scene, body: Body) -> bool:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from kinematics.errors import InputError, blame, did_you_mean
+from kinematics.names import free_name
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, rotation_about, transform
@@ -185,10 +186,7 @@ def _name(asked: str | None, kind: str, taken: Collection[str], where: str) -> s
         if not asked or asked in taken:
             raise InputError(f"{where}: the name {asked!r} is {'taken' if asked else 'empty'}; choose another")
         return asked
-    name, number = kind, 2
-    while name in taken:
-        name, number = f"{kind}_{number}", number + 1
-    return name
+    return free_name(kind, taken, 2)
 
 
 def _target(asked: str | None, names: Sequence[str]) -> str | None:

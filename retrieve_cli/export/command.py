@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from kinematics.errors import InputError, choose
+from kinematics.names import free_name
 from planning.io.files import read_plans
 from planning.io.outputs import replacing, write_text
 from planning.plan import Plan
@@ -37,8 +38,7 @@ def run(
             continue
         if not plan.verified and not unverified:
             raise InputError(f"{where}: the plan of {plan.scene} is not verified; --unverified exports it all the same, at your own risk")
-        name = re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan"
-        name = next(other for other in (name, *(f"{name}_{k}" for k in range(1, len(names) + 2))) if other not in names)
+        name = free_name(re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan", names)
         names.add(name)
         folder = out / name
         folder.mkdir(parents=True, exist_ok=True)

@@ -92,7 +92,7 @@ def from_stop_to_stop(robot: Robot, q: Array, jerk: Array) -> float:
     if len(q) < 2:
         return 0.0
     t, rows = np.empty(10 * len(q)), np.empty((10 * len(q), 3, q.shape[1]))
-    return float(t[write_rows(*make_corners(q, robot.velocity, robot.acceleration, jerk, np.ones(q.shape[1])), t, rows) - 1])
+    return float(t[write_rows(make_corners(q, robot.velocity, robot.acceleration, jerk, np.ones(q.shape[1])), t, rows) - 1])
 
 
 def through_s(robot: Robot, motions: Sequence[Motion]) -> tuple[float, float]:
@@ -114,7 +114,7 @@ def through_s(robot: Robot, motions: Sequence[Motion]) -> tuple[float, float]:
 def rounded_s(robot: Robot, q: Array) -> float:
     """Seconds along the arm's waypoints q (K, A), the corners rounded as is quickest."""
     q = q[np.append(True, np.abs(np.diff(q, axis=0)).max(1) > 1e-9)]
-    return float(choose_speeds(*make_corners(q, *robot.arm_limits, np.ones(q.shape[1])))) if len(q) > 1 else 0.0
+    return float(choose_speeds(make_corners(q, *robot.arm_limits, np.ones(q.shape[1])))) if len(q) > 1 else 0.0
 
 
 def off_line_mm(robot: Robot, scene: Scene, motion: Motion) -> float:

@@ -211,17 +211,17 @@ class _Drive:
             corners.most[:] = np.minimum(1.0, hand_speed / np.maximum(corners.most, 1e-9))
         proved: dict[int, tuple[float, float]] = {}
         while True:
-            choose_speeds(*corners)
+            choose_speeds(corners)
             doubtful = [i for i in range(1, len(q) - 1) if corners.strays[i] > 0 and proved.get(i) != tuple(corners.speed[i])]
             blocked = [i for i in doubtful if task is None or not self._corner_free(task, corners, i)]
             proved.update((i, (float(corners.speed[i, 0]), float(corners.speed[i, 1]))) for i in doubtful)
             for i in blocked:
                 corners.allowed[i] = SHRINK * corners.strays[i] if corners.strays[i] > SMALLEST_M else 0.0
             if not blocked:
-                return int(write_rows(*corners, self.t, self.rows))
+                return int(write_rows(corners, self.t, self.rows))
 
     def _corner_free(self, task: Task, corners: Corners, i: int) -> bool:
-        return self._free(task, int(write_corner(*corners, i, self.t, self.rows)))
+        return self._free(task, int(write_corner(corners, i, self.t, self.rows)))
 
     def _free(self, task: Task, count: int) -> bool:
         """Whether the curve of the first rows is free, for certain, and no joint leaves its limits on it."""
@@ -287,7 +287,7 @@ def _from_stop_to_stop(q: Array, velocity: Array, acceleration: Array, jerk: Arr
     """Times (R,) and rows (R, 3, J) of a polyline (K, J) that stops at every waypoint."""
     corners = make_corners(q, velocity, acceleration, jerk, np.ones(q.shape[1]))
     t, rows = np.empty(10 * len(q)), np.empty((10 * len(q), 3, q.shape[1]))
-    count = int(write_rows(*corners, t, rows))
+    count = int(write_rows(corners, t, rows))
     keep_limits(velocity, acceleration, jerk, MOST_USED, count, t, rows)
     return t[:count].copy(), rows[:count]
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kinematics.jit.decorators import jit_entry, jit_inline
+from kinematics.jit.record import record
 from kinematics.transforms import Array
 from planning.motion.smoothing.jerk_limited import change_time, driving_time, peak_speed, ramp_time
 
@@ -29,6 +30,7 @@ LEAST_S = 2e-4
 """Rows are at least so far apart: in double precision, the jerk can't be told from positions that lie closer together."""
 
 
+@record
 class Corners(NamedTuple):
     """A polyline of K waypoints of A joints, what limits it, and how it is driven.
 
@@ -58,7 +60,7 @@ class Corners(NamedTuple):
 def make_corners(q: Array, velocity: Array, acceleration: Array, jerk: Array, weight: Array, most: Array | None = None) -> Corners:
     """A polyline (K, A) without repeated waypoints, K > 1, that stops at every waypoint so far."""
     corners = unmeasured_corners(q, velocity, acceleration, jerk, weight, most)
-    measure(*corners)
+    measure(corners)
     return corners
 
 
@@ -72,78 +74,69 @@ def unmeasured_corners(q: Array, velocity: Array, acceleration: Array, jerk: Arr
 
 
 @jit_entry
-def measure(
-    q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, table: Array,
-) -> None:  # fmt: skip
+def measure(c: Corners) -> None:
     """Fill in direction and limits."""
-    measure_pieces(q, q.shape[0], velocity, acceleration, jerk, direction, limits)
+    measure_pieces(c, c.q.shape[0])
 
 
 @jit_inline
-def measure_pieces(q: Array, n: int, velocity: Array, acceleration: Array, jerk: Array, direction: Array, limits: Array) -> bool:
+def measure_pieces(c: Corners, n: int) -> bool:
     """Fill in direction and limits for the pieces of q[:n]; False when one of them has no length."""
     for i in range(n - 1):
         length, a, b = 0.0, np.inf, np.inf
-        for j in range(q.shape[1]):
-            length = max(length, abs(q[i + 1, j] - q[i, j]) / velocity[j])
+        for j in range(c.q.shape[1]):
+            length = max(length, abs(c.q[i + 1, j] - c.q[i, j]) / c.velocity[j])
         if length == 0.0:
             return False
-        for j in range(q.shape[1]):
-            d = (q[i + 1, j] - q[i, j]) / length
-            direction[i, j] = d
+        for j in range(c.q.shape[1]):
+            d = (c.q[i + 1, j] - c.q[i, j]) / length
+            c.direction[i, j] = d
             if d != 0.0:
-                a, b = min(a, acceleration[j] / abs(d)), min(b, jerk[j] / abs(d))
-        limits[i, 0], limits[i, 1], limits[i, 2] = length, a, b
+                a, b = min(a, c.acceleration[j] / abs(d)), min(b, c.jerk[j] / abs(d))
+        c.limits[i, 0], c.limits[i, 1], c.limits[i, 2] = length, a, b
     return True
 
 
 @jit_entry
-def choose_speeds(
-    q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, table: Array,
-) -> float:  # fmt: skip
+def choose_speeds(c: Corners) -> float:
     """Choose speed and took; the duration of the whole comes back.
 
     Levels first, then a pattern search, corner by corner: both speeds of a corner at once, then either.
     """
-    K = q.shape[0]
-    choose_levels(K, acceleration, jerk, most, weight, allowed, direction, limits, speed, took, table)
+    K = c.q.shape[0]
+    choose_levels(c, K)
     for sweep in range(SWEEPS):
         saved = 0.0
         for i in range(1, K - 1):
             for which in range(3):
-                saved += _improve(acceleration, jerk, most, weight, allowed, direction, limits, speed, took, i, which, sweep)
+                saved += _improve(c, i, which, sweep)
         if saved < _WORTH_S:
             break
     for i in range(1, K - 1):
-        strays[i] = _off_corner(weight, direction, speed, took, i)
-    return _whole(limits, most, speed, took)
+        c.strays[i] = _off_corner(c, i)
+    return _whole(c)
 
 
 @jit_inline
-def choose_levels(
-    n: int, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array, limits: Array, speed: Array,
-    took: Array, table: Array,
-) -> float:  # fmt: skip
+def choose_levels(c: Corners, n: int) -> float:
     """Choose among levels the speeds, the same before and behind it, at each of the first n waypoints; the duration comes back.
 
     table[0] holds the seconds of each corner at each level, table[1] those of the best way to there, table[2] the level before on it.
     """
-    corner, best, before = table[0], table[1], table[2]
+    corner, best, before = c.table[0], c.table[1], c.table[2]
     for i in range(n):
         for s in range(len(LEVELS)):
             corner[i, s] = best[i, s] = np.inf
             if s == 0:
                 corner[i, s] = 0.0
-            elif 0 < i < n - 1 and LEVELS[s] <= min(most[i - 1], most[i]):
-                speed[i, 0] = speed[i, 1] = LEVELS[s]
-                took[i] = _corner_time(acceleration, jerk, direction, speed, i)
-                if _off_corner(weight, direction, speed, took, i) <= allowed[i]:
-                    corner[i, s] = took[i]
+            elif 0 < i < n - 1 and LEVELS[s] <= min(c.most[i - 1], c.most[i]):
+                c.speed[i, 0] = c.speed[i, 1] = LEVELS[s]
+                c.took[i] = _corner_time(c, i)
+                if _off_corner(c, i) <= c.allowed[i]:
+                    corner[i, s] = c.took[i]
     best[0, 0] = 0.0
     for i in range(1, n):
-        length, a, b = limits[i - 1, 0], limits[i - 1, 1], limits[i - 1, 2]
+        length, a, b = c.limits[i - 1, 0], c.limits[i - 1, 1], c.limits[i - 1, 2]
         for s in range(len(LEVELS)):
             if corner[i, s] == np.inf:
                 continue
@@ -151,15 +144,15 @@ def choose_levels(
                 if best[i - 1, r] < np.inf:
                     left = length - 0.5 * (LEVELS[r] * corner[i - 1, r] + LEVELS[s] * corner[i, s])
                     if left >= 0.0:
-                        now = best[i - 1, r] + corner[i, s] + _quick_drive(left, LEVELS[r], LEVELS[s], most[i - 1], a, b)
+                        now = best[i - 1, r] + corner[i, s] + _quick_drive(left, LEVELS[r], LEVELS[s], c.most[i - 1], a, b)
                         if now < best[i, s]:
                             best[i, s], before[i, s] = now, r
     level = 0
     for i in range(n - 1, 0, -1):
-        speed[i, 0] = speed[i, 1] = LEVELS[level]
-        took[i] = corner[i, level]
+        c.speed[i, 0] = c.speed[i, 1] = LEVELS[level]
+        c.took[i] = corner[i, level]
         level = int(before[i, level])
-    speed[0, 0] = speed[0, 1] = took[0] = 0.0
+    c.speed[0, 0] = c.speed[0, 1] = c.took[0] = 0.0
     return float(best[n - 1, 0])
 
 
@@ -178,136 +171,127 @@ def _quick_drive(left: float, first: float, last: float, most: float, a: float, 
 
 
 @jit_inline
-def _improve(
-    acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array, limits: Array, speed: Array,
-    took: Array, i: int, which: int, sweep: int,
-) -> float:  # fmt: skip
+def _improve(c: Corners, i: int, which: int, sweep: int) -> float:
     """Try faster and slower at waypoint i: both speeds (which = 0), the one before it (1) or behind it (2). The seconds saved."""
-    best = _around(limits, most, speed, took, i)
+    best = _around(c, i)
     begin, step = best, _FIRST_STEP / (1.0 + 2.0 * sweep)
     while step > _LAST_STEP:
         moved = False
         for sign in range(2):
-            before, behind, duration = speed[i, 0], speed[i, 1], took[i]
+            before, behind, duration = c.speed[i, 0], c.speed[i, 1], c.took[i]
             by = step if sign == 0 else -step
             if which != 2:
-                speed[i, 0] = min(most[i - 1], max(0.0, before + by))
+                c.speed[i, 0] = min(c.most[i - 1], max(0.0, before + by))
             if which != 1:
-                speed[i, 1] = min(most[i], max(0.0, behind + by))
-            took[i] = _corner_time(acceleration, jerk, direction, speed, i)
+                c.speed[i, 1] = min(c.most[i], max(0.0, behind + by))
+            c.took[i] = _corner_time(c, i)
             now = np.inf
-            if _off_corner(weight, direction, speed, took, i) <= allowed[i]:
-                now = _around(limits, most, speed, took, i)
+            if _off_corner(c, i) <= c.allowed[i]:
+                now = _around(c, i)
             if now < best - 1e-9:
                 best, moved = now, True
                 break
-            speed[i, 0], speed[i, 1], took[i] = before, behind, duration
+            c.speed[i, 0], c.speed[i, 1], c.took[i] = before, behind, duration
         if not moved:
             step *= 0.5
     return begin - best if begin < np.inf else 0.0
 
 
 @jit_inline
-def _corner_time(acceleration: Array, jerk: Array, direction: Array, speed: Array, i: int) -> float:
+def _corner_time(c: Corners, i: int) -> float:
     """Seconds that the change of velocity at waypoint i takes."""
-    a, b = _corner_limits(acceleration, jerk, direction, speed, i)
+    a, b = _corner_limits(c, i)
     return change_time(1.0, a, b) if a < np.inf else 0.0
 
 
 @jit_inline
-def _corner_limits(acceleration: Array, jerk: Array, direction: Array, speed: Array, i: int) -> tuple[float, float]:
+def _corner_limits(c: Corners, i: int) -> tuple[float, float]:
     """The change of velocity at waypoint i as a change from 0 to 1: its acceleration and jerk; infinite when nothing changes."""
     a, b = np.inf, np.inf
-    for j in range(direction.shape[1]):
-        d = abs(speed[i, 1] * direction[i, j] - speed[i, 0] * direction[i - 1, j])
+    for j in range(c.direction.shape[1]):
+        d = abs(c.speed[i, 1] * c.direction[i, j] - c.speed[i, 0] * c.direction[i - 1, j])
         if d > 1e-12:
-            a, b = min(a, acceleration[j] / d), min(b, jerk[j] / d)
+            a, b = min(a, c.acceleration[j] / d), min(b, c.jerk[j] / d)
     return a, b
 
 
 @jit_inline
-def _off_corner(weight: Array, direction: Array, speed: Array, took: Array, i: int) -> float:
+def _off_corner(c: Corners, i: int) -> float:
     """How far any point of the arm is from where waypoint i has it, when the curve is nearest to that, at most, in metres."""
     change = 0.0
-    for j in range(direction.shape[1]):
-        change += weight[j] * abs(speed[i, 1] * direction[i, j] - speed[i, 0] * direction[i - 1, j])
-    return float(change * took[i] / 8.0)
+    for j in range(c.direction.shape[1]):
+        change += c.weight[j] * abs(c.speed[i, 1] * c.direction[i, j] - c.speed[i, 0] * c.direction[i - 1, j])
+    return float(change * c.took[i] / 8.0)
 
 
 @jit_inline
-def _piece_time(limits: Array, most: Array, speed: Array, took: Array, i: int) -> float:
+def _piece_time(c: Corners, i: int) -> float:
     """Seconds on the straight part of piece i, infinite when the corners leave too little of it."""
-    left = limits[i, 0] - 0.5 * (speed[i, 1] * took[i] + speed[i + 1, 0] * took[i + 1])
+    left = c.limits[i, 0] - 0.5 * (c.speed[i, 1] * c.took[i] + c.speed[i + 1, 0] * c.took[i + 1])
     if left < 0.0:
         return np.inf
-    return driving_time(left, speed[i, 1], speed[i + 1, 0], most[i], limits[i, 1], limits[i, 2])
+    return driving_time(left, c.speed[i, 1], c.speed[i + 1, 0], c.most[i], c.limits[i, 1], c.limits[i, 2])
 
 
 @jit_inline
-def _around(limits: Array, most: Array, speed: Array, took: Array, i: int) -> float:
+def _around(c: Corners, i: int) -> float:
     """Seconds for what the speeds at waypoint i change."""
-    return float(_piece_time(limits, most, speed, took, i - 1) + took[i] + _piece_time(limits, most, speed, took, i))
+    return float(_piece_time(c, i - 1) + c.took[i] + _piece_time(c, i))
 
 
 @jit_inline
-def _whole(limits: Array, most: Array, speed: Array, took: Array) -> float:
+def _whole(c: Corners) -> float:
     total = 0.0
-    for i in range(limits.shape[0]):
-        total += took[i] + _piece_time(limits, most, speed, took, i)
+    for i in range(c.limits.shape[0]):
+        total += c.took[i] + _piece_time(c, i)
     return total
 
 
 @jit_entry
-def write_corner(
-    q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, table: Array, i: int, t: Array, rows: Array,
-) -> int:  # fmt: skip
+def write_corner(c: Corners, i: int, t: Array, rows: Array) -> int:
     """The corner at waypoint i alone: its rows, see `write_rows`; how many come back."""
-    for j in range(q.shape[1]):
-        rows[0, 0, j] = q[i, j] - 0.5 * speed[i, 0] * took[i] * direction[i - 1, j]
-        rows[0, 1, j] = speed[i, 0] * direction[i - 1, j]
+    for j in range(c.q.shape[1]):
+        rows[0, 0, j] = c.q[i, j] - 0.5 * c.speed[i, 0] * c.took[i] * c.direction[i - 1, j]
+        rows[0, 1, j] = c.speed[i, 0] * c.direction[i - 1, j]
         rows[0, 2, j] = 0.0
     t[0] = 0.0
-    return _add_corner(q, acceleration, jerk, direction, speed, took, i, t, rows, 1)
+    return _add_corner(c, i, t, rows, 1)
 
 
 @jit_entry
-def write_rows(
-    q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, table: Array, t: Array, rows: Array,
-) -> int:  # fmt: skip
+def write_rows(c: Corners, t: Array, rows: Array) -> int:
     """The rows of the spline: t (R,) times and rows (R, 3, A) positions, velocities, accelerations; how many come back. R ≥ 10 K."""
-    n, last = 1, q.shape[0] - 1
+    n, last = 1, c.q.shape[0] - 1
     t[0] = 0.0
-    for j in range(q.shape[1]):
-        rows[0, 0, j], rows[0, 1, j], rows[0, 2, j] = q[0, j], 0.0, 0.0
+    for j in range(c.q.shape[1]):
+        rows[0, 0, j], rows[0, 1, j], rows[0, 2, j] = c.q[0, j], 0.0, 0.0
     for i in range(last):
         if i > 0:
-            n = _add_corner(q, acceleration, jerk, direction, speed, took, i, t, rows, n)
-        first, final = speed[i, 1], speed[i + 1, 0]
-        skipped = 0.5 * first * took[i]
-        left = max(0.0, limits[i, 0] - skipped - 0.5 * final * took[i + 1])
-        a, b = limits[i, 1], limits[i, 2]
-        peak = max(peak_speed(left, first, final, most[i], a, b), max(first, final))
+            n = _add_corner(c, i, t, rows, n)
+        first, final = c.speed[i, 1], c.speed[i + 1, 0]
+        skipped = 0.5 * first * c.took[i]
+        left = max(0.0, c.limits[i, 0] - skipped - 0.5 * final * c.took[i + 1])
+        a, b = c.limits[i, 1], c.limits[i, 2]
+        peak = max(peak_speed(left, first, final, c.most[i], a, b), max(first, final))
         at, now = skipped, first
         for change in range(2):
             to = peak if change == 0 else final
             whole, ramp = change_time(to - now, a, b), ramp_time(to - now, a, b)
             top = (to - now) / (whole - ramp) if whole > ramp else 0.0
-            n = _add(direction[i], q[i], at + now * ramp + top * ramp * ramp / 6, now + 0.5 * top * ramp, top, ramp, t, rows, n)
+            n = _add(c.direction[i], c.q[i], at + now * ramp + top * ramp * ramp / 6, now + 0.5 * top * ramp, top, ramp, t, rows, n)
             n = _add(
-                direction[i], q[i], at + 0.5 * (now + to) * whole - to * ramp + top * ramp * ramp / 6, to - 0.5 * top * ramp, top,
+                c.direction[i], c.q[i], at + 0.5 * (now + to) * whole - to * ramp + top * ramp * ramp / 6, to - 0.5 * top * ramp, top,
                 whole - 2 * ramp, t, rows, n,
             )  # fmt: skip
             at += 0.5 * (now + to) * whole
-            n = _add(direction[i], q[i], at, to, 0.0, ramp, t, rows, n)
+            n = _add(c.direction[i], c.q[i], at, to, 0.0, ramp, t, rows, n)
             now = to
             if change == 0 and peak > 0.0:
                 still = max(0.0, left - (at - skipped) - 0.5 * (peak + final) * change_time(peak - final, a, b))
                 at += still
-                n = _add(direction[i], q[i], at, peak, 0.0, still / peak, t, rows, n)
-    for j in range(q.shape[1]):
-        rows[n - 1, 0, j], rows[n - 1, 1, j], rows[n - 1, 2, j] = q[last, j], 0.0, 0.0
+                n = _add(c.direction[i], c.q[i], at, peak, 0.0, still / peak, t, rows, n)
+    for j in range(c.q.shape[1]):
+        rows[n - 1, 0, j], rows[n - 1, 1, j], rows[n - 1, 2, j] = c.q[last, j], 0.0, 0.0
     return n
 
 
@@ -324,16 +308,14 @@ def _add(u: Array, q: Array, s: float, speed: float, acceleration: float, took: 
 
 
 @jit_inline
-def _add_corner(
-    q: Array, acceleration: Array, jerk: Array, direction: Array, speed: Array, took: Array, i: int, t: Array, rows: Array, n: int
-) -> int:
+def _add_corner(c: Corners, i: int, t: Array, rows: Array, n: int) -> int:
     """The rows of the corner at waypoint i, after one at its beginning."""
-    a, b = _corner_limits(acceleration, jerk, direction, speed, i)
+    a, b = _corner_limits(c, i)
     if a == np.inf:
         return n
-    whole, ramp = took[i], ramp_time(1.0, a, b)
+    whole, ramp = c.took[i], ramp_time(1.0, a, b)
     top = 1.0 / (whole - ramp)
-    p, r = speed[i, 0], speed[i, 1]
+    p, r = c.speed[i, 0], c.speed[i, 1]
     for k in range(3):
         # the share of the change that is made, and its integral, `when` seconds into the corner
         when = ramp if k == 0 else whole - ramp if k == 1 else whole
@@ -343,9 +325,9 @@ def _add_corner(
         area = top * ramp * ramp / 6 if k == 0 else 0.5 * whole - ramp + top * ramp * ramp / 6 if k == 1 else 0.5 * whole
         rate = 0.0 if k == 2 else top
         before = t[n - 1]
-        for j in range(q.shape[1]):
-            u, v = p * direction[i - 1, j], r * direction[i, j]
-            rows[n, 0, j] = q[i, j] - 0.5 * whole * u + u * (when - area) + v * area
+        for j in range(c.q.shape[1]):
+            u, v = p * c.direction[i - 1, j], r * c.direction[i, j]
+            rows[n, 0, j] = c.q[i, j] - 0.5 * whole * u + u * (when - area) + v * area
             rows[n, 1, j] = u + made * (v - u)
             rows[n, 2, j] = rate * (v - u)
         t[n] = before + (ramp if k == 0 or (whole - 2 * ramp >= LEAST_S and k == 2) else whole - 2 * ramp if k == 1 else whole - ramp)

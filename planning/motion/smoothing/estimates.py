@@ -48,7 +48,7 @@ def polyline_s(q: Array, limits: Limits) -> float:
     q = q if new.all() else q[np.append(True, new)]
     if len(q) < 3:
         return float(straight_s(q[-1] - q[0], limits))
-    return float(seconds(len(q), *unmeasured_corners(q, *limits, np.ones(q.shape[1]))))
+    return float(seconds(unmeasured_corners(q, *limits, np.ones(q.shape[1])), len(q)))
 
 
 def room_for(q: Array, limits: Limits) -> Corners:
@@ -57,11 +57,8 @@ def room_for(q: Array, limits: Limits) -> Corners:
 
 
 @jit_entry
-def seconds(
-    n: int, q: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array, direction: Array,
-    limits: Array, speed: Array, took: Array, strays: Array, table: Array,
-) -> float:  # fmt: skip
-    """Seconds along q[:n] from rest to rest, about; infinite when a waypoint is repeated."""
-    if not measure_pieces(q, n, velocity, acceleration, jerk, direction, limits):
+def seconds(corners: Corners, n: int) -> float:
+    """Seconds along the first n waypoints of corners.q from rest to rest, about; infinite when one is repeated."""
+    if not measure_pieces(corners, n):
         return np.inf
-    return float(choose_levels(n, acceleration, jerk, most, weight, allowed, direction, limits, speed, took, table))
+    return float(choose_levels(corners, n))

@@ -15,6 +15,7 @@ from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.transforms import Array
 from planning.motion.search.edges import Memory, Task, connects_from_ends
 from planning.motion.search.trees import uniform
+from planning.motion.smoothing.blending import Corners
 from planning.motion.smoothing.estimates import Limits, room_for, seconds
 
 _ROOM = 16  # waypoints that cut corners may add
@@ -43,22 +44,21 @@ def quicken(
     """
     room = np.concatenate([path, np.zeros((_ROOM, path.shape[1]))])
     rng, work = np.array([seed % 2**64], np.uint64), np.empty((2, path.shape[1]))
-    timing = room_for(room, limits)
     s = settings
-    n = _quicken(task, clear, room, len(path), near_m, rng, s.tries, s.wander_s, s.gain_s, memory, work, *timing)
+    n = _quicken(task, clear, room, len(path), room_for(room, limits), near_m, rng, s.tries, s.wander_s, s.gain_s, memory, work)
     return room[:n].copy()
 
 
 @jit_entry
 def _quicken(
-    task: Task, clear: Task, path: Array, n: int, near_m: float, rng: NDArray[np.uint64], tries: int, wander_s: float, gain_s: float,
-    memory: Memory, work: Array, new: Array, velocity: Array, acceleration: Array, jerk: Array, most: Array, weight: Array, allowed: Array,
-    direction: Array, limits: Array, speed: Array, took: Array, strays: Array, table: Array,
+    task: Task, clear: Task, path: Array, n: int, changed: Corners, near_m: float, rng: NDArray[np.uint64], tries: int, wander_s: float,
+    gain_s: float, memory: Memory, work: Array,
 ) -> int:  # fmt: skip
-    """Change path[:n] in place; how many waypoints it has now. new and what follows: see `blending.Corners`. Scratch: work (2, A)."""
+    """Change path[:n] in place; how many waypoints it has now. Scratch: changed, the path with the change that is tried; work (2, A)."""
+    new, velocity = changed.q, changed.velocity
     for k in range(n):
         copy_row(path[k], new[k])
-    best = seconds(n, new, velocity, acceleration, jerk, most, weight, allowed, direction, limits, speed, took, strays, table)
+    best = seconds(changed, n)
     for turn in range(tries):
         if n < 3:
             break
@@ -86,7 +86,7 @@ def _quicken(
             last = first
             if m == 0:
                 continue
-        now = seconds(m, new, velocity, acceleration, jerk, most, weight, allowed, direction, limits, speed, took, strays, table)
+        now = seconds(changed, m)
         if now > best - gain_s:
             continue
         free = True

@@ -142,7 +142,7 @@ def test_a_polished_way_is_free_no_slower_and_as_clear(found: tuple[Motions, Fou
 
 
 def chosen_s(q: Array, robot: Robot) -> float:
-    return float(choose_speeds(*make_corners(q, *robot.arm_limits, np.ones(q.shape[1]))))
+    return float(choose_speeds(make_corners(q, *robot.arm_limits, np.ones(q.shape[1]))))
 
 
 def test_estimates(robot: Robot) -> None:

@@ -21,9 +21,9 @@ def rounded(q: np.ndarray, allowed: float = np.inf) -> tuple[np.ndarray, np.ndar
     """Times (R,) and rows (R, 3, A) of a polyline whose corners may be left by so much."""
     corners = make_corners(q, V, A, J, WEIGHT)
     corners.allowed[:] = allowed
-    total = choose_speeds(*corners)
+    total = choose_speeds(corners)
     t, rows = np.empty(10 * len(q)), np.empty((10 * len(q), 3, q.shape[1]))
-    n = write_rows(*corners, t, rows)
+    n = write_rows(corners, t, rows)
     assert t[n - 1] == pytest.approx(total, abs=1e-3)
     keep_limits(V, A, J, MOST_USED, n, t, rows)
     return t[:n], rows[:n]
@@ -77,10 +77,10 @@ def test_a_corner_stays_in_its_triangle_and_within_what_is_allowed() -> None:
     for q in polylines(40, 1):
         corners = make_corners(q, V, A, J, WEIGHT)
         corners.allowed[:] = 0.05
-        choose_speeds(*corners)
+        choose_speeds(corners)
         assert corners.strays[1] <= 0.05
         t, rows = np.empty(9), np.empty((9, 3, 3))
-        n = write_corner(*corners, 1, t, rows)
+        n = write_corner(corners, 1, t, rows)
         if n < 2:
             continue
         curve = evaluate(hermite(t[:n], *np.moveaxis(rows[:n], 1, 0)), np.linspace(0, t[n - 1], 50))

@@ -90,6 +90,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.policies import make_policy
     from planning.retrieval import Rule
     from planning.sensing.retrieve import retrieve_unseen
+    from planning.sensing.settings import LoopSettings, SensingSettings
     from planning.sensing.world import SimulatedWorld, World
     from planning.target_grasps.allowed import GraspChoice, check_choice
     from planning.verdict import judge_grasp
@@ -115,18 +116,22 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             scene,
             lambda motions: make_policy(name, motions, model=model, max_moves=job.max_moves),
             truth=simulated,
-            by=job.by if job.world is None else None,
-            noise_1m_m=model_noise.axial_1m_m if job.noise or job.world else 0.0,
-            name=name,
-            rule=Rule(job.rule),
-            max_moves=job.max_moves,
-            iterations=job.iterations or ITERATIONS,
-            time_budget_s=job.time_budget_s,
             target_box=scene.target_box if job.target_box is None else parse_box(job.target_box, "plan"),
-            settings=motion_settings(job),
-            pace=pace(job),
-            grasp=choice,
-            smallest_m=job.smallest_mm / 1000,
+            name=name,
+            settings=LoopSettings(
+                rule=Rule(job.rule),
+                max_moves=job.max_moves,
+                iterations=job.iterations or ITERATIONS,
+                time_budget_s=job.time_budget_s,
+                motion=motion_settings(job),
+                pace=pace(job),
+                grasp=choice,
+            ),
+            sensing=SensingSettings(
+                by=job.by if job.world is None else None,
+                noise_1m_m=model_noise.axial_1m_m if job.noise or job.world else 0.0,
+                smallest_m=job.smallest_mm / 1000,
+            ),
             rng=rng,
         )
 

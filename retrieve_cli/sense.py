@@ -204,14 +204,14 @@ def record(
 ) -> tuple[tuple[Frame, ...], Voxels, str]:
     """Take the views of a scene that a plan needs with the synthetic camera, the arm at home first."""
     from perception.camera import DepthNoise
-    from planning.motion.trajectory import FULL
     from planning.sensing.belief_state import BeliefState
+    from planning.sensing.settings import SensingSettings
     from planning.sensing.survey import survey
     from planning.sensing.world import SimulatedWorld
 
     model = DepthNoise() if noise else None
     world = SimulatedWorld(arm, scene, rng, model, by)
-    mind = BeliefState(arm, scene, rng, by=by, noise_1m_m=model.axial_1m_m if model else 0.0, target_box=None, pace=FULL)
+    mind = BeliefState(arm, scene, rng, SensingSettings(by, model.axial_1m_m if model else 0.0))
     if mind.start_blocked is not None:
         raise ValueError(f"the arm can't begin where the scene's q_start has it: {mind.start_blocked}")
     reason = survey(mind, world, limits)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +17,21 @@ from perception.mapping.voxels import unknown_voxels
 from perception.objects.prepared_frames import ReadyFrame
 from perception.rendering.synthetic_camera import DEFAULT
 from planning.motion.pick_place import Motions
-from planning.motion.trajectory import Pace
+from planning.motion.trajectory import FULL, Pace
 from planning.plan import Motion
 from planning.sensing.aimed_views import aimed_views
 from planning.sensing.fine_map import FineMap, Moved, coarsened
-from planning.sensing.hiding_places import COMPLETE, SMALLEST_M
+from planning.sensing.hiding_places import COMPLETE
 from planning.sensing.look_around import Limits, Looked, look_around, unknown_mask, unknown_space
+from planning.sensing.settings import SENSING, SensingSettings
 from planning.sensing.world import World, configuration, part_done, with_own_pixels
 
 
 class BeliefState:
     """Grows with each look. q (J,): where the arm is; voxels: the map; belief: what all pictures together show.
 
-    by_size: whether unseen space into which nothing of `smallest_m` fits is taken for free. tops: name to the share of its top that was
-    seen. fine: the map in which this is found.
+    by_size: whether unseen space into which nothing of `sensing.smallest_m` fits is taken for free. tops: name to the share of its top
+    that was seen. fine: the map in which this is found.
     """
 
     def __init__(
@@ -39,20 +39,18 @@ class BeliefState:
         robot: Robot,
         scene: Scene,
         rng: np.random.Generator,
+        sensing: SensingSettings = SENSING,
         *,
-        by: Literal["mask", "geometry"] | None,
-        noise_1m_m: float,
-        target_box: Array | None,
-        pace: Pace,
-        smallest_m: float = SMALLEST_M,
+        target_box: Array | None = None,
+        pace: Pace = FULL,
     ) -> None:
-        self.by, self.target_box, self.pace = by, target_box, pace
+        self.sensing, self.by, self.target_box, self.pace = sensing, sensing.by, target_box, pace
         self.empty_scene = replace(scene, objects=(), observation=None)
-        self.robot, self.rng, self.noise = robot, rng, noise_1m_m
+        self.robot, self.rng = robot, rng
         self.voxels, self.frames = unknown_voxels(self.empty_scene.cabinet), list[Frame]()
         self._ready = dict[Frame, ReadyFrame]()
         self.tracked: dict[str, Body] = {}
-        self.smallest_m, self.by_size = smallest_m, False
+        self.by_size = False
         self._hiding: tuple[Belief, NDArray[np.bool_]] | None = None
         self.fine, self.tops = FineMap(self.empty_scene.cabinet), dict[str, float]()
         before_looking = Motions(self.robot, self.empty_scene)
@@ -77,7 +75,7 @@ class BeliefState:
             spots = aimed_views(self.robot, self.empty_scene, self.voxels, self.belief.bodies, focus, self.rng, intrinsics)
         looked = look_around(
             self.empty_scene, self.robot, lambda _, q: with_own_pixels(self.robot, base, world.take_frame(), q), self.q, self.voxels,
-            self.rng, bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.noise,
+            self.rng, bodies=self.belief.bodies, limits=limits, focus=focus, noise_1m_m=self.sensing.noise_1m_m,
             intrinsics=intrinsics, pace=self.pace, drive=drive, hiding=self.unseen_boxes if self.by_size else None, spots=spots,
             on_step=on_step,
         )  # fmt: skip
@@ -86,7 +84,7 @@ class BeliefState:
         if self.by is None:
             self.by = "geometry" if any(f.instance is None for f in fresh) else "mask"
         if self.by == "geometry":
-            fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.noise) for f in fresh)
+            fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.sensing.noise_1m_m) for f in fresh)
         else:
             fresh = tuple(without_objects(f, self.tracked) for f in fresh)
         self.frames += fresh
@@ -117,7 +115,7 @@ class BeliefState:
         if self._hiding is None or self._hiding[0] is not self.belief:
             bodies = self.belief.bodies
             complete = {name for name, share in self.tops.items() if share >= COMPLETE}
-            places = self.fine.hiding_places(self.voxels, unknown_mask(self.voxels, bodies), bodies, complete, self.smallest_m)
+            places = self.fine.hiding_places(self.voxels, unknown_mask(self.voxels, bodies), bodies, complete, self.sensing.smallest_m)
             self._hiding = (self.belief, places)
         return self._hiding[1]
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Literal
 
 import numpy as np
 
@@ -21,16 +20,15 @@ from perception.belief import observation
 from perception.objects.clustering import NoSurfaces
 from planning.conclusion import conclude
 from planning.motion.handling.carry import Done
-from planning.motion.pick_place import ITERATIONS, Motions
-from planning.motion.settings import DEFAULTS, MotionSettings
-from planning.motion.trajectory import FULL, Pace
+from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Fault, Motion, Move, Plan
-from planning.retrieval import MAX_MOVES, Policy, Rule, proposals
+from planning.retrieval import Policy, Rule, proposals
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.carrying_out import Driven, carry_out
 from planning.sensing.focus import wanted
-from planning.sensing.hiding_places import SMALLEST_M, smallest
+from planning.sensing.hiding_places import smallest
 from planning.sensing.look_around import Limits, Looked
+from planning.sensing.settings import LOOP, SENSING, LoopSettings, SensingSettings
 from planning.sensing.world import AsBelieved, Truth, World
 from planning.stopwatch import Stopwatch
 from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
@@ -38,30 +36,6 @@ from planning.verdict import Settings, judge_motions
 
 HIDDEN = "unknown_"  # how the names of boxes around unseen space begin
 SAID_M = 2e-4  # what is pushed by less is not worth a word
-
-_FIRST, _AFTER_MOVE = Limits(0.99, 0.001, 10), Limits(1.0, 0.0004, 5, 0.001)
-_WHEN_STUCK, _ONCE = Limits(1.0, 0.0004, 3, 0.0), Limits(1.0, 1.0, 1)
-
-
-@dataclass(frozen=True)
-class SensingSettings:
-    """How much the loop looks before it acts, and how often it tries again.
-
-    first, after_move: the first look around and those after a move, which show what the object hid. when_stuck: when nothing works with
-    what is known, the current view and two of what is in the way, at most `patience` times in a row, aimed at no more than `most_hidden`
-    objects besides the target; once: one picture, where a step is lost without a move. most_stops: executions that may end half-way.
-    """
-
-    first: Limits = _FIRST
-    after_move: Limits = _AFTER_MOVE
-    when_stuck: Limits = _WHEN_STUCK
-    once: Limits = _ONCE
-    patience: int = 4
-    most_hidden: int = 2
-    most_stops: int = 3
-
-
-SENSING = SensingSettings()
 
 
 def retrieve_unseen(
@@ -71,53 +45,33 @@ def retrieve_unseen(
     policy_for: Callable[[Motions], Policy],
     *,
     truth: Truth | None = None,
-    by: Literal["mask", "geometry"] | None = "mask",
-    noise_1m_m: float = 0.0,
-    name: str,
-    rule: Rule = Rule.DEEP,
-    max_moves: int = MAX_MOVES,
-    iterations: int = ITERATIONS,
-    time_budget_s: float | None = None,
     target_box: Array | None = None,
-    settings: MotionSettings = DEFAULTS,
+    name: str,
+    settings: LoopSettings = LOOP,
     sensing: SensingSettings = SENSING,
-    pace: Pace = FULL,
-    grasp: GraspChoice = GraspChoice.GIVEN,
-    smallest_m: float = SMALLEST_M,
     rng: np.random.Generator,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
 
     robot, scene: the cell, with the target's name and x_g; its objects are not looked at, but for the verdict at the end where there is a
-    `truth`. policy_for: makes the policy for what is believed at a moment. by: how objects are told apart; None: by masks, if the frames
-    have some. noise_1m_m: of the camera's depth at one metre. target_box (6,): where the target is, see `perception.belief`.
-    pace: how fast the arm is driven. grasp: with which grasps the target may be taken, x_g being what is looked for.
-    smallest_m: no object is slimmer; once the target can't be taken at once, unseen space into which nothing of this size fits is taken for
-    free (0: never), and a note says so.
+    `truth`. policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
+    name: what the policy is called in the plan. on_step: told of each step as it is taken.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
     was seen when they were planned, where those that do not hold are not carried out, and by the truth at the end, if there is one;
     `verified` and the reason "verify" tell.
     """
     known = truth or AsBelieved()
-    mind = BeliefState(robot, scene, rng, by=by, noise_1m_m=noise_1m_m, target_box=target_box, pace=pace, smallest_m=smallest_m)
-    loop = _Loop(
-        world, known, mind, policy_for,
-        rule=rule, max_moves=max_moves, iterations=iterations, time_budget_s=time_budget_s, settings=settings, sensing=sensing, grasp=grasp,
-        rng=rng, on_step=on_step, limits=sensing.first, patience=sensing.patience,
-    )  # fmt: skip
-    record = loop.record
-    if mind.start_blocked is not None:
-        return conclude(
-            robot, scene, mind.start_blocked, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving
-        )
-    ended = None
+    mind = BeliefState(robot, scene, rng, sensing, target_box=target_box, pace=settings.pace)
+    loop = _Loop(world, known, mind, policy_for, settings, sensing, rng, on_step, limits=sensing.first, patience=sensing.patience)
+    ended = None if mind.start_blocked is None else _Ended(mind.start_blocked)
     while ended is None:
         ended = loop.round()
-    scene = scene if truth is not None else replace(scene, objects=mind.belief.bodies)
+    record, is_truth = loop.record, truth is not None
     plan = conclude(
-        robot, scene, ended.why, record.moves, record.way, name=name, rule=rule, thinking=loop.thinking, moving=loop.moving,
-        settings=settings, grasp=ended.grasp, is_truth=truth is not None,
+        robot, scene if is_truth else replace(scene, objects=mind.belief.bodies), ended.why, record.moves, record.way,
+        name=name, rule=settings.rule, thinking=loop.thinking, moving=loop.moving,
+        settings=settings.motion, grasp=ended.grasp, is_truth=is_truth,
     )  # fmt: skip
     return replace(plan, target_blocked=tuple(record.kept_in), notes=(*plan.notes, *assumed(mind), *pushed(known)))
 
@@ -159,13 +113,8 @@ class _Loop:
     known: Truth
     mind: BeliefState
     policy_for: Callable[[Motions], Policy]
-    rule: Rule
-    max_moves: int
-    iterations: int
-    time_budget_s: float | None
-    settings: MotionSettings
+    settings: LoopSettings
     sensing: SensingSettings
-    grasp: GraspChoice
     rng: np.random.Generator
     on_step: Callable[[str], None]
     limits: Limits
@@ -200,7 +149,7 @@ class _Loop:
             return self.take_out(motions, state, taken)
         record.kept_in[sum(move.done for move in record.moves) :] = [taken]
         tried = _Tried()
-        if self.steps < self.max_moves and mind.belief.body(mind.empty_scene.target_name) is not None:
+        if self.steps < self.settings.max_moves and mind.belief.body(mind.empty_scene.target_name) is not None:
             tried = self.move_something(motions, state)
         if tried.stopped is not None:
             if tried.stopped.holding or self.stops == self.sensing.most_stops:
@@ -218,23 +167,23 @@ class _Loop:
         """From now on take unseen space into which nothing fits for free, so that an object is moved that has to be; False when that is
         done already, not wished, or no help."""
         mind = self.mind
-        if mind.by_size or mind.smallest_m <= 0 or mind.belief.body(mind.empty_scene.target_name) is None:
+        if mind.by_size or mind.sensing.smallest_m <= 0 or mind.belief.body(mind.empty_scene.target_name) is None:
             return False
         mind.by_size = True
-        self.on_step(f"unseen space is free from now on where nothing of {1e3 * mind.smallest_m:g} mm fits in")
+        self.on_step(f"unseen space is free from now on where nothing of {1e3 * mind.sensing.smallest_m:g} mm fits in")
         return True
 
     def ready(self) -> tuple[Motions, State]:
         """Motion planning for what is believed now."""
-        mind = self.mind
+        mind, asked = self.mind, self.settings
         scene = replace(mind.empty_scene, objects=mind.belief.bodies)
         found: TargetGrasps | str = TargetGrasps((scene.x_g,))
-        if self.grasp is not GraspChoice.GIVEN and mind.belief.body(scene.target_name) is not None:
-            found = target_grasps(mind.robot, scene, self.grasp)
+        if asked.grasp is not GraspChoice.GIVEN and mind.belief.body(scene.target_name) is not None:
+            found = target_grasps(mind.robot, scene, asked.grasp)
         grasps = TargetGrasps(()) if isinstance(found, str) else found
         motions = Motions(
-            mind.robot, scene, iterations=self.iterations, time_budget_s=self.time_budget_s, obstacles=mind.unseen_boxes(),
-            settings=self.settings, target_grasps=grasps.first, more_grasps=grasps.more, pace=mind.pace,
+            mind.robot, scene, iterations=asked.iterations, time_budget_s=asked.time_budget_s, obstacles=mind.unseen_boxes(),
+            settings=asked.motion, target_grasps=grasps.first, more_grasps=grasps.more, pace=asked.pace,
         )  # fmt: skip
         return motions, State(mind.q, scene.poses())
 
@@ -243,7 +192,7 @@ class _Loop:
         try."""
         target = self.mind.empty_scene.target_name
         with self.moving:
-            doubts = _as_seen(self.mind, state, taken.motions, self.settings.max_tilt_deg, taken.grasp)
+            doubts = _as_seen(self.mind, state, taken.motions, self.settings.motion.max_tilt_deg, taken.grasp)
         if doubts:
             return self.look_after_doubt(doubts[0])
         names = self.known.names(self.mind.belief.bodies)
@@ -262,7 +211,7 @@ class _Loop:
         mind, hindered, out_of_reach = self.mind, list[tuple[str, Blocked]](), set[str]()
         seen = observation(mind.empty_scene, mind.q, mind.belief)
         policy = self.policy_for(motions)
-        for object_name, region in proposals(policy, seen, self.rule, self.failed, self.rng, self.thinking, out_of_reach):
+        for object_name, region in proposals(policy, seen, self.settings.rule, self.failed, self.rng, self.thinking, out_of_reach):
             with self.moving:
                 done = self.relocation(motions, state, object_name, region)
             names = self.known.names(mind.belief.bodies)
@@ -293,7 +242,7 @@ class _Loop:
             return done
         ((_, done),) = motions.quickest([(state, done)], self.rng)
         planned = motions.trajectories(state, done.motions)
-        doubts = _as_seen(self.mind, state, planned, self.settings.max_tilt_deg)
+        doubts = _as_seen(self.mind, state, planned, self.settings.motion.max_tilt_deg)
         return Blocked(doubts[0].stage, body=name, detail=doubts[0].detail) if doubts else replace(done, motions=planned)
 
     def look_closer(self, motions: Motions, state: State, hindered: Sequence[tuple[str, Blocked]]) -> bool:
@@ -306,7 +255,7 @@ class _Loop:
         if self.patience == 0 or not focus.any() or (self.aimed and not shown):
             # the last look has not shown any of what it was to show, though it was aimed at it
             self.steps += 1
-            if self.rule is Rule.DEEP or self.steps >= self.max_moves:
+            if self.settings.rule is Rule.DEEP or self.steps >= self.settings.max_moves:
                 return False
             self.next_look(self.sensing.once, None)  # the step is lost; the policy may have something else to propose
             return True
@@ -346,7 +295,7 @@ def assumed(mind: BeliefState) -> tuple[Fault, ...]:
     """What the plan took for granted, as a note."""
     if not mind.by_size:
         return ()
-    least = smallest(mind.belief.bodies, mind.smallest_m)
+    least = smallest(mind.belief.bodies, mind.sensing.smallest_m)
     return (Fault("look", (), "unseen space into which nothing of this size fits was taken for free", least),)
 
 

@@ -12,7 +12,6 @@ from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, apply, transform
 from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
-from planning.motion.trajectory import FULL
 from planning.plan import Plan
 from planning.policies import make_policy
 from planning.scenes.generation import generate, load_spec
@@ -21,6 +20,7 @@ from planning.sensing.fine_map import FineMap, Moved, coarsened
 from planning.sensing.hiding_places import SMALLEST_M
 from planning.sensing.look_around import KnownFreePaths, Limits, reachable_views, unknown_space
 from planning.sensing.retrieve import retrieve_unseen
+from planning.sensing.settings import SensingSettings
 from planning.sensing.world import SimulatedWorld
 
 CABINET = Cabinet(np.array([0.305, 0.40, 0.25]), transform(p=[0.3, 0.0, 0.1]), 0.03)
@@ -45,7 +45,7 @@ def glimpsed(ur5e: Robot, half_hidden: Scene) -> BeliefState:
     """What is believed after two views: some objects were seen, others not at all."""
     truth = half_hidden
     world = SimulatedWorld(ur5e, truth, np.random.default_rng(0))
-    mind = BeliefState(ur5e, truth, np.random.default_rng(0), by="mask", noise_1m_m=0.0, target_box=None, pace=FULL)
+    mind = BeliefState(ur5e, truth, np.random.default_rng(0))
     mind.look(world, Limits(1.0, 0.001, 2), None, lambda _: None)
     mind.understand()
     mind.by_size = True
@@ -148,7 +148,7 @@ def test_a_plan_says_what_it_took_for_granted(ur5e: Robot, smallest_m: float) ->
     world = SimulatedWorld(ur5e, scene, np.random.default_rng(0))
     plan: Plan = retrieve_unseen(
         world, ur5e, replace(scene, objects=scene.objects), lambda m: make_policy("neural", m), truth=world,
-        name="neural", smallest_m=smallest_m, rng=np.random.default_rng(0),
+        name="neural", sensing=SensingSettings(smallest_m=smallest_m), rng=np.random.default_rng(0),
     )  # fmt: skip
     assert plan.success
     assert plan.verified

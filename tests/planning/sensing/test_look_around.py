@@ -26,6 +26,7 @@ from planning.policies import make_policy
 from planning.scenes.generation import generate, load_spec
 from planning.sensing.look_around import Limits, Looked, look_around, unknown_space
 from planning.sensing.retrieve import retrieve_unseen
+from planning.sensing.settings import LoopSettings, SensingSettings
 from planning.sensing.world import SimulatedWorld
 
 
@@ -140,7 +141,7 @@ def test_a_plan_from_pictures_of_noise_fails_with_its_reason(ur5e: Robot, scene:
     rng = np.random.default_rng(0)
     world = Noisy(ur5e, scene, rng, by="geometry")
     plan = retrieve_unseen(
-        world, ur5e, scene, lambda m: make_policy("local", m), truth=world, by="geometry", name="local", rng=rng
+        world, ur5e, scene, lambda m: make_policy("local", m), truth=world, sensing=SensingSettings(by="geometry"), name="local", rng=rng
     )  # fmt: skip
     assert not plan.success
     assert plan.reason is not None
@@ -200,7 +201,8 @@ def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None
     lost = replace(truth, objects=tuple(b for b in truth.objects if b.name != truth.target))
     rng = np.random.default_rng(0)
     world = SimulatedWorld(ur5e, lost, rng)
-    unfound = retrieve_unseen(world, ur5e, lost, lambda m: make_policy("local", m), truth=world, name="local", rng=rng, max_moves=0)
+    still = LoopSettings(max_moves=0)
+    unfound = retrieve_unseen(world, ur5e, lost, lambda m: make_policy("local", m), truth=world, name="local", settings=still, rng=rng)
     assert not unfound.success
     assert "not found" in str(unfound.reason)
 
@@ -215,7 +217,7 @@ def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_
     world = SimulatedWorld(ur5e, truth, rng, noise, "geometry")
     plan = retrieve_unseen(
         world, ur5e, truth, lambda m: make_policy("neural", m),
-        truth=world, by="geometry", noise_1m_m=noise.axial_1m_m if noise else 0.0, name="neural", rng=rng,
+        truth=world, name="neural", sensing=SensingSettings("geometry", noise.axial_1m_m if noise else 0.0), rng=rng,
     )  # fmt: skip
     assert plan.success
     assert plan.verified

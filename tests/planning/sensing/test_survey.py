@@ -10,7 +10,6 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import RobotRef
 from kinematics.transforms import transform
 from perception.belief import Belief
-from planning.motion.trajectory import FULL
 from planning.scenes.generation import generate, load_spec
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.focus import wanted
@@ -24,7 +23,7 @@ def test_a_survey_looks_closer_at_what_is_in_the_way(ur5e: Robot) -> None:
     unknown, views = [], []
     for limits in (Limits(share=0.9, least=0.001, views=4), Limits(share=0.9, least=0.001, views=10), RECORDING):
         rng = np.random.default_rng(0)
-        mind = BeliefState(ur5e, scene, rng, by="mask", noise_1m_m=0.0, target_box=None, pace=FULL)
+        mind = BeliefState(ur5e, scene, rng)
         reason = survey(mind, SimulatedWorld(ur5e, scene, rng), limits)
         assert reason
         assert len(mind.frames) <= limits.views

@@ -15,7 +15,8 @@ from perception.camera import pinhole
 from planning.plan import Fault, Motion, Plan
 from planning.policies import make_policy
 from planning.scenes.generation import generate, load_spec
-from planning.sensing.retrieve import SENSING, retrieve_unseen
+from planning.sensing.retrieve import retrieve_unseen
+from planning.sensing.settings import SENSING, SensingSettings
 from planning.sensing.world import SimulatedWorld, Stopped, configuration, frame_from, part_done
 
 
@@ -47,7 +48,8 @@ def planned(robot: Robot, truth: Scene, world: SimulatedWorld) -> Plan:
     """What the loop makes of a world of which it is told nothing but the target's name and x_g."""
     scene = replace(truth, objects=())
     rng = np.random.default_rng([0, 4, 0])
-    return retrieve_unseen(world, robot, scene, lambda m: make_policy("neural", m), by=None, name="neural", rng=rng)
+    sensing = SensingSettings(by=None)
+    return retrieve_unseen(world, robot, scene, lambda m: make_policy("neural", m), sensing=sensing, name="neural", rng=rng)
 
 
 def test_it_looks_again_and_plans_on_from_where_the_arm_is(ur5e: Robot, truth: Scene) -> None:

@@ -107,3 +107,14 @@ def test_the_readme_names_what_exists() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for path in re.findall(r"`((?:examples|kinematics|perception|planning|retrieve_cli|tests|benchmarks)/[\w./-]*)`", readme):
         assert (ROOT / path).exists(), path
+
+
+def test_the_readme_has_the_figures_of_the_results() -> None:
+    """Of each planner success deep and strict, on both specs."""
+    results = (ROOT / "docs" / "results.md").read_text(encoding="utf-8").split("\n## Planners")[1].split("\n## ")[0]
+    tables = [dict(re.findall(r"^\| ([\w-]+) \| (\d+ \| \d+) ", part, re.M)) for part in results.split("\nSpec `")[1:3]]
+    row = r"^\| \**([\w-]+)\** \| \**(\d+)\** \((\d+)\) \| \**(\d+)\** \((\d+)\) \|"
+    said = re.findall(row, (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
+    assert len(said) == 4
+    for planner, *figures in said:
+        assert " | ".join(figures) == " | ".join(table[planner] for table in tables), planner

@@ -20,6 +20,7 @@ from planning.grasping.hand_poses import (
     Move,
     ahead_of,
     fit_box,
+    fit_lying,
     fit_round,
     height_of,
     level_across,
@@ -31,14 +32,19 @@ from planning.grasping.sampling import USUAL, Headings, Sampling
 
 MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
 UPRIGHT = np.cos(np.radians(1))
+SQUARELY = 0.15  # the pads' middle is that far over a lying cylinder's axis at most, in its radii: they meet it nearly squarely there
 
 
 def closing_directions(shape: Shape, T: Array, sampling: Sampling = USUAL) -> list[float]:
-    """Yaw angles in [0, π) of horizontal directions along which the fingers may close: a box's faces, elsewhere all round."""
+    """Yaw angles in [0, π) of horizontal directions along which the fingers may close: a box's faces, across a cylinder that lies and from
+    end to end of it, elsewhere all round."""
     match shape:
         case Box():
             axes = T[:3, :3].T
             yaws = [float(np.arctan2(a[1], a[0])) for a in axes if abs(a[2]) < 0.2]
+        case Cylinder() if _lies(T):
+            along = float(np.arctan2(T[1, 2], T[0, 2]))
+            yaws = [along, along + np.pi / 2]
         case _:
             yaws = list(np.arange(sampling.yaws) * np.pi / sampling.yaws)
     return sorted({round(y % np.pi, 6) % round(np.pi, 6) for y in yaws})
@@ -65,9 +71,14 @@ class Candidate(NamedTuple):
 
     def fit(self, body: Body, width_m: float, opening: Opening) -> Move:
         """How the hand moves for what lies behind its pads."""
-        if not isinstance(body.shape, Cylinder):
-            return fit_box(*self.extent, width_m, opening, self.back_m, self.room_m)
-        return fit_round(body.shape.radius_m, *self.extent[1:], opening, self.room_m) if is_upright(body) else STAY
+        shape, T = body.shape, body.T_world_body
+        if isinstance(shape, Cylinder) and is_upright(body):
+            return fit_round(shape.radius_m, *self.extent[1:], opening, self.room_m)
+        if isinstance(shape, Cylinder) and not _lies(T):
+            return STAY
+        if isinstance(shape, Cylinder) and abs(self.u @ T[:3, 2]) < 0.5 and self.extent[2] > 0.0:
+            return fit_lying(shape.radius_m, *self.extent, opening, self.room_m)
+        return fit_box(*self.extent, width_m, opening, self.back_m, self.room_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +166,10 @@ class Candidates:
     def _find_heights(self, kind: str, pitch: float) -> list[float]:
         shape, (low, high) = self.body.shape, self.bounds
         least, floor = -np.inf, self.floor_z + self.lowest(kind, pitch)
+        if isinstance(shape, Cylinder) and _lies(self.body.T_world_body):
+            axis_z = float(low[2] + high[2]) / 2
+            z = max(axis_z, floor)
+            return [z] if z <= axis_z + SQUARELY * shape.radius_m else []
         if isinstance(shape, Cylinder) and pitch > 0.0 and is_upright(self.body):
             least = high[2] - most_above(shape.radius_m, pitch, self.opening, self.room_m)
         usual = (height_of(kind, low[2], high[2], floor, share, least) for share in self.sampling.heights)
@@ -188,3 +203,8 @@ def with_sides(body: Body) -> Body:
 def is_upright(body: Body) -> bool:
     """Whether the body's z is the vertical."""
     return bool(abs(body.T_world_body[2, 2]) > UPRIGHT)
+
+
+def _lies(T: Array) -> bool:
+    """Whether a cylinder's axis, the z of its pose (4, 4), is level."""
+    return bool(abs(T[2, 2]) < np.sqrt(1 - UPRIGHT**2))

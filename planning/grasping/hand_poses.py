@@ -162,6 +162,15 @@ def fit_round(radius: float, above: float, pitch: float, opening: Opening, room_
     return Move(min(float(planes.needed(lacks, planes.tilts).max()), MOST_BESIDE_M))
 
 
+@lru_cache(maxsize=256)
+def fit_lying(radius: float, reach: float, above: float, pitch: float, opening: Opening, room_m: float = BEHIND_M) -> Move:
+    """The same for a cylinder that lies along the way in which a pitched hand looks. reach: half its length; above: of its top."""
+    planes = _planes(pitch)
+    depths = opening.depths_at(np.array([2 * radius]))[0, planes.between] - room_m
+    lacks = _lacking(reach, above - radius + _chords(radius), planes, depths)
+    return Move(min(float(planes.needed(lacks, planes.tilts).max()), MOST_BESIDE_M))
+
+
 def most_above(radius: float, pitch: float, opening: Opening, room_m: float = BEHIND_M) -> float:
     """How far an upright cylinder may extend above the pads' middle, so that it fits before what lies behind them."""
     planes = _planes(pitch)
@@ -174,7 +183,7 @@ def most_above(radius: float, pitch: float, opening: Opening, room_m: float = BE
 
 
 def _chords(radius: float) -> Array:
-    """How far each slice (S,) of an upright cylinder reaches towards the hand."""
+    """How far each slice (S,) across a cylinder reaches from its axis."""
     return np.asarray(radius * np.sqrt(1 - SLICES**2))
 
 
@@ -203,7 +212,7 @@ def _planes(pitch: float) -> _Planes:
     return _Planes(between, np.cos(tilts), np.sin(pitch - tilts), np.cos(pitch - tilts))
 
 
-def _lacking(reach: Array, above: float | Array, planes: _Planes, depths: Array) -> Array:
+def _lacking(reach: float | Array, above: float | Array, planes: _Planes, depths: Array) -> Array:
     """By how much slices of an object that reach so far (S,) towards a pitched hand, and up, reach too far for depths (P, S) behind the
     pads: (P, S)."""
     return np.asarray(reach * planes.faces[:, None] + above * planes.rises[:, None] - depths)

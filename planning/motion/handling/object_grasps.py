@@ -117,8 +117,8 @@ def _known(robot: Robot, shape: Shape, T_home_body: bytes) -> dict[tuple[bytes, 
 
 
 def can_be_exhaustive(robot: Robot, scene: Scene) -> bool:
-    """Whether grasps cost little to sample: none is judged by itself."""
-    return not any(isinstance(body.shape, ConvexMesh) for body in scene.objects) and not _is_askew(robot)
+    """Whether all grasps can be gone through, and cost little: on upright boxes and cans, where none has to be judged by itself."""
+    return all(not isinstance(body.shape, ConvexMesh) and is_upright(body) for body in scene.objects) and not _is_askew(robot)
 
 
 def _is_askew(robot: Robot) -> bool:

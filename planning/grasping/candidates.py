@@ -32,6 +32,7 @@ from planning.grasping.sampling import USUAL, Headings, Sampling
 
 MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
 UPRIGHT = np.cos(np.radians(1))
+BESIDE = (0.25, -0.25)  # so far beside the middle of a lying cylinder it is held, too, in shares of its length
 SQUARELY = 0.15  # the pads' middle is that far over a lying cylinder's axis at most, in its radii: they meet it nearly squarely there
 
 
@@ -138,10 +139,14 @@ class Candidates:
     def _hand(self, R: Array, turned: tuple[float, float], u: Array, pitch: float, order: int, z: float) -> Iterator[Candidate]:
         """A hand R (3, 3), turned as `_turned` says, that closes along u (3,), as deep as is asked for."""
         (_, high), (turn, reach) = self.bounds, turned
-        point, extent = self._point(z), (reach, float(high[2] - z), pitch)
+        point, above, rank = self._point(z), float(high[2] - z), turn + 0.5 * pitch + 0.3 * order
+        least_z = self.tips_z if pitch > STEEP else -np.inf
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
-            least_z = self.tips_z if pitch > STEEP else -np.inf
-            yield Candidate(turn + 0.5 * pitch + 0.3 * order, point, u, R, extent, back, self.room_m, least_z)
+            yield Candidate(rank, point, u, R, (reach, above, pitch), back, self.room_m, least_z)
+        axis = self.body.T_world_body[:3, 2]
+        if isinstance(self.body.shape, Cylinder) and pitch > 0.0 and _lies(self.body.T_world_body) and abs(u @ axis) < 0.5:
+            for by in (share * self.body.shape.height_m for share in BESIDE):
+                yield Candidate(rank + 0.3, point + by * axis, u, R, (reach + abs(by), above, pitch), 0.0, self.room_m, least_z)
 
     def _point(self, z: float) -> Array:
         """The body's middle (3,), at a height."""

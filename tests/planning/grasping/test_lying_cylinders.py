@@ -54,6 +54,15 @@ def test_it_is_held_from_above_with_room_behind_the_pads(name: str, yaw: float) 
         )
 
 
+def test_beside_its_middle_too_for_where_something_stands_there(ur5e: Robot) -> None:
+    one = scene(ur5e, lying(0.4))
+    T, along = one.objects[0].T_world_body, set[float]()
+    for grasp in sampled_grasps(ur5e, one, "can", T):
+        if grasp.T_world_hand[2, 2] < -0.99 and judge_grasp(ur5e, one, grasp) is None:
+            along.add(round(float((grasp.T_world_hand[:3, 3] - T[:3, 3]) @ T[:3, 2]), 3))
+    assert along == {0.0, 0.025, -0.025}
+
+
 def test_one_too_thick_for_the_fingers_is_not_held(ur5e: Robot) -> None:
     one = scene(ur5e, lying(0.4, radius_m=0.045))
     assert not list(sampled_grasps(ur5e, one, "can", one.objects[0].T_world_body))

@@ -41,6 +41,7 @@ def run(
     resume: bool = False,
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
+    from kinematics.collision.robot_model import link_covers
     from kinematics.robots.load import load
     from planning.scenes.generation import load_spec
 
@@ -48,6 +49,7 @@ def run(
     with blame("gen"):
         wanted = load_spec(spec)
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
+        link_covers(arm, say)
     ref = robot_ref(arm, hand_frame)
     if fit:
         wanted, ref = _fitted(wanted, arm, ref)

@@ -17,7 +17,7 @@ from retrieve_cli.worlds import as_it_is, own_world
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
-    from kinematics.scene import Scene
+    from kinematics.scene import RobotRef, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,6 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
 
 def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     """The plan of one scene. Raises: InputError, beginning with `where`, when the scene can't be meant: its robot, its target, its x_g."""
-    from kinematics.robots.load import from_ref
     from planning import library
     from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
@@ -57,7 +56,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     if job.sense:
         return sense_and_plan(job, where, scene)
     with blame(where, *UNREADABLE):
-        arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
+        arm = _ready(scene.robot, job.limits)
         plan = library.plan_scene(
             scene,
             job.policy or _default_policy(arm.name, job.model),
@@ -82,7 +81,6 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     """The plan of one scene of which nothing is known at first. Raises: InputError like `plan_scene`, and for a robot without a camera."""
     import numpy as np
 
-    from kinematics.robots.load import from_ref
     from perception.camera import DepthNoise
     from planning import library
     from planning.learning.networks.model import once_loaded
@@ -96,7 +94,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):
-        arm = _with_limits(from_ref(scene.robot, on_step=say), job.limits)
+        arm = _ready(scene.robot, job.limits)
         choice = GraspChoice(job.grasp)
         check_choice(scene, choice)
         if choice is GraspChoice.GIVEN and (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
@@ -154,6 +152,16 @@ _say_once = lru_cache(say)
 
 
 @lru_cache(maxsize=16)
+def _ready(ref: RobotRef, limits: str | None) -> Robot:
+    """A scene's robot, its links covered, with a file's limits. Raises: ValueError, see `load` and `read_limits`."""
+    from kinematics.collision.robot_model import link_covers
+    from kinematics.robots.load import from_ref
+
+    robot = _with_limits(from_ref(ref, on_step=say), limits)
+    link_covers(robot, say)
+    return robot
+
+
 def _with_limits(robot: Robot, file: str | None) -> Robot:
     """The robot with a file's limits of speed; what nobody knows about them is said once. Raises: ValueError, see `read_limits`."""
     from kinematics.robots.limits import read_limits

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -25,16 +26,31 @@ from kinematics.robots.tree import carried
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, convex_parts
 from kinematics.transforms import Array
 
+ROBOTS = 16  # whose covers are kept in memory
 OPENINGS = 128  # gripper values for which the posed geometry is kept: some five for each width in a scene
 
 
-@lru_cache(maxsize=16)
-def link_covers(robot: Robot) -> tuple[Levels, ...]:
-    """The covers of a robot's link hulls, in the links' frames; computed once and cached on disk."""
-    return tuple(levels(hull.vertices) for hull in robot.hulls)
+_covered: dict[Robot, tuple[Levels, ...]] = {}
 
 
-@lru_cache(maxsize=16)
+def link_covers(robot: Robot, on_step: Callable[[str], None] | None = None) -> tuple[Levels, ...]:
+    """The covers of a robot's link hulls, in the links' frames; computed once and cached on disk. on_step is told when that begins: a robot
+    of one's own takes seconds."""
+
+    def begins(_: str) -> None:
+        if on_step is not None and not told:
+            told.append(f"covering the {len(robot.hulls)} convex parts of {Path(robot.name).stem} with balls")
+            on_step(told[0])
+
+    told: list[str] = []
+    if robot not in _covered:
+        covers = tuple(levels(hull.vertices, on_step=begins) for hull in robot.hulls)
+        forget_oldest(_covered, ROBOTS)
+        _covered[robot] = covers
+    return _covered[robot]
+
+
+@lru_cache(maxsize=ROBOTS)
 def _link_pieces(robot: Robot) -> GeometryModel:
     """The link hulls and their covers, wherever the robot stands."""
     return make_geometry_model([hull.vertices for hull in robot.hulls], link_covers(robot))

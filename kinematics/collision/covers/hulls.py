@@ -13,7 +13,9 @@ from kinematics.transforms import Array
 Int = NDArray[np.int64]
 
 _GAMMAS = (0.08, 0.25, 0.5, 0.75, 1.0)
-_LONG_M = 0.9  # tetrahedra that are longer are cut, for the proof finds three counterexamples in each and no more
+_LONG_M, _FEW, _LONG_OF_FEW_M = 0.9, 80, 0.2
+"""Tetrahedra that are longer are cut, for the proof finds three counterexamples in each and no more; where they are few, those that are
+longer than the last."""
 
 
 class Solid(NamedTuple):
@@ -46,16 +48,17 @@ def convex_solid(vertices: Array) -> Solid:
 
 
 def _cut(tetrahedra: Array) -> Array:
-    """Tetrahedra (T, 4, 3), those that are longer than `_LONG_M` bisected at their longest edges until they are half as long as that."""
+    """Tetrahedra (T, 4, 3), those that are long (`_LONG_M`) bisected at their longest edges until they are half as long as that."""
+    long_m = _LONG_M if len(tetrahedra) >= _FEW else _LONG_OF_FEW_M
     i, j = np.triu_indices(4, 1)
     longest = np.linalg.norm(tetrahedra[:, i] - tetrahedra[:, j], axis=2).max(1)
-    if not (longest > _LONG_M).any():
+    if not (longest > long_m).any():
         return tetrahedra
-    done, left = [tetrahedra[longest <= _LONG_M]], tetrahedra[longest > _LONG_M]
+    done, left = [tetrahedra[longest <= long_m]], tetrahedra[longest > long_m]
     while len(left):
         edges = np.linalg.norm(left[:, i] - left[:, j], axis=2)
-        done.append(left[edges.max(1) <= _LONG_M / 2])
-        left, edges = left[edges.max(1) > _LONG_M / 2], edges[edges.max(1) > _LONG_M / 2]
+        done.append(left[edges.max(1) <= long_m / 2])
+        left, edges = left[edges.max(1) > long_m / 2], edges[edges.max(1) > long_m / 2]
         row, k = np.arange(len(left)), edges.argmax(1)
         middle = (left[row, i[k]] + left[row, j[k]]) / 2
         first, second = left.copy(), left.copy()

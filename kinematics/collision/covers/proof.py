@@ -26,18 +26,13 @@ def _holds(c: Array, rr: float, x: float, y: float, z: float) -> bool:
 
 
 @jit_inline
-def _one_ball(T: Array, centres: Array, rr: Array, n: int, first: int) -> int:
-    """One of the first n balls that holds the tetrahedron T (4, 3), or -1. `first` is tried first: neighbours often share it."""
-    for k in range(n):
-        i = k + first
-        if i >= n:
-            i -= n
-        if (
-            _holds(centres[i], rr[i], T[0, 0], T[0, 1], T[0, 2])
-            and _holds(centres[i], rr[i], T[1, 0], T[1, 1], T[1, 2])
-            and _holds(centres[i], rr[i], T[2, 0], T[2, 1], T[2, 2])
-            and _holds(centres[i], rr[i], T[3, 0], T[3, 1], T[3, 2])
-        ):
+def _one_ball(T: Array, centres: Array, radii: Array, some: Int, many: int, first: int) -> int:
+    """A ball that holds the tetrahedron T (4, 3): `first`, which neighbours often share, or one of some, `many` indices; or -1."""
+    if _all_in(T, centres[first], radii[first] * radii[first]):
+        return first
+    for k in range(many):
+        i = some[k]
+        if _all_in(T, centres[i], radii[i] * radii[i]):
             return i
     return -1
 
@@ -71,29 +66,32 @@ def counterexamples(fan: Array, centres: Array, radii: Array, smallest: float, m
     that are open_ (T,) are looked at; what is proved is closed. Nothing found: all proved.
     """
     found = np.empty((most, 3))
-    memory = np.empty((_DEEPEST, 4, 3)), np.empty_like(centres), np.empty_like(radii)
+    near, all_ = np.empty((_DEEPEST, len(radii)), np.int64), np.arange(len(radii))
+    memory = np.empty((_DEEPEST, 4, 3)), near, np.zeros(_DEEPEST, np.int64), all_
     return found[: _find(np.ascontiguousarray(fan), centres, radii, smallest, open_, *memory, found)].copy()
 
 
 @jit_entry
 def _find(
-    fan: Array, centres: Array, radii: Array, smallest: float, open_: NDArray[np.bool_], stack: Array, near: Array, rr: Array, found: Array
-) -> int:
-    """Fill in what is found; returns how many. stack (_DEEPEST, 4, 3), near (B, 3), rr (B,): memory."""
+    fan: Array, centres: Array, radii: Array, smallest: float, open_: NDArray[np.bool_], stack: Array, near: Int, many: Int, all_: Int,
+    found: Array,
+) -> int:  # fmt: skip
+    """Fill in what is found; returns how many. Each tetrahedron stack[k] comes with the balls that reach it, the first many[k] of near[k]:
+    its halves are reached by no others."""
     n, most = 0, found.shape[0]
     for root in range(fan.shape[0]):
         if not open_[root]:
             continue
-        near_n = _nearby(fan[root], centres, radii, near, rr)
+        many[0] = _reaching(fan[root], centres, radii, all_, radii.shape[0], near[0])
         mine, top, last = 0, 0, 0
         copy_rows(fan[root], stack[0])
         for i in range(4):
-            if mine == 0 and not _in_some(fan[root, i], near, rr, near_n):
+            if mine == 0 and not _in_some(fan[root, i], centres, radii, near[0], many[0]):
                 copy_row(fan[root, i], found[n])
                 n += 1
                 mine += 1
         while top >= 0 and mine < 3 and n < most:
-            i = _one_ball(stack[top], near, rr, near_n, last)
+            i = _one_ball(stack[top], centres, radii, near[top], many[top], last)
             if i >= 0:
                 last = i
                 top -= 1
@@ -101,13 +99,15 @@ def _find(
             a, b, long = _longest(stack[top])
             for r in range(3):
                 found[n, r] = (stack[top, a, r] + stack[top, b, r]) / 2
-            if long < smallest * smallest or not _in_some(found[n], near, rr, near_n):
+            if long < smallest * smallest or not _in_some(found[n], centres, radii, near[top], many[top]):
                 n += 1
                 mine += 1
                 top -= 1
-            else:
-                _split(stack, top, a, b)
-                top += 1
+                continue
+            _split(stack, top, a, b)
+            for half in (top + 1, top):
+                many[half] = _reaching(stack[half], centres, radii, near[top], many[top], near[half])
+            top += 1
         if n == most:
             break
         open_[root] = mine > 0
@@ -127,22 +127,10 @@ def _around(T: Array) -> tuple[float, float, float, float]:
 
 
 @jit_inline
-def _nearby(T: Array, centres: Array, radii: Array, near: Array, rr: Array) -> int:
-    """Copy the balls that meet a ball around the tetrahedron T (4, 3) to near, their squared radii to rr; and how many they are."""
-    x, y, z, reach = _around(T)
-    n = 0
-    for i in range(radii.shape[0]):
-        if _holds(centres[i], (radii[i] + reach) ** 2, x, y, z):
-            copy_row(centres[i], near[n])
-            rr[n] = radii[i] * radii[i]
-            n += 1
-    return n
-
-
-@jit_inline
-def _in_some(p: Array, centres: Array, rr: Array, n: int) -> bool:
-    for i in range(n):  # noqa: SIM110
-        if _holds(centres[i], rr[i], p[0], p[1], p[2]):
+def _in_some(p: Array, centres: Array, radii: Array, some: Int, many: int) -> bool:
+    for k in range(many):
+        i = some[k]
+        if _holds(centres[i], radii[i] * radii[i], p[0], p[1], p[2]):
             return True
     return False
 

@@ -12,23 +12,32 @@ Int = NDArray[np.int64]
 Bits = NDArray[np.uint64]
 
 
+SPARE_M = 1e-12
+"""Samples that are so much further from a ball's centre than its radius, along one axis, are not in it, whatever is rounded."""
+
+
 def set_cover(centres: Array, radii: Array, samples: Array, fixed: Int) -> Int:
     """Indices of balls that hold every sample that some ball holds, the fixed ones among them."""
     n_balls, n = len(radii), len(samples)
+    axis = int(np.ptp(samples, axis=0).argmax())
+    along = samples[np.argsort(samples[:, axis])]  # so a ball has only those between two indices to look at
+    first = np.searchsorted(along[:, axis], centres[:, axis] - radii - SPARE_M)
+    last = np.searchsorted(along[:, axis], centres[:, axis] + radii + SPARE_M)
     holds = np.zeros((n_balls, n // 64 + 1), np.uint64)
-    _samples_held(centres, radii, np.ascontiguousarray(samples.T), np.empty(n, np.bool_), holds)
+    _samples_held(centres, radii, np.ascontiguousarray(along.T), first, last, np.empty(n, np.bool_), holds)
     return weighted_set_cover(holds, n, np.ones(n_balls), fixed)[0]
 
 
 @jit_entry
-def _samples_held(centres: Array, radii: Array, samples: Array, some: NDArray[np.bool_], holds: Bits) -> None:
-    """Set in holds (balls, words of 64 samples) which ball holds which sample, of samples (3, N); some (N,): memory."""
+def _samples_held(centres: Array, radii: Array, samples: Array, first: Int, last: Int, some: NDArray[np.bool_], holds: Bits) -> None:
+    """Set in holds (balls, words of 64 samples) which ball holds which sample, of samples (3, N), and of them first[i]:last[i] alone; some
+    (N,): memory."""
     x, y, z = samples[0], samples[1], samples[2]
     for i in range(radii.shape[0]):
         a, b, c, rr = centres[i, 0], centres[i, 1], centres[i, 2], radii[i] * radii[i]
-        for s in range(samples.shape[1]):
+        for s in range(first[i], last[i]):
             some[s] = (x[s] - a) * (x[s] - a) + (y[s] - b) * (y[s] - b) + (z[s] - c) * (z[s] - c) <= rr
-        for s in range(samples.shape[1]):
+        for s in range(first[i], last[i]):
             if some[s]:
                 holds[i, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import airo_models
@@ -12,7 +13,9 @@ from scipy.spatial import ConvexHull
 
 from kinematics.collision.covers import grids as cover_grid
 from kinematics.collision.covers import levels as cover_levels
+from kinematics.collision.covers import set_cover as set_covers
 from kinematics.collision.covers import sphere_cover
+from kinematics.collision.robot_model import link_covers
 from kinematics.robots.load import load
 from kinematics.shapes import box_corners, prism
 from kinematics.transforms import apply, rotation_about, transform
@@ -22,6 +25,8 @@ LINKS = [MODELS / f"arms/ur5e/collision/{name}.obj" for name in ("shoulder", "wr
     MODELS / f"grippers/robotiq_2f_85/meshes/collision/robotiq_arg2f_85_{name}.obj"
     for name in ("inner_finger", "outer_finger", "outer_knuckle")
 ]
+
+OWN_ARM = Path(__file__).resolve().parents[4] / "examples" / "04_own_arm" / "arm.urdf"
 
 
 @pytest.fixture(autouse=True)
@@ -178,6 +183,41 @@ def test_a_large_link_has_a_coarser_cover_which_ends_and_contains_it(size):
     for cover, usual in ((balls.coarse, cover_levels.COARSE_M), (balls.fine, cover_levels.FINE_M)):
         assert usual * (long / cover_levels.LONG_M) ** 2 <= cover.excess_m + 1e-9 <= 0.12
         sure(vertices, cover, cover.excess_m)
+
+
+def test_a_long_bar_is_covered_within_thirty_rounds():
+    """Of a frame's beams there are dozens. Its hull has twelve tetrahedra, and three counterexamples in each took a hundred rounds."""
+    rounds = []
+    vertices = box_corners(np.array([0.41, 0.015, 0.015]))
+    sure(vertices, sphere_cover.cover(vertices, cover_levels.FINE_M, on_step=rounds.append), cover_levels.FINE_M)
+    assert len(rounds) <= 30
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_set_cover_is_told_of_samples_and_balls_is_so(seed, monkeypatch):
+    """Which ball holds which sample is asked of samples in a row along one axis alone: it is what all distances say."""
+    rng, seen = np.random.default_rng([12, seed]), []
+    centres, radii = rng.normal(size=(60, 3)) * (0.3, 0.05, 0.02), rng.uniform(0.0, 0.1, 60)
+    samples = np.concatenate([rng.normal(size=(300, 3)) * (0.3, 0.05, 0.02), centres + radii[:, None] * (1, 0, 0)])  # on balls, too
+    usual = set_covers.weighted_set_cover
+    monkeypatch.setattr(set_covers, "weighted_set_cover", lambda holds, n, *rest: seen.append(holds.copy()) or usual(holds, n, *rest))
+    chosen = set_covers.set_cover(centres, radii, samples, np.zeros(0, np.int64))
+    inside = np.linalg.norm(centres[:, None] - samples, axis=2) - radii[:, None]
+    bits = np.unpackbits(seen[0].view(np.uint8), axis=1, bitorder="little")[:, : len(samples)]
+    order = np.argsort(samples[:, 0])
+    clear = np.abs(inside[:, order]) > 1e-9
+    assert clear.mean() > 0.99
+    assert np.array_equal(bits[clear].astype(bool), inside[:, order][clear] < 0)
+    assert (inside[chosen] <= 1e-9).any(0)[(inside < -1e-9).any(0)].all()
+
+
+def test_making_a_robots_covers_is_told_once_and_what_is_made_is_not():
+    """A robot of one's own takes seconds, and nobody should wait for them without a word."""
+    robot, told = load(str(OWN_ARM)), []
+    link_covers(robot, told.append)
+    link_covers(robot, told.append)
+    link_covers(replace(robot), told.append)  # another object: its covers come from the disk
+    assert told == [f"covering the {len(robot.hulls)} convex parts of {Path(robot.name).stem} with balls"]
 
 
 def test_moved_levels_cover_the_moved_solid():

@@ -151,7 +151,6 @@ def _default_policy(robot: str, model: str | None) -> str:
 _say_once = lru_cache(say)
 
 
-@lru_cache(maxsize=16)
 def _ready(ref: RobotRef, limits: str | None) -> Robot:
     """A scene's robot, its links covered, with a file's limits. Raises: ValueError, see `load` and `read_limits`."""
     from kinematics.collision.robot_model import link_covers
@@ -162,6 +161,7 @@ def _ready(ref: RobotRef, limits: str | None) -> Robot:
     return robot
 
 
+@lru_cache(maxsize=16)
 def _with_limits(robot: Robot, file: str | None) -> Robot:
     """The robot with a file's limits of speed; what nobody knows about them is said once. Raises: ValueError, see `read_limits`."""
     from kinematics.robots.limits import read_limits

@@ -31,7 +31,7 @@ def _one_ball(T: Array, centres: Array, radii: Array, some: Int, many: int, firs
     if _all_in(T, centres[first], radii[first] * radii[first]):
         return first
     for k in range(many):
-        i = some[k]
+        i: int = some[k]
         if _all_in(T, centres[i], radii[i] * radii[i]):
             return i
     return -1

@@ -157,10 +157,10 @@ class Motions:
     def _retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         name = self.scene.target_name
         picks, why = self.picks(state, name, self.target_grasps)
-        tries = Counter[int]()
+        tries = Counter[Grasp]()
         for pick in picks:
-            tries[id(pick.grasp)] += 1
-            if tries[id(pick.grasp)] > MAX_TRIES or tries.total() > MOST_TRIES:
+            tries[pick.grasp] += 1
+            if tries[pick.grasp] > MAX_TRIES or tries.total() > MOST_TRIES:
                 continue
             way_in = self._transit(state, pick, rng)
             if isinstance(way_in, Blocked):

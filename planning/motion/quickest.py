@@ -71,8 +71,8 @@ class _Layer:
         self.choices, self.cost, found = choices, cost, choices.found
         kinds = [(found.pick, found.pick), *((turned, pick) for pick in choices.picks for turned in pick.turned(lower, upper))]
         self.picks, self.as_found = [turned for turned, _ in kinds], [pick for _, pick in kinds]
-        known_ends = {key: choices.ends(pick) for key, pick in {id(pick): pick for pick in self.as_found}.items()}
-        ends = [known_ends[id(pick)] for pick in self.as_found]
+        known_ends = {pick: choices.ends(pick) for pick in dict.fromkeys(self.as_found)}
+        ends = [known_ends[pick] for pick in self.as_found]
         of = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
         lifted = np.array([turned.lift[-1] for turned in self.picks])
         self.pick_of = np.append(0, of)

@@ -20,7 +20,7 @@ class Sections:
     """Where lines along y cross hulls at HEIGHTS_M; remembered by their arrays, for most of them stand still as the fingers move."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[int, float], tuple[Array, Array]] = {}
+        self._known: dict[tuple[int, float], tuple[Array, Array, Array]] = {}
 
     def at(self, vertices: Array, faces: Int, x: float) -> tuple[Array, Array]:
         """Least and greatest y (Z,) of the lines at x, see `cross_section`."""
@@ -28,8 +28,9 @@ class Sections:
             return _NOWHERE, _NOWHERE
         key = (id(vertices), x)
         if key not in self._known:
-            self._known[key] = cross_section(vertices if x == 0.0 else vertices - [x, 0.0, 0.0], faces, HEIGHTS_M)
-        return self._known[key]
+            low, high = cross_section(vertices if x == 0.0 else vertices - [x, 0.0, 0.0], faces, HEIGHTS_M)
+            self._known[key] = vertices, low, high  # which keeps the array: another one may not get its id
+        return self._known[key][1:]
 
 
 def cross_section(vertices: Array, faces: Int, z: Array) -> tuple[Array, Array]:

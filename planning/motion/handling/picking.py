@@ -109,8 +109,8 @@ class Picking:
             self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
         known = self._known[key]  # which may have been asked for before, as other objects that say the same
         picks, why = self._picks(known, poses, rest, name, q)
-        ranks = {id(grasp): i for i, grasp in enumerate(known)}
-        return sorted(picks, key=lambda pick: ranks[id(pick.grasp)]), why
+        ranks = {grasp: i for i, grasp in enumerate(known)}
+        return sorted(picks, key=lambda pick: ranks[pick.grasp]), why
 
     def picks_among(
         self, grasps: LazyList[Grasp], poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array

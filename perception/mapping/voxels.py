@@ -158,19 +158,23 @@ class Voxels:
         return out
 
     def _footprint(self, body: Body, T: Array, x: Array, y: Array, margin_m: float) -> NDArray[np.bool_]:
-        """Which columns with centres x, y come within margin_m of an upright body at T in the grid."""
+        """Which columns with centres x, y come within margin_m of a body at T in the grid that is upright, or a cylinder that lies; all
+        for other bodies."""
         upright = abs(T[2, 2]) > 1 - 1e-6
         dx, dy, half = x - T[0, 3], y - T[1, 3], self.step[:2] / 2
         if upright and isinstance(body.shape, Cylinder):
             gap = np.hypot(np.maximum(np.abs(dx) - half[0], 0), np.maximum(np.abs(dy) - half[1], 0))
             return np.asarray(gap < body.shape.radius_m + margin_m)
+        sides: Sequence[tuple[Array, float]] = ()  # separating axes; those of the grid are the bounds that the caller has cut to
         if upright and isinstance(body.shape, Box):
-            inside = np.ones(x.shape, bool)
-            for a in range(2):  # separating axes of the box; those of the grid are the bounds that the caller has cut to
-                reach = body.shape.half[a] + margin_m + abs(T[0, a]) * half[0] + abs(T[1, a]) * half[1]
-                inside &= np.abs(dx * T[0, a] + dy * T[1, a]) < reach
-            return inside
-        return np.ones(x.shape, bool)
+            sides = [(T[:2, a], float(body.shape.half[a])) for a in range(2)]
+        elif isinstance(body.shape, Cylinder) and abs(T[2, 2]) < 0.02:
+            sides = [(T[:2, 2], body.shape.height_m / 2), (np.array([-T[1, 2], T[0, 2]]), body.shape.radius_m)]
+        inside = np.ones(x.shape, bool)
+        for axis, most in sides:
+            reach = most + margin_m + abs(axis[0]) * half[0] + abs(axis[1]) * half[1]
+            inside &= np.abs(dx * axis[0] + dy * axis[1]) < reach
+        return inside
 
     def marked(self, which: NDArray[np.bool_], state: int) -> Voxels:
         """The map with the voxels in `which` (X, Y, Z) set to a state, from other knowledge than a picture: what an arm has moved."""

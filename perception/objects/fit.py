@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
-from kinematics.transforms import Array, rotation_about, transform
+from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from perception.objects.footprint import DIRECTIONS, LEAST_M, least_circle, least_rectangle, outline_of, upright_solid
+from perception.objects.lying import lying_cylinder
 from perception.objects.prepared_frames import PreparedFrames
 from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
 from perception.objects.sides import seen_sides
@@ -25,6 +26,8 @@ FEW = 3000
 """So many pixels of an object are enough for a least squares step."""
 GATE = 4.5
 """Standard deviations beyond which a pixel is a stray."""
+OFF_M = 0.002
+"""Clean points that are further from the sides and the top of an upright solid around them show another shape."""
 MISFIT = 1.3
 """Mean square error, in variances of the noise, above which pixels show neither a box nor a cylinder."""
 DOUBT = 2.0
@@ -64,9 +67,21 @@ def standing_solids(
             shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), points - up)
         else:
             shape, T = upright_solid(points - up)
+            if _off(shape, T, points - up) > OFF_M:
+                shape, T = lying_cylinder(points - up, np.zeros(len(points))) or (shape, T)
         sides = seen_sides(shape, T, points - up)
         out.append(Body(name, shape, cabinet.T_world_cabinet @ transform(p=up) @ T, source="seen", sides_m=sides))
     return tuple(out)
+
+
+def _off(shape: Shape, T: Array, points: Array) -> float:
+    """How far four fifths of points (N, 3) inside of an upright box or cylinder are from its sides and its top at most, in metres."""
+    local = apply(inverse(T), points)
+    if isinstance(shape, Cylinder):
+        beside = shape.radius_m - np.hypot(local[:, 0], local[:, 1])
+    else:
+        beside = (shape.half - np.abs(local))[:, :2].min(1)
+    return float(np.quantile(np.minimum(beside, shape.half[2] - local[:, 2]), 0.8))
 
 
 def pixels_of(views: PreparedFrames, points: Array, source: NDArray[np.int64]) -> Pixels:
@@ -81,7 +96,8 @@ def pixels_of(views: PreparedFrames, points: Array, source: NDArray[np.int64]) -
 
 
 def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
-    """The upright box or cylinder that explains the pixels best, and its pose (4, 4); around what is neither, one that contains the points.
+    """The upright box or cylinder that explains the pixels best, and its pose (4, 4); else a cylinder that lies; around what is none of
+    these, an upright solid that contains the points.
 
     rough (N, 3): the pixels' points, from averaged depths.
     """
@@ -93,6 +109,8 @@ def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
     tried = [_fitted(kind, outline, float(rough[:, 2].max()), few) for kind in (BOX, CYLINDER)]
     error, solid = min(tried, key=lambda pair: pair[0])
     if error > MISFIT:
+        if (fallen := lying_cylinder(rough, pixels.spread)) is not None:
+            return fallen
         drawn = drawn_in(rough - middle, pixels)
         solid = _around(solid[KIND], outline_of(drawn[:, :2]), float(drawn[:, 2].max()))
     else:

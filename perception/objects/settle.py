@@ -23,7 +23,8 @@ LOWEST_M = 0.015
 """Nothing that begins lower above the floor is stacked."""
 GAP_M = 0.0007
 """Bodies that were parted are so far from one another, less than any voxel."""
-CORNERS = 32
+CORNERS, SQUARE = 32, np.array([[1.0, 1], [-1, 1], [-1, -1], [1, -1]])
+LEVEL = 0.02  # the sine of a degree
 LEAST_M = 0.004
 
 
@@ -65,8 +66,10 @@ def _stacked(upper: Body, lower: Body) -> tuple[Body, Body]:
 
 
 def _with_ends(body: Body, bottom: float | None, top: float | None) -> Body:
-    """An upright body with another bottom or top; at least LEAST_M high."""
+    """An upright body with another bottom or top; at least LEAST_M high. A cylinder that lies is moved to its bottom, and keeps its top."""
     low, high = _heights(body)
+    if _lies(body):
+        return body if bottom is None else replace(body, T_world_body=transform(p=[0.0, 0.0, bottom - low]) @ body.T_world_body)
     low, high = low if bottom is None else bottom, high if top is None else top
     height = max(high - low, LEAST_M)
     if isinstance(body.shape, Box):
@@ -83,14 +86,22 @@ def _with_ends(body: Body, bottom: float | None, top: float | None) -> Body:
 def _outline(body: Body) -> Array:
     """The corners (K, 2) of an upright body seen from above, counter-clockwise; the box around others than boxes and cylinders."""
     R, p = body.T_world_body[:2, :2], body.T_world_body[:2, 3]
+    if isinstance(body.shape, Cylinder) and _lies(body):
+        axis = body.T_world_body[:2, 2] / np.linalg.norm(body.T_world_body[:2, 2])
+        half_m = [body.shape.height_m / 2, body.shape.radius_m]
+        return np.asarray(p + SQUARE * half_m @ np.array([axis, [-axis[1], axis[0]]]))
     if isinstance(body.shape, Cylinder):
         angle = (np.arange(CORNERS) + 0.5) * 2 * np.pi / CORNERS
         return np.asarray(p + body.shape.radius_m / np.cos(np.pi / CORNERS) * np.column_stack([np.cos(angle), np.sin(angle)]))
-    half = np.array([[1.0, 1], [-1, 1], [-1, -1], [1, -1]])
     if isinstance(body.shape, Box):
-        return np.asarray(p + (half * body.shape.half[:2]) @ R.T)
+        return np.asarray(p + (SQUARE * body.shape.half[:2]) @ R.T)
     box = object_box(body)
-    return np.asarray(box[:2] + half * box[3:5] / 2)
+    return np.asarray(box[:2] + SQUARE * box[3:5] / 2)
+
+
+def _lies(body: Body) -> bool:
+    """Whether it is a cylinder whose axis is level."""
+    return isinstance(body.shape, Cylinder) and bool(abs(body.T_world_body[2, 2]) < LEVEL)
 
 
 def _overlap(a: Body, b: Body) -> tuple[float, Array]:
@@ -124,8 +135,19 @@ def _parted(a: Body, b: Body) -> tuple[Body, Body]:
 
 
 def _less(body: Body, side: Array, by: float) -> Body:
-    """An upright body that reaches less far, by so many metres, in the direction `side` (2,); the other side stays where it is."""
+    """An upright body that reaches less far, by so many metres, in the direction `side` (2,); the other side stays where it is. So does a
+    cylinder that lies, by its end or by its side, which makes it lower as well."""
     T = body.T_world_body.copy()
+    if isinstance(body.shape, Cylinder) and _lies(body):
+        along = float(T[:2, 2] @ side)
+        if abs(along) > 0.5**0.5:
+            step = min(by / abs(along), body.shape.height_m - LEAST_M)
+            T[:3, 3] -= np.sign(along) * step / 2 * T[:3, 2]
+            return replace(body, shape=Cylinder(body.shape.radius_m, body.shape.height_m - step), T_world_body=T)
+        narrower = min(by / (1 - along**2) ** 0.5 / 2, body.shape.radius_m - LEAST_M / 2)
+        across = side - along * T[:2, 2]
+        T[:3, 3] -= narrower * np.array([*across / np.linalg.norm(across), 1.0])
+        return replace(body, shape=Cylinder(body.shape.radius_m - narrower, body.shape.height_m), T_world_body=T)
     if isinstance(body.shape, Cylinder):
         if body.shape.radius_m - by / 2 < LEAST_M / 2:
             return body

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.jit.decorators import njit
+from kinematics.jit.decorators import jit_entry, njit
 from kinematics.transforms import Array
 
 Bool = NDArray[np.bool_]
@@ -18,7 +18,6 @@ Labels = NDArray[np.int32]
 HIDDEN, SURFACE, EMPTY = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
 def wall_errors(
     depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, near_m: float, every: int
 ) -> Array:
@@ -27,7 +26,14 @@ def wall_errors(
     T (4, 4): T_cabinet_camera. A pixel shows a wall when it is within near_m of exactly one, which it does not see at a grazing angle.
     Looks at one pixel in `every` columns and rows.
     """
-    found = np.empty(depth.size)
+    found = np.empty(-(-depth.shape[0] // every) * -(-depth.shape[1] // every))
+    return found[: _wall_errors(depth, arm, fx, fy, cx, cy, T, size, near_m, every, found)]
+
+
+@jit_entry
+def _wall_errors(
+    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, near_m: float, every: int, found: Array
+) -> int:
     n = 0
     for v in range(0, depth.shape[0], every):
         for u in range(0, depth.shape[1], every):
@@ -49,10 +55,9 @@ def wall_errors(
             if count == 1 and error < np.inf:
                 found[n] = error / (z * z)
                 n += 1
-    return found[:n]
+    return n
 
 
-@njit(cache=True, nogil=True)
 def in_cabinet(
     depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, margin_m: float, axial: float
 ) -> tuple[Bool, Image]:
@@ -61,6 +66,15 @@ def in_cabinet(
     A point is no wall when it is margin_m off, and three standard deviations more, as far as noise along the ray moves it off the wall.
     """
     inside, points = np.zeros(depth.shape, np.bool_), np.zeros((*depth.shape, 3), np.float32)
+    _in_cabinet(depth, arm, fx, fy, cx, cy, T, size, margin_m, axial, inside, points)
+    return inside, points
+
+
+@jit_entry
+def _in_cabinet(
+    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, margin_m: float, axial: float, inside: Bool,
+    points: Image,
+) -> None:  # fmt: skip
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             z = depth[v, u]
@@ -80,7 +94,6 @@ def in_cabinet(
                     low, high = off - size[1] / 2, size[1] / 2 - off
                 good = good and low < p < high
             inside[v, u] = good
-    return inside, points
 
 
 @njit(cache=True, nogil=True)

@@ -132,7 +132,8 @@ class Voxels:
         levels[0], negated[0] = rays.clear, -rays.clear
         grid.pyramid(levels)
         grid.pyramid(negated)
-        grid.mark_free(state, self.step, np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), levels, negated, *rays.camera)
+        T = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3])
+        grid.mark_free(state, self.step, T, levels, negated, *rays.camera, np.empty((2, 3)))
         grid.mark_occupied(state, self.step, rays.ends, *rays.camera, R, eye)
         return replace(self, state=state)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Chain, Int, forward
 from kinematics.collision.robot_model import link_covers
-from kinematics.jit.decorators import jit_entry, jit_inline, njit
+from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.jit.record import record
 from kinematics.jit.simd import WIDTH, below, largest, load, root, store
 from kinematics.robots.robot import Robot
@@ -40,8 +40,8 @@ F32 = NDArray[np.float32]
 class Balls(NamedTuple):
     """Balls that cover the moving links with the fingers at one opening: link p's are start[p]:start[p + 1], `WIDTH` by `WIDTH`.
 
-    frame (P,): the chain's frame that carries the link; bound (P, 4): centre and radius of a ball around it; ball (4, S): centres and
-    radii, which are negative of those that fill up the lanes; in that frame.
+    frame (P,): the chain's frame that carries the link; bound (P, 4): centre and radius of a ball around it; ball (4 · S,): all centres' x,
+    y and z, and radii, which are negative of those that fill up the lanes; in that frame.
     """
 
     frame: Int
@@ -104,7 +104,7 @@ def arm_balls(robot: Robot, T_world_base: Array, gripper: float) -> Balls:
         ball[:3, : len(centres)], ball[3, : len(centres)] = centres.T, cover.fine.radii
         balls.append(ball)
     start = np.concatenate([[0], np.cumsum([ball.shape[1] for ball in balls])]).astype(np.int64)
-    return Balls(np.array(frames, np.int64), np.array(bounds), start, np.concatenate(balls, 1))
+    return Balls(np.array(frames, np.int64), np.array(bounds), start, np.concatenate(balls, 1).ravel())
 
 
 def make_floor(size_m: Array, T_world_cabinet: Array, top_m: float = np.inf) -> Floor:
@@ -230,7 +230,7 @@ def _draw_part(F: Array, balls: Balls, p: int, floor: Floor, at_end: bool, drawn
     for r in range(3):
         for c in range(4):
             M[r, c] = T[r, 0] * F[0, c] + T[r, 1] * F[1, c] + T[r, 2] * F[2, c] + (T[r, 3] if c == 3 else 0.0)
-    _draw(M, balls.ball.reshape(-1), balls.ball.shape[1], balls.start[p], balls.start[p + 1], floor, scratch, out)
+    _draw(M, balls.ball, balls.ball.shape[0] // 4, balls.start[p], balls.start[p + 1], floor, scratch, out)
     return float(SAMPLE_M)
 
 
@@ -274,7 +274,7 @@ def _draw(M: Array, ball: F32, total: int, first: int, stop: int, floor: Floor, 
                     store(out, cell, largest(load(out, cell), root(largest(rest, _ZERO)) - z - beside))
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def _meet(lows: F32, floor: Floor, lines: Array, half: Array, height: float, centres: Array, out: NDArray[np.bool_]) -> None:
     cx, cy = floor.cell[0], floor.cell[1]
     grow = max(cx, cy) / 2

@@ -87,7 +87,7 @@ def test_a_block_of_voxels_is_judged_as_each_of_them_would_be(seed: int, voxel_m
     for levels in pyramids:
         grid.pyramid(levels)
     T_camera_grid, together = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), voxels.state.copy()
-    grid.mark_free(together, voxels.step, T_camera_grid, *pyramids, *rays.camera)
+    grid.mark_free(together, voxels.step, T_camera_grid, *pyramids, *rays.camera, np.empty((2, 3)))
     rows, alone = np.arange(voxels.state.size), np.ones(voxels.state.size, np.uint8)
     middles = (np.argwhere(voxels.state == UNKNOWN) + 0.5) * voxels.step
     grid.revealed(rows, middles, voxels.step, T_camera_grid, pyramids[0], *rays.camera, alone)

@@ -75,6 +75,17 @@ def test_the_list_holds_what_a_plan_calls_and_the_next_plan_needs_no_compiler(ur
         assert not again or not heavy
 
 
+def test_labels_need_no_compiler_either(tmp_path: Path) -> None:
+    """Once some were made: else each worker would take a second longer to begin."""
+    words = ["label", "-n", "1", "--seed", "8", "--moves", "1", "--objects", "1", "--partly-seen", "1", "--paths", "8", "-o"]
+    program = "import sys; from retrieve_cli.__main__ import main; print(main(sys.argv[1:]), 'numba' in sys.modules)"
+    for again in (False, True):
+        command = [sys.executable, "-c", program, *words, str(tmp_path / str(again))]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        assert done.stdout.split()[0] == "0"
+        assert not again or done.stdout.split()[1] == "False"
+
+
 def test_there_are_few_functions() -> None:
     """Each costs a first run half a second."""
     assert 50 < len(ahead.known()) < 75

@@ -233,16 +233,16 @@ def test_no_ball_of_the_arm_comes_lower_than_a_sweep_says(scene: Scene, motions:
     ways = paths_to_target(motions, motions.start(), np.random.default_rng(5), 6)
     balls, chain = arm_balls(motions.robot, scene.robot.T_world_base, ways.gripper), motions.cell.arm.chain
     size, frames, rng = ways.floor.size, np.empty((len(chain.q_index) + 1, 4, 4)), np.random.default_rng(3)
-    part = np.repeat(np.arange(len(balls.frame)), np.diff(balls.start))
+    part, (bx, by, bz, radius) = np.repeat(np.arange(len(balls.frame)), np.diff(balls.start)), balls.ball.reshape(4, -1)
     near, seen = int(np.ceil((SAMPLE_M + CELL_M) / CELL_M)), 0
     for k, path in enumerate(ways.paths):
         for _ in range(60):
             edge = int(rng.integers(len(path) - 1))
             forward(chain, path[edge] + rng.random() * (path[edge + 1] - path[edge]), frames)
             T = ways.floor.T @ frames[balls.frame[part]]
-            x, y, z = np.einsum("nij,jn->in", T[:, :3, :3], balls.ball[:3]) + T[:, :3, 3].T
-            low = z - np.sqrt(np.maximum(balls.ball[3] ** 2 - CELL_M**2 / 2, 0.0))
-            inside = (balls.ball[3] > 0) & (x > near * CELL_M) & (x < size[0]) & (np.abs(y) < size[1] / 2) & (low + SAMPLE_M < size[2])
+            x, y, z = np.einsum("nij,jn->in", T[:, :3, :3], np.stack([bx, by, bz])) + T[:, :3, 3].T
+            low = z - np.sqrt(np.maximum(radius**2 - CELL_M**2 / 2, 0.0))
+            inside = (radius > 0) & (x > near * CELL_M) & (x < size[0]) & (np.abs(y) < size[1] / 2) & (low + SAMPLE_M < size[2])
             for i in np.flatnonzero(inside):
                 a, b = int(x[i] / ways.floor.cell[0]), int((y[i] + size[1] / 2) / ways.floor.cell[1])
                 around = ways.lows[max(a - near, 0) : a + near + 1, max(b - near, 0) : b + near + 1, k]

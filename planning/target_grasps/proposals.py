@@ -28,7 +28,7 @@ MOST_SAMPLED = 60
 """So many of the sampled grasps are looked at, the most natural first; on a mesh, where many may not hold, so many of those that do."""
 SQUARE, REACH, FREE = 0.4, 0.3, 0.3
 """What the parts of a score weigh."""
-OUT_OF_REACH, IN_A_WALL = "out of the arm's reach", "with the hand in a wall"
+OUT_OF_REACH, IN_A_WALL = "out of the arm's reach", "with the hand in a wall or an obstacle"
 AHEAD_M = (0.0, 0.01, 0.02)
 """How far before the hand frame the pads' closing is looked at: they hold what is low by their ends."""
 ALIKE_M, ALIKE_RAD = 0.0005, np.radians(0.5)

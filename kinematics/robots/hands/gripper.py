@@ -20,6 +20,8 @@ _STEP_M = 0.001
 MOST_SLANT = np.radians(20)
 """Where fingers that turn touch what is round further from the way they close, it slips: friction of 0.5 holds 26.6°. Fingers whose tips
 turn further than that as they open are flat against each other nowhere else, and take what is round."""
+HALF_TURN = np.pi + 1e-6
+"""Fingers that may turn further are told with limits that are not theirs: they pass through each other."""
 TIP_M = 0.005  # links of fingers that end so near to the furthest of them are their tips
 ROWS, ASIDE_M = 13, 0.08
 """In how many rows, and how far from the middle at most, hands of three fingers are looked at along the hand's x."""
@@ -47,10 +49,10 @@ def measure(
             "no fingers on both sides of the hand frame along its y axis; name another with --hand-frame, a link between the pads, z along "
             "the approach and y the way they close, or other joints with --gripper-joint"
         )
-        raise NotClosing(f"robot {name}: {words}", sorted(fingers))
+        raise NotClosing(f"robot {name}: {words}{_too_far(tree, gripper, limits)}", sorted(fingers))
     if max(widths[i] for i in usable) - min(widths[i] for i in usable) < LEAST_WAY_M:
         words = "the gripper joint opens the fingers by less than 5 mm along the hand frame's y axis"
-        raise NotClosing(f"robot {name}: {words}", sorted(fingers))
+        raise NotClosing(f"robot {name}: {words}{_too_far(tree, gripper, limits)}", sorted(fingers))
     wide = [i for i in usable if widths[i] > 0.4 * max(widths[k] for k in usable)]  # when they are closed, the knuckles are innermost too
     if jaw:
         pads = _inmost(profiles, fingers, jaw, wide) | _inmost(profiles, frozenset(h.link for h in hand) - fingers, -jaw, wide)
@@ -80,6 +82,14 @@ SHALLOW_M, TAPER_M = 0.015, 0.003
 """Where there is less room than that behind the pads' middle, objects are held nearer to the tips, if the pads are hardly further apart."""
 _Placed = list[tuple[str, Array, Int]]
 """Hulls in the hand's frame: link, vertices (V, 3), faces (F, 3)."""
+
+
+def _too_far(tree: Tree, gripper: int, limits: tuple[float, float]) -> str:
+    """What is said of a gripper's joint whose limits are none that fingers have; nothing of others."""
+    if not (tree.kind[tree.q_index == gripper] == TURNS).any() or limits[1] - limits[0] <= HALF_TURN:
+        return ""
+    most = np.degrees(limits[1] - limits[0])
+    return f"; its joint's limits are {most:.0f}° apart, and no finger turns so far: give the URDF those between which they close"
 
 
 class NotClosing(ValueError):

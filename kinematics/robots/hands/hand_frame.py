@@ -14,6 +14,9 @@ PAD_M, PAD_SHARE = 0.015, 0.35
 """The hand frame is so far behind the finger tips, or by that share of the fingers' length, whichever is less."""
 SNAP = np.cos(np.radians(30))
 """An approach that leads as near as that along the wrist's axis, or an axis of the palm's frame, is meant to be along it."""
+TOWARD, NEARLY = np.cos(np.radians(60)), 0.7
+"""A camera or a motor at a palm's side draws its middle away. So of all axes that lead as near as that the one is meant along which the
+fingers reach furthest beyond the palm, if along none that is nearer they reach so large a share of that."""
 FLAT = np.cos(np.radians(3))
 LEAST_M = 0.003
 
@@ -134,12 +137,18 @@ def _approach(model: Model, motors: Motors, y: Array, q: Array) -> Array:
     frames = list[Array]()
     for link in [*carriers, *rigid(model, motors.palm), *(i for f in motors.branches for i in f)]:
         frames += list((inverse(poses[motors.palm]) @ poses[link])[:3, :3].T)
+    ways = [z]
     for candidate in [*frames[: 3 * len(carriers)], wrist_axis, *frames[3 * len(carriers) :]]:
         flat = candidate - (candidate @ y) * y
         size = np.linalg.norm(flat)
-        if size > 0.95 and abs(flat @ z) / size > SNAP:
-            return np.asarray(flat / size * np.sign(flat @ z))
-    return np.asarray(z)
+        if size > 0.95 and abs(flat @ z) / size > TOWARD:
+            ways.append(flat / size * np.sign(flat @ z))
+    beyond = [float((fingers @ way).max() - (behind @ way).max(initial=-np.inf)) for way in ways]
+    furthest = int(np.argmax(beyond))
+    for way, reach in zip(ways[1:], beyond[1:]):
+        if way @ z > SNAP and reach >= NEARLY * beyond[furthest]:
+            return np.asarray(way)
+    return np.asarray(ways[furthest])
 
 
 def _between(model: Model, motors: Motors, R: Array, q: Array) -> Array:

@@ -19,7 +19,7 @@ from planning.grasping.hand_poses import UP
 from planning.motion.cell.arm import Arm, arm_at
 from planning.scenes.fitting.aside import aside
 from planning.scenes.fitting.places import Place, promising, worth
-from planning.scenes.fitting.sizes import cut, fewer, of_one_kind, scale_for, scaled, slimmed
+from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, scale_for, scaled, slimmed
 from planning.scenes.fitting.trials import Tried, held_heights, not_held, one_shape, share, solved, with_shapes
 from planning.scenes.generation import NoScene, Spec
 
@@ -84,7 +84,7 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
     places = promising(arm, spec, with_shapes(spec, turned, [one_shape(spec, 0.5, boxes=cup)]), reach)[:EXACTLY]
     found, slimmer, why = Tried(spec, 0.0), 1.0, ""
     for slimmer in SLIMMER:
-        slim = slimmed(spec, slimmer)
+        slim = not_too_slim(slimmed(spec, slimmer), robot)
         if wrong := not_held(slim, robot, turned, boxes=cup):
             why = wrong
             continue

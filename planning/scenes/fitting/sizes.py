@@ -76,6 +76,19 @@ def slimmed(spec: Spec, by: float) -> Spec:
     )  # fmt: skip
 
 
+def not_too_slim(spec: Spec, robot: Robot) -> Spec:
+    """A spec without boxes and cylinders that are slimmer than the fingers close, if they hold any that it has; kinds stay as they are."""
+    least = 0.0 if robot.opening.cup_m else float(robot.opening.width_m[0]) / 2 + SPARE_M
+
+    def from_least(pair: Pair) -> Pair:
+        return (min(max(pair[0], least), pair[1]), pair[1])
+
+    ranges = from_least(spec.objects_half_width_m), from_least(spec.target_half_width_m)
+    if ranges == (spec.objects_half_width_m, spec.target_half_width_m):
+        return spec
+    return replace(spec, objects_half_width_m=ranges[0], target_half_width_m=ranges[1])
+
+
 def of_one_kind(spec: Spec, *, boxes: bool) -> Spec:
     """A spec with boxes alone, or cylinders alone, where it has any."""
     kinds = tuple(kind for kind in spec.objects_household if len(kind.size_m) == (3 if boxes else 2))

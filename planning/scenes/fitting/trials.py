@@ -167,4 +167,9 @@ def not_held(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool) -> str | N
         if wrong is None:
             return None
         said[wrong] += 1
-    return next((words for words, _ in said.most_common(1)), "no grasp fits its shape and the gripper's opening")
+    opening = robot.opening
+    fits = f"fingers close to {1000 * opening.width_m[0]:.0f} and open to {1000 * opening.max_m:.0f} mm"
+    if opening.cup_m:
+        fits = f"the cup is {1000 * opening.cup_m:.0f} mm across and takes flat faces that are wider"
+    width = f"{1000 * body.shape.half[0] * 2:.0f} mm wide"
+    return next((words for words, _ in said.most_common(1)), f"no grasp fits the widest {'box' if boxes else 'cylinder'}, {width}: {fits}")

@@ -23,7 +23,7 @@ from planning.scenes.fitting import fit as fitting
 from planning.scenes.fitting import trials
 from planning.scenes.fitting.fit import SCENES, THINNER, Fitted, fit
 from planning.scenes.fitting.places import BESIDE_M, Place, is_beside
-from planning.scenes.fitting.sizes import cut, fewer, of_one_kind, slimmed
+from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, slimmed
 from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share, solved
 from planning.scenes.generation import NoScene, Spec, generate, load_spec
 from planning.verdict import judge_grasp
@@ -93,6 +93,33 @@ def test_slimmer_objects_are_as_high_and_as_many() -> None:
     assert slim.target_half_width_m == tuple(0.5 * half for half in SPEC.target_half_width_m)
     assert (slim.objects_height_m, slim.objects_count) == (SPEC.objects_height_m, SPEC.objects_count)
     assert slimmed(SPEC, 1.0) is SPEC
+
+
+def _opening(robot: Robot, **said: object) -> Robot:
+    return replace(robot, opening=replace(robot.opening, **said))  # type: ignore[arg-type]
+
+
+def test_no_object_is_slimmer_than_the_fingers_close(tmp_path: Path) -> None:
+    """OpenManipulator-X closes to 20 mm: objects scaled for its reach were 18 mm wide, and no scene was solved."""
+    (tmp_path / "arm.urdf").write_text(ARM)
+    robot = load(str(tmp_path / "arm.urdf"))
+    low, high = SPEC.objects_half_width_m
+    apart = _opening(robot, width_m=np.linspace(low + high, 0.08, len(robot.opening.width_m)))
+    for pair in ((spec := not_too_slim(SPEC, apart)).objects_half_width_m, spec.target_half_width_m):
+        assert (low + high) / 2 < pair[0] <= pair[1]
+    assert spec.objects_half_width_m[1] == high
+    assert not_too_slim(SPEC, robot) is SPEC
+    assert not_too_slim(SPEC, _opening(apart, cup_m=0.03)) is SPEC
+    wider = _opening(robot, width_m=robot.opening.width_m + 0.5)  # none of them is held: the spec keeps its widest, and not_held says why
+    assert not_too_slim(SPEC, wider).objects_half_width_m == (high, high)
+
+
+def test_a_cup_wider_than_any_face_is_told_as_a_cup(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    robot = load(str(tmp_path / "arm.urdf"))
+    wrong = not_held(SPEC, _opening(robot, cup_m=0.2), RobotRef(np.eye(4), urdf=str(tmp_path / "arm.urdf")), boxes=True)
+    assert wrong is not None
+    assert "the cup is 200 mm across and takes flat faces that are wider" in wrong
 
 
 def test_a_hand_with_a_near_palm_holds_slim_objects_only(tmp_path: Path) -> None:

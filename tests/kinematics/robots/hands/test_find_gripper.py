@@ -114,6 +114,17 @@ def test_fingers_that_slide_are_driven_as_one_and_measured(kind: str, robot: Cal
         assert abs(y[0] - y[1]) == pytest.approx(0.08 * share, abs=1e-6)
 
 
+@pytest.mark.parametrize("bulge", ["0.1 0 0.01", "-0.1 0 0.01", "0.12 0 -0.02"])
+def test_a_camera_at_the_palms_side_does_not_turn_the_approach(bulge: str, tmp_path: Path) -> None:
+    """It draws the palm's middle aside, by 45 degrees and more as seen from the fingers (Alicia D), and the fingers lead where they led."""
+    palm = '<link name="palm">' + box("0.04 0.13 0.04")
+    text = arm(MIRRORED).replace(palm, palm + box("0.04 0.05 0.03", bulge))
+    (tmp_path / "arm.urdf").write_text(text)
+    hand = in_palm(load(str(tmp_path / "arm.urdf")))
+    np.testing.assert_allclose(hand[:3, 2], [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(hand[:3, 3], [0, 0, 0.085], atol=2e-3)
+
+
 def test_fingers_that_turn_are_driven_as_one(robot: Callable[..., Robot]) -> None:
     made = robot(TURNING)
     assert made.grip is not None
@@ -123,6 +134,15 @@ def test_fingers_that_turn_are_driven_as_one(robot: Callable[..., Robot]) -> Non
     np.testing.assert_allclose(np.abs(T[:3, 1]), [0, 1, 0], atol=1e-6)
     np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-6)
     assert made.opening.max_m > 0.04
+
+
+def test_fingers_that_may_turn_full_circles_are_told_by_their_limits(robot: Callable[..., Robot]) -> None:
+    """OMX-F's may turn by 720 degrees, and are never where fingers are."""
+    limits = 'lower="-6.3" upper="6.3"'
+    wide = TURNING.replace('lower="-0.6" upper="0"', limits).replace('lower="0" upper="0.6"', limits)
+    assert wide.count(limits) == 2
+    with pytest.raises(ValueError, match="its joint's limits are 722° apart, and no finger turns so far: give the URDF those between"):
+        robot(wide)
 
 
 @pytest.mark.parametrize("named", [(), ("jaw",)])

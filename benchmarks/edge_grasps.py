@@ -28,7 +28,8 @@ from kinematics.transforms import Array, transform
 from planning.grasping.hand_poses import level_hand
 from planning.motion.pick_place import Motions
 from planning.policies import make_policy
-from planning.retrieval import Rule, retrieve
+from planning.retrieval import retrieve
+from planning.rules import Rule
 from planning.scenes.generation import generate, load_spec
 from planning.verdict import judge_grasp
 from planning.verdict.grasp import closing_value

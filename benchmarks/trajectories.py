@@ -38,7 +38,8 @@ from planning.motion.smoothing.blending import choose_speeds, make_corners, writ
 from planning.motion.trajectory import STRAIGHT, Pace
 from planning.plan import Motion, Plan
 from planning.policies import make_policy
-from planning.retrieval import Rule, retrieve
+from planning.retrieval import retrieve
+from planning.rules import Rule
 from planning.scenes.generation import generate, load_spec
 
 PATH_POINTS = 60

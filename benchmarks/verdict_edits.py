@@ -34,7 +34,8 @@ from planning.io.scene_documents import scene_to_json
 from planning.motion.pick_place import Motions
 from planning.plan import Plan
 from planning.policies import make_policy
-from planning.retrieval import Rule, retrieve
+from planning.retrieval import retrieve
+from planning.rules import Rule
 from planning.scenes.generation import generate, load_spec
 from planning.verdict import Settings, judge, judge_grasp
 

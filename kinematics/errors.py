@@ -44,7 +44,7 @@ def did_you_mean(given: str, names: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     near = get_close_matches(given, list(names), n=1, cutoff=0.6)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+    return f" (did you mean {str(near[0])!r}?)" if near else ""
 
 
 def one_line(error: BaseException) -> str:

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from planning.motion.pick_place import Motions
     from planning.plan import Blocked, Motion, Move, Plan
     from planning.policies import POLICIES, make_policy
-    from planning.retrieval import Policy, Rule, retrieve
+    from planning.retrieval import Policy, retrieve
+    from planning.rules import Rule
     from planning.verdict import Fault, judge
 
 __all__ = [
@@ -44,7 +45,7 @@ _WHERE = {
     "POLICIES": "planning.policies",
     "Plan": "planning.plan",
     "Policy": "planning.retrieval",
-    "Rule": "planning.retrieval",
+    "Rule": "planning.rules",
     "judge": "planning.verdict",
     "load_robot": "planning.library",
     "make_policy": "planning.policies",

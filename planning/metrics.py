@@ -17,6 +17,7 @@ from kinematics.mount import MOUNT
 from kinematics.scene import WALLS
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Plan
 from planning.retrieval import MAX_MOVES
+from planning.rules import Rule
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 
 MEASURES = ("moved", "planning_time_s", "motion_time_s", "relocation_travel_m", "hand_travel_m", "duration_s", "value")
@@ -34,9 +35,6 @@ SHARES = (0.1, 0.5, 0.9, 0.95)
 
 SENSED = ", sensed"
 """What the name of a planner ends with when it had to look around first."""
-
-RULES = ("deep", "region", "strict")
-"""Of the retrieval loop, in the order in which reports give them."""
 
 _FIXED = frozenset({*WALLS, MOUNT})
 _NAMED = re.compile(r"\b[A-Za-z]+_\d+\b")
@@ -148,10 +146,10 @@ def failure(plan: Plan) -> str:
 
 def _steps(plan: Plan) -> int:
     """How many steps of the loop a plan's moves took: a lost one is an attempt (strict), or those on one object (region)."""
-    if plan.rule == "strict":
+    if plan.rule == Rule.STRICT:
         return len(plan.moves)
     done = sum(move.done for move in plan.moves)
-    if plan.rule != "region":
+    if plan.rule != Rule.REGION:
         return done
     lost = [a for a, b in zip(plan.moves, (*plan.moves[1:], None)) if not a.done and (b is None or a.object != b.object)]
     return done + len(lost)
@@ -374,12 +372,17 @@ PAPER = tuple(
 """Table I, and the row that its source has commented out (rrt)."""
 
 
+def rule_rank(rule: str) -> tuple[int, str]:
+    """By what rules are sorted: in their own order, unknown ones behind them."""
+    known = [str(r) for r in Rule]
+    return (known.index(rule) if rule in known else len(known)), rule
+
+
 def _rank(key: tuple[str, str]) -> tuple[int, str, int, str]:
     policy, rule = key
     order, plain = [row.policy for row in PAPER], policy.removesuffix(SENSED)
     return (
-        RULES.index(rule) if rule in RULES else len(RULES),
-        rule,
+        *rule_rank(rule),
         order.index(plain) if plain in order else len(order),
         policy,
     )

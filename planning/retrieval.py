@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import TypeVar
 
 import numpy as np
@@ -18,18 +17,11 @@ from planning.conclusion import conclude
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Move, Outlook, Plan
+from planning.rules import Rule
 from planning.stopwatch import Stopwatch
 
 MAX_MOVES = 5
 Thing = TypeVar("Thing")
-
-
-class Rule(StrEnum):
-    """How far the loop falls through when a proposed move can't be carried out."""
-
-    STRICT = "strict"  # the first object and its first region, or the step is lost
-    REGION = "region"  # the first object, its regions in order
-    DEEP = "deep"  # objects in order, regions in order
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -41,9 +42,19 @@ def parse(args: Sequence[str]) -> Job | int | None:
         message = " ".join(e.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
         from kinematics.errors import InputError
 
-        raise InputError(f"{command}: {message} (see {command} --help)") from e
+        raise InputError(f"{command}: {_of_choice(message)} (see {command} --help)") from e
     except interrupted:
         return INTERRUPTED
+
+
+def _of_choice(message: str) -> str:
+    """A complaint about a word that is none of an option's choices, with the nearest of them; any other as it is."""
+    told = re.search(r"(Value error, )?('([^']*)' is not one of ('.+'))$", message)  # Typer has pydantic check, from 0.27 on
+    if told is None:
+        return message
+    from kinematics.errors import did_you_mean
+
+    return message[: told.start()] + told[2] + did_you_mean(told[3], re.findall("'([^']*)'", told[4]))
 
 
 def _named(name: str) -> type[Exception]:

@@ -18,6 +18,7 @@ from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.other_robot import overridden
+from retrieve_cli.own_limits import digest
 from retrieve_cli.plan_job import Job, check
 from retrieve_cli.plan_line import Answer, plan_line
 from retrieve_cli.story import story
@@ -56,11 +57,12 @@ def run(
     announce_first_run()
     override = (robot, hand_frame, gripper_joint)
     asked = {
-        **asdict(replace(job, fail_fast=False)),
+        **asdict(replace(job, fail_fast=False, model=None, limits=None)),
         "command": "plan",
         "version": version(),
         "robot": override,
         "networks": _digest(job.model),
+        "limits": digest(job.limits),
         "pose_noise_mm": pose_noise_mm,
     }
     tell, picture = not quiet and on_terminal(out), _Picture(html)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame
 from planning.io.files import UNREADABLE, SceneLine
 from planning.plan import SCENE, Plan
+from retrieve_cli.own_limits import LimitsError, with_limits
 from retrieve_cli.plan_job import Job, motion_settings, pace
 from retrieve_cli.sense import parse_box
 from retrieve_cli.terminal import say
@@ -32,12 +32,14 @@ class Answer:
 def plan_line(job: Job, line: SceneLine) -> Answer:
     """The plan of a line, or one that failed at stage `scene`. Raises: InputError for such a line when the job is to fail fast."""
     from planning.conclusion import failed
-    from planning.retrieval import Rule
+    from planning.rules import Rule
 
     error = line.error
     if line.scene is not None:
         try:
             return Answer(plan_scene(job, line.where, line.scene), line.scene)
+        except LimitsError:
+            raise
         except InputError as e:
             error = str(e) if str(e).startswith(f"{line.where}: ") else f"{line.where}: {e}"
     if job.fail_fast:
@@ -86,7 +88,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
-    from planning.retrieval import Rule
+    from planning.rules import Rule
     from planning.sensing.retrieve import retrieve_unseen
     from planning.sensing.settings import LoopSettings, SensingSettings
     from planning.sensing.world import SimulatedWorld, World
@@ -152,22 +154,13 @@ _say_once = lru_cache(say)
 
 
 def _ready(ref: RobotRef, limits: str | None) -> Robot:
-    """A scene's robot, its links covered, with a file's limits. Raises: ValueError, see `load` and `read_limits`."""
+    """A scene's robot, its links covered, with a file's limits; what nobody knows about them is said once. Raises: ValueError, see `load`
+    and `with_limits`."""
     from kinematics.collision.robot_model import link_covers
     from kinematics.robots.load import from_ref
 
-    robot = _with_limits(from_ref(ref, on_step=say), limits)
+    robot = with_limits(from_ref(ref, on_step=say), limits)
     link_covers(robot, say)
-    return robot
-
-
-@lru_cache(maxsize=16)
-def _with_limits(robot: Robot, file: str | None) -> Robot:
-    """The robot with a file's limits of speed; what nobody knows about them is said once. Raises: ValueError, see `read_limits`."""
-    from kinematics.robots.limits import read_limits
-
-    if file is not None:
-        robot = replace(robot, limits=read_limits(Path(file), robot.joint_names, robot.limits))
     if robot.limits.assumed:
         _say_once(f"robot {robot.name}: not known, and assumed: {robot.limits.assumed} (--limits FILE says better)")
     return robot

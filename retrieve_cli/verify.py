@@ -14,6 +14,7 @@ from planning.io.files import read_known, read_plans
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.other_robot import other_robot
+from retrieve_cli.own_limits import with_limits
 from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say
 
 if TYPE_CHECKING:
@@ -37,8 +38,10 @@ def run(
     workers: int | None = None,
     pose_noise_mm: float = 2.0,
     seen: Path | None = None,
+    limits: Path | None = None,
 ) -> int:
-    """Judge every plan; 1 when one of them is false. seen: the scenes that they were made for, where `scenes` says what was true."""
+    """Judge every plan; 1 when one of them is false. seen: the scenes that they were made for, where `scenes` says what was true.
+    limits: of speed, by which they were made."""
     from planning.verdict import Settings
 
     if str(scenes) == "-" and (plans is None or str(plans) == "-"):
@@ -68,7 +71,8 @@ def run(
     wrong = 0
     settings = Settings(mu=mu, max_tilt_deg=max_tilt_deg)
     with progress("plans", file=plans) as advance:
-        for line, false in map_ordered(partial(judged, settings, as_json), items(), workers=workers):
+        judge = partial(judged, settings, as_json, None if limits is None else str(limits))
+        for line, false in map_ordered(judge, items(), workers=workers):
             print(line, flush=True)
             wrong += false
             advance()
@@ -95,7 +99,7 @@ def moved_strangers(scene: Scene, plan: Plan) -> list[str]:
     return [name for name in dict.fromkeys(named) if name not in scene.poses()]
 
 
-def judged(settings: Settings, as_json: bool, item: Item) -> tuple[str, bool]:
+def judged(settings: Settings, as_json: bool, limits: str | None, item: Item) -> tuple[str, bool]:
     """What is printed of a plan, and whether it is false. A plan without motions may be of a scene that can't be meant: None. Raises:
     InputError when the scene's robot can't be loaded."""
     from kinematics.robots.load import from_ref
@@ -106,7 +110,7 @@ def judged(settings: Settings, as_json: bool, item: Item) -> tuple[str, bool]:
     verdict = Verdict((), (), None)
     if scene is not None:
         with blame(where):
-            arm = from_ref(scene.robot, on_step=say)
+            arm = with_limits(from_ref(scene.robot, on_step=say), limits)
             if seen is None or not plan.motions:
                 verdict = examine(scene, plan, arm, settings)
             else:

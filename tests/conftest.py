@@ -167,7 +167,8 @@ def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
     from planning.io.scene_documents import scene_to_json
     from planning.motion.pick_place import Motions
     from planning.policies import make_policy
-    from planning.retrieval import Rule, retrieve
+    from planning.retrieval import retrieve
+    from planning.rules import Rule
     from planning.scenes.generation import generate, load_spec
 
     scene = generate(load_spec(spec), robot, RobotRef(transform(p=robot.base_p), robot.name), 11, index)

@@ -27,7 +27,8 @@ from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.policies import make_policy
-from planning.retrieval import Rule, retrieve
+from planning.retrieval import retrieve
+from planning.rules import Rule
 from planning.scenes.generation import generate, load_spec
 from planning.sensing.world import SimulatedWorld
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from lxml import etree
 
+from kinematics.errors import did_you_mean
 from kinematics.transforms import Array
 
 ACCELERATION_S = 0.35
@@ -71,35 +71,36 @@ def read_tables(file: Path) -> dict[str, Any]:
         raise ValueError(f"{file}: no TOML: {e}") from e
 
 
-def read_limits(file: Path, joints: Sequence[str], known: JointLimits) -> JointLimits:
+def read_limits(file: Path, joints: Sequence[str], known: JointLimits, urdf: str) -> JointLimits:
     """A robot's limits (J,) with those of a TOML file in their place: a table a joint, or `[all]`, with numbers by `KINDS`.
 
-    A velocity without an acceleration leaves that as it was known, and so on. Raises: ValueError that names the file and the place.
+    A velocity without an acceleration leaves that as it was known, and so on. urdf: the robot's, as text. Plans are judged by its
+    velocities, too: `[all]` leaves a joint's where it is lower, and a joint's own table may not be above it. Raises: ValueError that names
+    the file and the place.
     """
-    tables = read_tables(file)
+    tables, root = read_tables(file), etree.fromstring(urdf.encode())
+    most = {"velocity": np.array([_urdf_velocity(root, name) or np.inf for name in joints])}
     values = {kind: np.array(getattr(known, kind)) for kind in KINDS}
     for name, table in sorted(tables.items(), key=lambda item: item[0] != ALL):
         if name != ALL and name not in joints:
             known_ones = f"the robot's are {', '.join(joints)}, and {ALL!r} means each"
-            raise ValueError(f"{file}: there is no joint {name!r}; {known_ones}{_meant(name, joints)}")
+            raise ValueError(f"{file}: there is no joint {name!r}{did_you_mean(name, joints)}; {known_ones}")
         if not isinstance(table, dict):
             raise ValueError(f"{file}: {name} must be a table, [{name}], with numbers for {', '.join(KINDS)}")
         for kind, value in table.items():
             if kind not in KINDS:
-                raise ValueError(f"{file}: {name}.{kind} is unknown; {', '.join(KINDS)} can be given{_meant(kind, KINDS)}")
+                raise ValueError(f"{file}: {name}.{kind} is unknown{did_you_mean(kind, KINDS)}; {', '.join(KINDS)} can be given")
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
                 raise ValueError(f"{file}: {name}.{kind}: {value!r} is no positive number")
             if not LEAST <= value <= MOST:
                 raise ValueError(f"{file}: {name}.{kind}: {value!r} is not between {LEAST:g} and {MOST:,.0f}; it counts rad (or m) and s")
-            values[kind][slice(None) if name == ALL else list(joints).index(name)] = value
+            which, bound = slice(None) if name == ALL else list(joints).index(name), most.get(kind, np.full(len(joints), np.inf))
+            if name != ALL and value > bound[which]:
+                above = f"{value:g} is above the URDF's {bound[which]:g}, by which every plan is judged"
+                raise ValueError(f"{file}: {name}.{kind}: {above}; give less, or a URDF that allows it")
+            values[kind][which] = np.minimum(value, bound[which])
     assumed = "" if all(kind in tables.get(ALL, {}) for kind in KINDS) else known.assumed
     return JointLimits(values["velocity"], values["acceleration"], values["jerk"], f"{file.name}, else {known.source}", assumed)
-
-
-def _meant(name: str, known: Sequence[str]) -> str:
-    """What a misspelt name may mean, as the end of a sentence; empty where nothing is near."""
-    close = get_close_matches(name, known, 1)
-    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def _urdf_velocity(urdf: etree._Element, name: str) -> float | None:

@@ -18,6 +18,7 @@ import numpy as np
 from lxml import etree
 
 from kinematics import cache
+from kinematics.errors import did_you_mean
 from kinematics.robots.assemble import CACHE_VERSION, assemble, stamps
 from kinematics.robots.derive import read_description
 from kinematics.robots.files import urdf
@@ -87,7 +88,7 @@ def _load(
         return _load_named(which, entry, T, on_step)
     if which.endswith((".urdf", ".xml", ".xacro")) or "/" in which:
         return _load_urdf(Path(which), hand_frame, named, T, on_step)
-    raise ValueError(f"unknown robot {which!r}: the named ones are {', '.join(table)}; or give a URDF file")
+    raise ValueError(f"unknown robot {which!r}{did_you_mean(which, table)}: the named ones are {', '.join(table)}; or give a URDF file")
 
 
 def forget() -> None:

@@ -12,13 +12,13 @@ from kinematics.scene import Grasp, Held, Settlement
 from planning.io.checked import Node
 from planning.io.documents import expect, number, numbers, pose_to_json, rows_of_numbers, without_none
 from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
+from planning.rules import Rule
 
 PLAN = "retrieve/plan@2"
 WAYPOINT_PLAN = "retrieve/plan@1"
 """A plan whose motions are waypoints, without velocities and accelerations."""
 STATED = ("duration_s", "clearance_m")
 """Figures of a plan that are those of its motions: kept as they were written, for the verdict."""
-RULES = ("deep", "region", "strict")
 
 
 def plan_to_json(plan: Plan) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def plan_from_node(node: Node) -> Plan:
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
-        rule=f["rule"].text(RULES),
+        rule=f["rule"].text(tuple(Rule)),
         success=f["success"].flag(),
         reason=_blocked(f["reason"]),
         moves=tuple(_move(m) for m in f["moves"].items()),

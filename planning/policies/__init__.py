@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
+from kinematics.errors import choose
 from planning.learning.networks.model import FORMS, Model, shipped
 from planning.motion.pick_place import Motions
 from planning.policies.local import Lines, make_local_object, make_local_region
@@ -94,8 +95,7 @@ def make_policy(name: str, motions: Motions, *, model: Model | None = None, max_
     model: the networks of a policy that has some; by default those that ship for the robot.
     Raises: ValueError for an unknown name, listing the valid ones; for a robot without networks, or with those of another robot or form.
     """
-    if name not in POLICIES:
-        raise ValueError(f"unknown policy {name!r}: the policies are {', '.join(POLICIES)}")
+    choose("policy", name, POLICIES)
 
     def network(form: str | None = None) -> Model:
         if model is None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from kinematics.collision.fcl_solids import apart
+from kinematics.errors import did_you_mean
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
@@ -106,7 +107,7 @@ def load_spec(which: str) -> Spec:
         except UnicodeDecodeError as e:
             raise ValueError(f"{which}: no text in UTF-8") from e
     else:
-        raise ValueError(f"unknown spec {which!r}: the specs are {', '.join(SPECS)}; or give a TOML file")
+        raise ValueError(f"unknown spec {which!r}{did_you_mean(which, SPECS)}: the specs are {', '.join(SPECS)}; or give a TOML file")
     try:
         table = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as e:

@@ -22,7 +22,8 @@ from planning.conclusion import conclude
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Fault, Motion, Move, Plan
-from planning.retrieval import Policy, Rule, proposals
+from planning.retrieval import Policy, proposals
+from planning.rules import Rule
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.carrying_out import Driven, carry_out
 from planning.sensing.focus import wanted

@@ -24,6 +24,8 @@ from retrieve_cli.commands.options import (
     Workers,
 )
 
+_SPECS = "paper, paper-any, shelf, hard, hard-any, lab-s, lab-l, or a TOML file"
+
 
 def gen(
     n: Annotated[int, typer.Option("-n", help="How many scenes.", min=1)] = 1,
@@ -31,7 +33,7 @@ def gen(
     robot: Robot = None,
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
-    spec: Annotated[str, typer.Option("--spec", help="What the scenes are like.", metavar="paper|paper-any|shelf|FILE.toml")] = "paper",
+    spec: Annotated[str, typer.Option("--spec", help=f"What the scenes are like: {_SPECS}.", metavar="NAME|FILE.toml")] = "paper",
     fit: Annotated[bool, typer.Option("--fit", help="Place and scale the cabinet for this arm's reach and gripper.")] = False,
     workers: Workers = None,
     engine: At = Engine.local,
@@ -123,7 +125,7 @@ def label(
     n: Annotated[int | None, typer.Option("-n", help="How many scenes to generate, if no file is given.", min=1)] = None,
     spec: Annotated[
         list[str] | None,
-        typer.Option("--spec", help="What they are like; several take turns.", metavar="paper|paper-any|shelf|FILE.toml"),
+        typer.Option("--spec", help=f"What they are like: {_SPECS}; several take turns.", metavar="NAME|FILE.toml"),
     ] = None,
     robot: Robot = None,
     hand_frame: HandFrame = None,

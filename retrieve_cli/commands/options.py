@@ -11,14 +11,6 @@ import typer
 Job = Callable[[], int | None]
 
 
-class Rule(StrEnum):
-    """How far the retrieval loop falls through when a proposed move can't be carried out."""
-
-    deep = "deep"
-    region = "region"
-    strict = "strict"
-
-
 class Engine(StrEnum):
     """Where the work is done."""
 

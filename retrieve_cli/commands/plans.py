@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from planning.rules import Rule
 from retrieve_cli.commands.options import (
     Address,
     At,
@@ -19,7 +20,6 @@ from retrieve_cli.commands.options import (
     PoseNoise,
     Resume,
     Robot,
-    Rule,
     Seed,
     TargetGrasp,
     Workers,
@@ -34,7 +34,7 @@ def plan(
             "--policy", help="Who chooses objects and regions: neural (where networks ship, the default), local, …", metavar="NAME"
         ),
     ] = None,
-    rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
+    rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.DEEP,
     seed: Seed = 0,
     iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
     time_budget_s: Annotated[
@@ -175,6 +175,7 @@ def verify(
         Path | None,
         typer.Option("--seen", help="What the plans were made on, where SCENES is the truth: motions are judged on that.", metavar="FILE"),
     ] = None,
+    limits: Annotated[Path | None, typer.Option("--limits", help="Limits that the plans were made by.", metavar="FILE")] = None,
 ) -> Job:
     """Judge plans from anywhere by their scenes alone: holds, contacts, limits, and whether each plan does what it says."""
     from retrieve_cli import verify as command
@@ -192,6 +193,7 @@ def verify(
         workers=workers,
         pose_noise_mm=pose_noise_mm,
         seen=seen,
+        limits=limits,
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from math import ceil, floor, log10
 
-from planning.metrics import RULES, Row
+from planning.metrics import Row, rule_rank
 
 WIDTH, GAP, LEFT, RIGHT = 1040.0, 28.0, 46.0, 10.0
 TOP, HEIGHT, BOTTOM = 30.0, 220.0, 50.0
@@ -108,7 +108,7 @@ def _panels(
     what: str,
     curve: Callable[[Panel, Row, str, str], str],
 ) -> str:
-    rules = sorted({r.rule for r in rows}, key=lambda rule: (RULES.index(rule) if rule in RULES else len(RULES), rule))
+    rules = sorted({r.rule for r in rows}, key=rule_rank)
     names = list(dict.fromkeys(r.policy for r in rows))
     across = max(2, min(3, len(rules)))
     width = (WIDTH - GAP * (across - 1)) / across

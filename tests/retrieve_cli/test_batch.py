@@ -180,3 +180,51 @@ def test_a_batch_goes_on_where_it_was_broken_off(scenes: Path, tmp_path: Path, m
     out.unlink()
     assert main(["gen", "-n", "4", "--seed", "5", "-o", str(out), "--resume"]) == 0
     assert out.read_text().splitlines()[:3] == scenes.read_text().splitlines()[:3]
+
+
+# Limits of one's own --------------------------------------------------------------------------------------------------------------------
+
+
+def limits_file(folder: Path, text: str) -> Path:
+    file = folder / "limits.toml"
+    file.write_text(text)
+    return file
+
+
+def test_plans_by_raised_limits_are_true_by_these_alone(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An acceleration that a URDF does not give is assumed; who knows better says so to `verify`, too."""
+    limits, plans = limits_file(tmp_path, "[all]\nacceleration = 12\njerk = 120\n"), tmp_path / "plans.jsonl"
+    assert main(["plan", str(scenes), "--policy", "local", "--limits", str(limits), "-o", str(plans)]) == 0
+    assert any(json.loads(line)["verified"] for line in plans.read_text().splitlines())
+    assert main(["verify", str(scenes), str(plans), "--limits", str(limits)]) == 0
+    assert ": true" in capsys.readouterr().out
+    assert main(["verify", str(scenes), str(plans)]) == 1
+    assert "the limit of its acceleration is" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_limits_above_the_urdf_end_it_at_once(scenes: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], workers: int) -> None:
+    """No scene is to blame, so none is named, and none gets a plan."""
+    limits, plans = limits_file(tmp_path, "[elbow_joint]\nvelocity = 5\n"), tmp_path / "plans.jsonl"
+    assert main(["plan", str(scenes), "--limits", str(limits), "--workers", str(workers), "-o", str(plans)]) == 2
+    said = f"--limits for the robot ur5e: {limits}: elbow_joint.velocity: 5 is above the URDF's 3.14159, by which every plan is judged"
+    assert capfd.readouterr().err.splitlines()[-1].startswith(said)
+    assert [p.name for p in tmp_path.iterdir()] == ["limits.toml"]
+
+
+def test_resume_compares_limits_by_what_they_say(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same words in another file are the same limits, other words in the same file are others."""
+    cut, plans = write(tmp_path / "cut.jsonl", [*scenes.read_text().splitlines()[:1], "no scene"]), tmp_path / "plans.jsonl"
+    limits = limits_file(tmp_path, "[elbow_joint]\nvelocity = 2\n")
+
+    def plan(file: Path, *more: str) -> int:
+        return main(["plan", str(file), "--policy", "random", "--limits", str(limits), "-o", str(plans), *more])
+
+    assert plan(cut, "--fail-fast") == 2
+    limits.write_text("[elbow_joint]\nvelocity = 1\n")
+    assert plan(scenes, "--resume") == 2
+    assert "was made otherwise: limits was " in capsys.readouterr().err
+    limits = limits_file(tmp_path / ".." / tmp_path.name, "[elbow_joint]\nvelocity = 2\n").rename(tmp_path / "other.toml")
+    assert plan(scenes, "--resume") == 0
+    assert "1 results are there; going on" in capsys.readouterr().err
+    assert len(plans.read_text().splitlines()) == 4

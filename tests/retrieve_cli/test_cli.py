@@ -15,6 +15,7 @@ import documents
 import pytest
 
 from kinematics.errors import InputError, blame, choose
+from planning.scenes.generation import SPECS
 from retrieve_cli.__main__ import OURS, check_packages
 from retrieve_cli.errors import BUG, guarded
 
@@ -58,6 +59,12 @@ def test_help_of_a_command(command: str, retrieve: Callable[..., Spoken]) -> Non
     code, out, err = retrieve(command, "-h")
     assert (code, err) == (0, "")
     assert f"Usage: retrieve {command}" in out
+
+
+@pytest.mark.parametrize("command", ["gen", "label"])
+def test_help_names_every_spec(command: str, retrieve: Callable[..., Spoken]) -> None:
+    words = " ".join(retrieve(command, "--help")[1].replace("│", " ").split())
+    assert f"{', '.join(SPECS)}, or a TOML file" in words
 
 
 def test_help_is_quick() -> None:

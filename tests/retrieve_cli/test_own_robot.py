@@ -67,6 +67,7 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
 
 NAMED = ", ".join(named_robots())
 UNKNOWN_ROBOT = f"unknown robot 'ur7': the named ones are {NAMED}; or give a URDF file"
+RULE = "retrieve plan: Invalid value for '--rule'"
 KNOWN_POLICIES = f"the valid names are {', '.join(POLICIES)}"
 
 
@@ -74,10 +75,12 @@ KNOWN_POLICIES = f"the valid names are {', '.join(POLICIES)}"
     ("args", "says"),
     [
         (["gen", "--robot", "ur7"], f"gen: {UNKNOWN_ROBOT}"),
+        (["gen", "--robot", "ur5"], f"gen: unknown robot 'ur5' (did you mean 'ur5e'?): the named ones are {NAMED}; or give a URDF file"),
+        (["plan", "SCENES", "--rule", "depe"], f"{RULE}: 'depe' is not one of 'deep', 'region', 'strict' (did you mean 'deep'?) (see "),
         (["gen", "--robot", "missing.urdf"], "gen: URDF file missing.urdf does not exist"),
         (["gen", "--robot", OWN, "--hand-frame", "tip"], f"gen: {OWN} has no link 'tip' for the hand frame; it has base, shoulder, "),
         (["gen", "--robot", OWN, "--hand-frame", "tcp", "--gripper-joint", "pan"], f"gen: robot {OWN}: 'pan' is no joint that can open "),
-        (["gen", "--spec", "papr"], f"gen: unknown spec 'papr': the specs are {', '.join(SPECS)}; or give a TOML file"),
+        (["gen", "--spec", "papr"], f"gen: unknown spec 'papr' (did you mean 'paper'?): the specs are {', '.join(SPECS)}; or"),
         (["plan", "SCENES", "--robot", "ur7"], f"SCENES:1: {UNKNOWN_ROBOT}"),
         (["plan", "SCENES", "--policy", "lokal"], f"unknown policy 'lokal' (did you mean 'local'?); {KNOWN_POLICIES}"),
         (["plan", "SCENES", "--policy", "xyzzy"], f"unknown policy 'xyzzy'; {KNOWN_POLICIES}"),

@@ -45,8 +45,8 @@ def test_a_file_replaces_what_it_names(toy_urdf: Callable[..., Path], tmp_path: 
     toy = load(str(toy_urdf()), "tcp", "grip")
     file = tmp_path / "limits.toml"
     file.write_text("[turn]\nvelocity = 1\n[all]\nvelocity = 0.25\njerk = 7.5\n[up]\nacceleration = 3.0\n")
-    limits = read_limits(file, toy.joint_names, toy.limits)
-    assert limits.velocity.tolist() == [1.0, 0.25, 0.25, 0.25]
+    limits = read_limits(file, toy.joint_names, toy.limits, toy.urdf)
+    assert limits.velocity.tolist() == [1.0, 0.25, 0.25, 0.1]  # the URDF gives the fingers no more
     assert limits.acceleration.tolist() == [*toy.acceleration[:1], 3.0, *toy.acceleration[2:]]
     assert limits.jerk.tolist() == [7.5] * 4
     assert limits.source == "limits.toml, else the URDF"
@@ -55,12 +55,13 @@ def test_a_file_replaces_what_it_names(toy_urdf: Callable[..., Path], tmp_path: 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[turm]\nvelocity = 1\n", "there is no joint 'turm'; the robot's are turn, up, out, grip, and 'all' means each; did you mean "),
+        ("[turm]\nvelocity = 1\n", "there is no joint 'turm' (did you mean 'turn'?); the robot's are turn, up, out, grip, and "),
         ("[turn]\nspeed = 1\n", "turn.speed is unknown; velocity, acceleration, jerk can be given"),
         ("[turn]\njerk = -1\n", "turn.jerk: -1 is no positive number"),
-        ("[turn]\nvelocty = 1\n", "turn.velocty is unknown; velocity, acceleration, jerk can be given; did you mean 'velocity'?"),
+        ("[turn]\nvelocty = 1\n", "turn.velocty is unknown (did you mean 'velocity'?); velocity, acceleration, jerk can be given"),
         ("[turn]\nvelocity = 1e-9\n", "turn.velocity: 1e-09 is not between 0.001 and 1,000,000; it counts rad (or m) and s"),
         ("[all]\njerk = 1e300\n", "all.jerk: 1e+300 is not between 0.001 and 1,000,000; it counts rad (or m) and s"),
+        ("[turn]\nvelocity = 2.5\n", "turn.velocity: 2.5 is above the URDF's 2, by which every plan is judged; give less, or a URDF that "),
         ("[turn]\njerk = true\n", "turn.jerk: True is no positive number"),
         ("turn = 3\n", "turn must be a table, [turn], with numbers for velocity, acceleration, jerk"),
         ("[turn\n", "no TOML: "),
@@ -71,10 +72,10 @@ def test_a_mistake_in_a_file_is_pointed_out(toy_urdf: Callable[..., Path], tmp_p
     file = tmp_path / "limits.toml"
     file.write_text(text)
     with pytest.raises(ValueError, match=r"limits\.toml: ") as caught:
-        read_limits(file, toy.joint_names, toy.limits)
+        read_limits(file, toy.joint_names, toy.limits, toy.urdf)
     assert str(caught.value).startswith(f"{file}: {says}")
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="No such file"):
-        read_limits(tmp_path / "limits.toml", JOINTS, load("ur5e").limits)
+        read_limits(tmp_path / "limits.toml", JOINTS, load("ur5e").limits, load("ur5e").urdf)

@@ -123,7 +123,7 @@ def test_networks_of_another_robot_are_refused(name: str) -> None:
 
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
-    with pytest.raises(ValueError, match=f"unknown policy 'neurl': the policies are {', '.join(POLICIES)}"):
+    with pytest.raises(ValueError, match=rf"unknown policy 'neurl' \(did you mean 'neural'\?\); the valid names are {', '.join(POLICIES)}"):
         make_policy("neurl", MOTIONS)
 
 

@@ -204,7 +204,7 @@ def _values(spec: Spec, but: str) -> dict[str, Any]:
     return {k: np.asarray(v).tolist() for k, v in vars(spec).items() if not k.startswith(but)}
 
 
-@pytest.mark.parametrize(("which", "says"), [("papr", "unknown spec 'papr': "), ("none.toml", "unknown spec 'none.toml': ")])
+@pytest.mark.parametrize(("which", "says"), [("ppaer", r"'ppaer' \(did you mean 'paper'\?\): "), ("none.toml", "spec 'none.toml': ")])
 def test_an_unknown_spec(which: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         load_spec(which)

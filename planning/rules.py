@@ -1,0 +1,13 @@
+"""The rules of the retrieval loop: in a module that imports nothing, for the command line names them before it loads anything."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Rule(StrEnum):
+    """How far the loop falls through when a proposed move can't be carried out; in the order in which reports give them."""
+
+    DEEP = "deep"  # objects in order, regions in order
+    REGION = "region"  # the first object, its regions in order
+    STRICT = "strict"  # the first object and its first region, or the step is lost

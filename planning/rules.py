@@ -1,4 +1,4 @@
-"""The rules of the retrieval loop: in a module that imports nothing, for the command line names them before it loads anything."""
+"""The rules of the retrieval loop."""
 
 from __future__ import annotations
 

@@ -11,6 +11,14 @@ import typer
 Job = Callable[[], int | None]
 
 
+class Rule(StrEnum):
+    """How far the retrieval loop falls through when a proposed move can't be carried out: `planning.rules.Rule`, without loading it."""
+
+    deep = "deep"
+    region = "region"
+    strict = "strict"
+
+
 class Engine(StrEnum):
     """Where the work is done."""
 

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from planning.rules import Rule
 from retrieve_cli.commands.options import (
     Address,
     At,
@@ -20,6 +19,7 @@ from retrieve_cli.commands.options import (
     PoseNoise,
     Resume,
     Robot,
+    Rule,
     Seed,
     TargetGrasp,
     Workers,
@@ -34,7 +34,7 @@ def plan(
             "--policy", help="Who chooses objects and regions: neural (where networks ship, the default), local, …", metavar="NAME"
         ),
     ] = None,
-    rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.DEEP,
+    rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
     seed: Seed = 0,
     iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
     time_budget_s: Annotated[

@@ -23,6 +23,7 @@ from planning.retrieval import MAX_MOVES, Policy, proposals, retrieve
 from planning.rules import Rule
 from planning.stopwatch import Stopwatch
 from planning.verdict import Settings, Verdict
+from retrieve_cli.commands import options
 
 NEVER = frozenset({("never", 0)})
 
@@ -147,6 +148,7 @@ def test_the_policy_sees_the_state_that_moves_have_led_to() -> None:
 
 def test_the_rules_by_name() -> None:
     assert [str(rule) for rule in Rule] == ["deep", "region", "strict"]
+    assert [str(rule) for rule in options.Rule] == ["deep", "region", "strict"]
 
 
 def test_strict_tries_one_pair_a_step() -> None:

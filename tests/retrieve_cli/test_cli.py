@@ -191,6 +191,12 @@ def test_report_reads_stdin(plans: Path) -> None:
     assert process("report", "-", "--json", stdin=text)[0] == 0
 
 
+def test_what_ships_is_read_as_utf_8_in_any_locale() -> None:
+    code, out, err = process("robots", "ur5e", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    assert code == 0, err
+    assert "shoulder_pan_joint" in out
+
+
 @pytest.mark.parametrize("args", [["report", "--json"], ["report"], ["--help"]], ids=" ".join)
 def test_a_closed_pipe_ends_quietly(args: Sequence[str], plans: Path) -> None:
     with (

@@ -51,7 +51,7 @@ def assemble(
     get another name."""
     renamed = urdf.rename_links(root, WALLS)
     text = urdf.to_string(root)
-    name_in_cache = "robot-" + cache.key(CACHE_VERSION, text, *stamps(root), srdf.read_text() if srdf else "")
+    name_in_cache = "robot-" + cache.key(CACHE_VERSION, text, *stamps(root), srdf.read_text(encoding="utf-8") if srdf else "")
     data = cache.load(name_in_cache)
     if data is not None:
         return _told(_robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes), on_step)

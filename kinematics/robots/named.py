@@ -10,7 +10,7 @@ from typing import Any
 
 def named_robots() -> dict[str, dict[str, Any]]:
     """The table robots.toml: name to settings."""
-    return tomllib.loads(resources.files("kinematics.robots").joinpath("robots.toml").read_text())
+    return tomllib.loads(resources.files("kinematics.robots").joinpath("robots.toml").read_text(encoding="utf-8"))
 
 
 def installed(name: str) -> bool:

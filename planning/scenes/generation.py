@@ -100,7 +100,7 @@ INSTEAD = {
 def load_spec(which: str) -> Spec:
     """A spec that ships (`SPECS`), or a TOML file. Raises ValueError naming the file and the field."""
     if which in SPECS:
-        text, where = resources.files("planning.scenes").joinpath("specs", f"{which}.toml").read_text(), which
+        text, where = resources.files("planning.scenes").joinpath("specs", f"{which}.toml").read_text(encoding="utf-8"), which
     elif Path(which).is_file():
         try:
             text, where = Path(which).read_text(encoding="utf-8"), which

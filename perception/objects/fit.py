@@ -30,6 +30,8 @@ OFF_M = 0.002
 """Clean points that are further from the sides and the top of an upright solid around them show another shape."""
 MISFIT = 1.3
 """Mean square error, in variances of the noise, above which pixels show neither a box nor a cylinder."""
+STRAYS, APART_M = 2e-4, 0.001
+"""So small a share of the pixels may lie further out by so much than all others, and not count."""
 DOUBT = 2.0
 MOST = 0.01
 """No step moves a face by more metres, or turns one by more radians."""
@@ -168,10 +170,33 @@ def _settled(solid: Array, pixels: Pixels) -> Array:
 
 
 def _reaching(solid: Array, pixels: Pixels) -> Array:
-    """The solid of the same kind that reaches as far as the pixels do, once moved onto its faces."""
+    """The solid of the same kind that reaches as far as the pixels do, once moved onto its faces, but for strays."""
     out = np.empty((len(pixels.z), 3))
     n = slid(solid, pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE, out)
-    return _around(solid[KIND], outline_of(out[:n, :2]), float(out[:n, 2].max())) if n else solid
+    if n == 0:
+        return solid
+    found = without_strays(solid, out[:n])
+    return _around(solid[KIND], outline_of(found[:, :2]), float(found[:, 2].max()))
+
+
+def without_strays(solid: Array, points: Array) -> Array:
+    """Points (N, 3) on a solid without the few that lie further out than all others: pixels that show what stands beside it.
+
+    At most STRAYS of all on each side, so none where there are few: the last row of pixels that an object shows has more.
+    """
+    most = int(STRAYS * len(points))
+    if most == 0:
+        return points
+    if solid[KIND] == CYLINDER:
+        sides = [np.hypot(points[:, 0] - solid[1], points[:, 1] - solid[2])]
+    else:
+        c, s = np.cos(solid[YAW]), np.sin(solid[YAW])
+        u, v = c * points[:, 0] + s * points[:, 1], c * points[:, 1] - s * points[:, 0]
+        sides = [u, -u, v, -v]
+    kept = np.ones(len(points), bool)
+    for out in (*sides, points[:, 2]):
+        kept &= out < np.partition(out, -most - 1)[-most - 1] + APART_M
+    return points[kept]
 
 
 def _shape(solid: Array) -> tuple[Shape, Array]:

@@ -28,8 +28,8 @@ from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
 from planning.plan import Plan
 from planning.policies import make_policy
-from planning.retrieval import MAX_MOVES, Policy, retrieve
-from planning.rules import Rule
+from planning.retrieval import Policy, retrieve
+from planning.rules import MAX_MOVES, Rule
 from planning.sensing.unseen_space import unseen_space
 from planning.target_grasps.allowed import GraspChoice, target_grasps
 from planning.verdict import Fault, judge

@@ -16,7 +16,6 @@ from typing import NamedTuple
 from kinematics.mount import MOUNT
 from kinematics.scene import WALLS
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Plan
-from planning.retrieval import MAX_MOVES
 from planning.rules import Rule
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 
@@ -141,7 +140,7 @@ def failure(plan: Plan) -> str:
     got_to = [_attempt_kind(move.reason) for move in plan.moves[last + 1 :] if move.reason]
     if got_to:
         return max(got_to, key=KINDS.index)
-    return "retrieve" if _steps(plan) >= MAX_MOVES else "selection"
+    return "retrieve" if _steps(plan) >= plan.max_moves else "selection"
 
 
 def _steps(plan: Plan) -> int:

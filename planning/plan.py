@@ -11,6 +11,7 @@ import numpy as np
 from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
 from kinematics.scene import Grasp, Held, Settlement
 from kinematics.transforms import Array
+from planning.rules import MAX_MOVES
 
 PLACE_OUT_OF_REACH = "the place is out of reach"
 """The detail that tells a place's stage "ik" from a grasp's."""
@@ -178,6 +179,7 @@ class Plan:
     grasp: the one that took the target. least_moves: a lower bound on the moves of any plan of the scene, where the policy knows one.
     unsolvable: the proof that there is none, if it was found.
     settled: objects that were moved a little before the plan began: it starts from where they stand now.
+    max_moves: how many moves were allowed.
     stated: what the file that it was read from says of figures that its motions give, "duration_s" and "clearance_m": for the verdict.
     target_blocked: what kept the target in before each move, and at the end if it did; no part of the file.
     """
@@ -201,6 +203,7 @@ class Plan:
     unsolvable: Unsolvable | None = None
     settled: tuple[Settlement, ...] = ()
     relocation_travel_m: float | None = None
+    max_moves: int = MAX_MOVES
     target_blocked: tuple[Blocked, ...] = ()
     stated: Mapping[str, float] = field(default_factory=dict)
 

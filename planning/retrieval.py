@@ -17,10 +17,9 @@ from planning.conclusion import conclude
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Move, Outlook, Plan
-from planning.rules import Rule
+from planning.rules import MAX_MOVES, Rule
 from planning.stopwatch import Stopwatch
 
-MAX_MOVES = 5
 Thing = TypeVar("Thing")
 
 
@@ -139,7 +138,7 @@ def retrieve(
         motions.robot, scene, why, moves, way,
         name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp,
     )  # fmt: skip
-    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in))
+    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in), max_moves=max_moves)
 
 
 def one_move(

@@ -12,7 +12,7 @@ from kinematics.scene import Grasp, Held, Settlement
 from planning.io.checked import Node
 from planning.io.documents import expect, number, numbers, pose_to_json, rows_of_numbers, without_none
 from planning.plan import STAGES, Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
-from planning.rules import Rule
+from planning.rules import MAX_MOVES, Rule
 
 PLAN = "retrieve/plan@2"
 WAYPOINT_PLAN = "retrieve/plan@1"
@@ -65,13 +65,15 @@ def plan_to_json(plan: Plan) -> dict[str, Any]:
 
 
 def _foresight_to_json(plan: Plan) -> dict[str, Any]:
-    """The grasp that was taken and what was known ahead, where there is something to say."""
+    """The grasp that was taken, what was known ahead, and how many moves were allowed, where there is something to say."""
     grasp, proof = plan.grasp, plan.unsolvable
-    known = {
+    known: dict[str, Any] = {
         "grasp": None if grasp is None else {"T_world_hand": pose_to_json(grasp.T_world_hand), "width_m": number(grasp.width_m)},
         "least_moves": None if plan.least_moves is None else int(plan.least_moves),
         "unsolvable": None if proof is None else {"stuck": list(proof.stuck), "would_help": list(proof.would_help)},
     }
+    if plan.max_moves != MAX_MOVES:
+        known["max_moves"] = int(plan.max_moves)
     return {key: value for key, value in known.items() if value is not None}
 
 
@@ -110,7 +112,8 @@ def plan_from_node(node: Node) -> Plan:
     version = expect(node, "plan")
     words: tuple[str, ...] = ("scene", "policy", "rule", "success", "reason", "moves", "motions")
     words += ("planning_time_s", "motion_time_s", "hand_travel_m", "return", "verified")
-    f = node.record(words, ("faults", "notes", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m", *STATED), extra=True)
+    more = ("faults", "notes", "grasp", "least_moves", "unsolvable", "settled", "relocation_travel_m", "max_moves", *STATED)
+    f = node.record(words, more, extra=True)
     return Plan(
         scene=f["scene"].text(),
         policy=f["policy"].text(),
@@ -131,6 +134,7 @@ def plan_from_node(node: Node) -> Plan:
         unsolvable=_unsolvable(f["unsolvable"]) if _said(f, "unsolvable") else None,
         settled=tuple(_settlement(item) for item in f["settled"].items()) if "settled" in f else (),
         relocation_travel_m=f["relocation_travel_m"].number(least=0) if _said(f, "relocation_travel_m") else None,
+        max_moves=f["max_moves"].integer(least=0) if _said(f, "max_moves") else MAX_MOVES,
         stated={key: f[key].number(least=0) for key in STATED if _said(f, key)},
     )
 

@@ -16,7 +16,8 @@ from planning.policies.random import random_object, random_region
 from planning.policies.rrt import CountedPaths, make_rrt_object, make_rrt_region
 from planning.policies.search import Effort, Preferences
 from planning.policies.unsolvable import Prover
-from planning.retrieval import MAX_MOVES, Policy
+from planning.retrieval import Policy
+from planning.rules import MAX_MOVES
 
 QUICK, PATIENT = Effort(attempts=300), Effort(attempts=3000, last=1000)
 """How many moves a policy that looks ahead may try; and how many the ceiling, which tries any regions at last."""

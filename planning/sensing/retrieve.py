@@ -74,7 +74,8 @@ def retrieve_unseen(
         name=name, rule=settings.rule, thinking=loop.thinking, moving=loop.moving,
         settings=settings.motion, grasp=ended.grasp, is_truth=is_truth,
     )  # fmt: skip
-    return replace(plan, target_blocked=tuple(record.kept_in), notes=(*plan.notes, *assumed(mind), *pushed(known)))
+    notes = (*plan.notes, *assumed(mind), *pushed(known))
+    return replace(plan, target_blocked=tuple(record.kept_in), notes=notes, max_moves=settings.max_moves)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from typing import Literal
 from planning.motion.pick_place import ITERATIONS
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.motion.trajectory import FULL, Pace
-from planning.retrieval import MAX_MOVES
-from planning.rules import Rule
+from planning.rules import MAX_MOVES, Rule
 from planning.sensing.hiding_places import SMALLEST_M
 from planning.sensing.look_around import Limits
 from planning.target_grasps.allowed import GraspChoice

@@ -15,23 +15,28 @@ LABEL, PLOT, VALUE, BAND, TOP, RULE_GAP = 170, 560, 150, 30, 34, 14
 """Widths of the chart's three columns, the height of a bar with its gap, the room for the axis, and between rules, in SVG units."""
 
 CSS = """
-:root { --ink: #1d2733; --quiet: #66727f; --line: #e3e7ec; --page: #f6f7f9; --card: #fff; --bar: #3b74b9; --paper: #d9822b; }
+:root { --ink: #1d2733; --quiet: #66727f; --line: #e3e7ec; --page: #f6f7f9; --card: #fff; --bar: #3b74b9; --paper: #d9822b;
+  --shade: #1d273338; }
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--page); color: var(--ink);
   font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif; }
-main { max-width: 1120px; margin: 0 auto; padding: 48px 24px 72px; }
+main { max-width: 1240px; margin: 0 auto; padding: 48px 24px 72px; }
 h1 { font-size: 2rem; line-height: 1.2; letter-spacing: -.02em; margin: 0 0 8px; }
 h2 { font-size: 1.1rem; margin: 0 0 4px; }
 p { margin: 0 0 16px; color: var(--quiet); max-width: 75ch; }
 .lead { font-size: 1.05rem; margin-bottom: 28px; }
 .lead b { color: var(--ink); font-weight: 600; }
 section { background: var(--card); border: 1px solid var(--line); border-radius: 12px; padding: 22px 24px; margin-bottom: 20px; }
-.scroll { overflow-x: auto; }
+.scroll { overflow-x: auto; background: linear-gradient(to right, var(--card) 50%, transparent) left / 48px 100% no-repeat local,
+  linear-gradient(to left, var(--card) 50%, transparent) right / 48px 100% no-repeat local,
+  linear-gradient(to right, var(--shade), transparent) left / 16px 100% no-repeat scroll,
+  linear-gradient(to left, var(--shade), transparent) right / 16px 100% no-repeat scroll; }
 table { border-collapse: collapse; width: 100%; font-size: .9rem; font-variant-numeric: tabular-nums; }
 th, td { padding: 8px 14px 8px 0; text-align: left; white-space: nowrap; border-bottom: 1px solid var(--line); }
 th { font-weight: 600; color: var(--quiet); font-size: .8rem; vertical-align: bottom; }
+th.n { white-space: normal; }
 tr:last-child td { border-bottom: 0; }
-.n { text-align: right; padding: 8px 0 8px 14px; }
+.n { text-align: right; padding: 8px 0 8px 12px; }
 td:first-child { font-weight: 600; }
 td:last-child:not(.n) { white-space: normal; }
 tr.quiet td { color: var(--quiet); font-weight: 400; }

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from planning import metrics
+from planning.io.plan_documents import plan_from_json, plan_to_json
 from planning.metrics import KINDS, MEASURES, PAPER, SENSED, SHARES, Episode, failure, headlines, in_general, pairs, rows, rule_rank
 from planning.plan import PLACE_OUT_OF_REACH, Blocked, Fault, Motion, Move, Plan, Unsolvable
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
@@ -224,6 +225,16 @@ def test_the_steps_that_a_plan_took(rule: str, moves: list[Move], steps: int) ->
 
 def test_moves_beyond_the_limit_count_too() -> None:
     assert failure(plan(success=False, moves=[move()] * 6)) == "retrieve"
+
+
+@pytest.mark.parametrize(("allowed", "kind"), [(0, "retrieve"), (2, "retrieve"), (3, "selection"), (9, "selection")])
+def test_all_moves_were_made_is_said_of_those_that_were_allowed(allowed: int, kind: str) -> None:
+    """Through a file, too, which says how many, where they are not five."""
+    made = replace(plan(success=False, moves=[move()] * min(allowed, 2)), max_moves=allowed)
+    assert failure(made) == kind
+    assert failure(plan_from_json(plan_to_json(made))) == kind
+    assert ("max_moves" in plan_to_json(made)) == (allowed != 5)
+    assert "max_moves" not in plan_to_json(replace(made, max_moves=5))
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- rows

@@ -19,8 +19,8 @@ from perception.observation import Observation
 from planning import conclusion, stopwatch
 from planning.conclusion import conclude, failed, hand_travel, hand_travels, objective, relocating
 from planning.plan import Blocked, Fault, Move, Outlook, Plan, Unsolvable
-from planning.retrieval import MAX_MOVES, Policy, proposals, retrieve
-from planning.rules import Rule
+from planning.retrieval import Policy, proposals, retrieve
+from planning.rules import MAX_MOVES, Rule
 from planning.stopwatch import Stopwatch
 from planning.verdict import Settings, Verdict
 from retrieve_cli.commands import options

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -259,3 +260,19 @@ def test_what_touches_its_neighbour_and_what_it_stands_on_can_be_lifted(
     assert {note["object"] for note in plan["settled"]} == {"box_0", "can_1", "box_2"}
     (tmp_path / "plans.jsonl").write_text(out)
     assert retrieve("verify", tmp_path / "cell.jsonl", tmp_path / "plans.jsonl")[0] == 0
+
+
+def test_the_yaml_that_the_documents_show(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    shown = re.search(
+        r"```yaml\n(.*?)```", (Path(__file__).resolve().parents[2] / "docs" / "own-cell.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    assert shown is not None
+    (tmp_path / "cell.yaml").write_text(shown[1], encoding="utf-8")
+    trimesh.creation.cylinder(30.0, 90.0).export(tmp_path / "mug.stl")
+    code, out, _ = retrieve("scene", tmp_path / "cell.yaml")
+    assert code == 0
+    scene = json.loads(out)
+    assert [body["name"] for body in scene["objects"]] == ["mug", "can", "carton"]
+    assert [body["name"] for body in scene["obstacles"]] == ["table"]
+    assert scene["robot"]["q_start"]["elbow_joint"] == 1.5
+    assert scene["grasp"] is not None

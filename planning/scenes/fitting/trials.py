@@ -25,7 +25,7 @@ from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.policies.lookahead import NEAREST
 from planning.policies.search import Effort, Search
-from planning.retrieval import MAX_MOVES
+from planning.rules import MAX_MOVES
 from planning.scenes.generation import NoScene, Spec, generate
 from planning.verdict import judge_grasp
 

@@ -23,8 +23,9 @@ from hypothesis import strategies as st
 from kinematics.errors import InputError
 from planning import metrics
 from planning.io.plan_documents import plan_from_json
-from planning.metrics import KINDS, MAX_MOVES, PAPER, Episode, failure
+from planning.metrics import KINDS, PAPER, Episode, failure
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
+from planning.rules import MAX_MOVES
 from planning.statistics import Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 from retrieve_cli.report import collect, run
 from retrieve_cli.reporting.forms import WRITERS, to_csv, to_html, to_json
@@ -333,6 +334,11 @@ def test_a_narrow_window_scrolls_the_drawings_instead_of_shrinking_their_words()
     assert html.count("<svg") >= 2
     assert html.count("<svg") == html.count('<div class="scroll"><svg')
     assert re.search(r"\nsvg \{[^}]*min-width: \d+px", html)
+    assert html.count("<table") == html.count('<div class="scroll"><table')
+    shades = re.search(r"\n\.scroll \{[^}]*\}", html)
+    assert shades is not None
+    assert shades[0].count("no-repeat scroll") == 2, "a shade at each side says that there is more"
+    assert shades[0].count("no-repeat local") == 2, "and goes where there is none"
 
 
 def test_the_page_stands_alone_and_escapes() -> None:

@@ -19,6 +19,8 @@ TOWARD, NEARLY = np.cos(np.radians(60)), 0.7
 fingers reach furthest beyond the palm, if along none that is nearer they reach so large a share of that."""
 FLAT = np.cos(np.radians(3))
 LEAST_M = 0.003
+HOOK_M = 0.002
+"""So much of a fixed jaw's tip may stand before its face: more is a hook, past which nothing comes in along that face."""
 
 
 def hand_frame(model: Model, motors: Motors) -> Array:
@@ -67,26 +69,29 @@ def _closing(model: Model, motors: Motors) -> Array:
 
 
 def _along_pad(model: Model, motors: Motors, y: Array, q: Array) -> Array:
-    """The way a jaw closes, square to the largest face of what it closes on that looks that way, if there is one."""
+    """The way a jaw closes, square to the largest face of what it closes on that looks that way, if there is one; past which things come
+    in, if there is one: nothing further out stands before it."""
     poses, axis = model.tree.poses(q), _axis(model, motors)
     fixed = {model.tree.names[i] for i in rigid(model, motors.palm)}
     jaw = model.points(motors.branches[0], q, motors.palm)
     out = np.cross(axis, y) if axis is not None else np.zeros(3)
     out = out if (jaw - _origin(model, motors, motors.branches[0][0], q)).mean(0) @ out > 0 else -out
-    best, found = 0.0, y
-    for hull in model.hulls:
-        if hull.link in fixed:
-            T = inverse(poses[motors.palm]) @ poses[model.tree.index[hull.link]]
-            corners = (hull.vertices @ T[:3, :3].T + T[:3, 3])[hull.faces]
-            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-            middle = corners.mean(1)
-            normal *= np.sign(np.einsum("ij,ij->i", normal, middle - corners.mean((0, 1))))[:, None]
-            area = np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-            seen = (normal @ y / area > SNAP) & (middle @ out > np.quantile(jaw @ out, 0.4))
-            for k in np.flatnonzero(seen):
-                same = seen & (normal @ normal[k] / area / area[k] > FLAT)
-                if area[same].sum() > best:
-                    best, found = float(area[same].sum()), normal[same].sum(0)
+    placed = [(hull, inverse(poses[motors.palm]) @ poses[model.tree.index[hull.link]]) for hull in model.hulls if hull.link in fixed]
+    best, found = (False, 0.0), y
+    for hull, T in placed:
+        corners = (hull.vertices @ T[:3, :3].T + T[:3, 3])[hull.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+        middle = corners.mean(1)
+        normal *= np.sign(np.einsum("ij,ij->i", normal, middle - corners.mean((0, 1))))[:, None]
+        area = np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+        seen = (normal @ y / area > SNAP) & (middle @ out > np.quantile(jaw @ out, 0.4))
+        points = np.concatenate([other.vertices for other, _ in placed if other.link == hull.link]) @ T[:3, :3].T + T[:3, 3]
+        for k in np.flatnonzero(seen):
+            same = seen & (normal @ normal[k] / area / area[k] > FLAT)
+            ahead = points[points @ out > middle[k] @ out]
+            free = bool((ahead @ normal[k] / area[k] < middle[k] @ normal[k] / area[k] + HOOK_M).all())
+            if (free, area[same].sum()) > best:
+                best, found = (free, float(area[same].sum())), normal[same].sum(0)
     if axis is not None:
         found = found - (found @ axis) * axis
     return np.asarray(found / np.linalg.norm(found))

@@ -248,6 +248,23 @@ def test_objects_are_as_many_as_leave_all_scenes_solved(small: Robot, monkeypatc
     assert len(asked) == 1 + 3 + len(THINNER)
 
 
+def test_objects_are_not_made_so_few_that_nothing_is_blocked(small: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kinova's Gen3 lite has slim objects in a large cabinet: of three, none was ever in the way, and no scene came of it."""
+    done = dict(zip((round(10 * count) for count, _ in THINNER[1:]), (9, 12, 3, 0)))
+
+    def fake(spec: Spec, robot: Robot, ref: RobotRef, n: int) -> list[bool]:
+        first = done[10] if spec.objects_gap_m > SPEC.objects_gap_m else 5
+        many = next((k for k in done if fewer(SPEC, k / 10).objects_count == spec.objects_count), 10)
+        solved_first = first if many == 10 else done[many]
+        return [True] * solved_first + [False] * (n - solved_first)
+
+    monkeypatch.setattr(fitting, "solved", fake)
+    said = list[str]()
+    best = fitting._thinned(SPEC, small, RobotRef(np.eye(4), urdf=small.name), said.append)
+    assert best.objects_count == fewer(SPEC, 0.7).objects_count
+    assert len(said) == len(THINNER)
+
+
 def test_a_scene_is_solved_where_what_is_in_the_way_can_be_put_down(small: Robot, fitted: Fitted) -> None:
     """Of a cabinet with a single region, its middle, objects can be picked as before, and put nowhere as a rule."""
     free = list(solved(fitted.spec, small, fitted.ref, 6))

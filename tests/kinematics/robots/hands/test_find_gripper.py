@@ -159,6 +159,16 @@ def test_a_jaw_that_slides_against_a_fixed_one(named: tuple[str, ...], robot: Ca
     assert hand @ [0, opening.pad_y_at(0.02), opening.pad_z_at(0.02), 1] == pytest.approx([1, 2, 3, 1])
 
 
+def test_a_jaw_closes_on_a_face_that_things_come_in_past(robot: Callable[..., Robot]) -> None:
+    """A post whose tip leans in, as that of phosphobot's Koch does: nothing gets by along its larger face, but along the tip's."""
+    tip = '<collision><origin xyz="0 0.0035 0.105" rpy="-0.45 0 0"/><geometry><box size="0.02 0.012 0.05"/></geometry></collision>'
+    hooked = HINGE.replace(POST, POST.replace("</link>", tip + "</link>"))
+    assert hooked != HINGE
+    made = in_palm(robot(hooked))
+    lean = np.degrees(np.arctan2(made[1, 2], made[2, 2]))
+    assert lean == pytest.approx(np.degrees(0.45), abs=1.0)
+
+
 def test_a_jaw_that_turns_opens_no_further_than_it_faces_the_fixed_one(robot: Callable[..., Robot]) -> None:
     made = robot(HINGE)
     assert made.grip is not None

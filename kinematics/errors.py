@@ -18,6 +18,10 @@ class InputError(RetrieveError, ValueError):
     """Something that the user gave can't be used. The message is one line: where, what, how to mend it."""
 
 
+class OptionError(InputError):
+    """What an option asks for can't be meant: no scene is to blame, and no other scene would do better."""
+
+
 @contextmanager
 def blame(where: str, *kinds: type[Exception]) -> Iterator[None]:
     """Turn the library's complaints about bad input (ValueError, and `kinds`) into an InputError that says where: "where: complaint"."""

@@ -8,19 +8,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kinematics.errors import InputError, one_line
+from kinematics.errors import OptionError, one_line
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
 
 
-class LimitsError(InputError):
-    """A file of limits can't be meant for a robot. No scene is to blame, and no other scene would do better."""
-
-
 @lru_cache(maxsize=16)
 def with_limits(robot: Robot, file: str | None) -> Robot:
-    """The robot with a file's limits of speed, or as it is. Raises: LimitsError, see `read_limits`."""
+    """The robot with a file's limits of speed, or as it is. Raises: OptionError, see `read_limits`."""
     from kinematics.robots.limits import read_limits
 
     if file is None:
@@ -28,7 +24,7 @@ def with_limits(robot: Robot, file: str | None) -> Robot:
     try:
         limits = read_limits(Path(file), robot.joint_names, robot.limits, robot.urdf)
     except ValueError as e:
-        raise LimitsError(f"--limits for the robot {robot.name}: {one_line(e)}") from e
+        raise OptionError(f"--limits for the robot {robot.name}: {one_line(e)}") from e
     return replace(robot, limits=limits)
 
 

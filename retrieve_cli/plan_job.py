@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from kinematics.errors import InputError, blame, choose
+from retrieve_cli.own_policy import is_own, own_policy
 from retrieve_cli.sense import parse_box
 from retrieve_cli.terminal import say
 
@@ -59,7 +60,9 @@ def check(job: Job) -> None:
     from planning.learning.networks.model import once_loaded
     from planning.policies import NETWORKS, POLICIES
 
-    if job.policy is not None:
+    if is_own(job.policy):
+        own_policy(job.policy)
+    elif job.policy is not None:
         choose("policy", job.policy, POLICIES)
     if job.model is not None and job.policy is not None and job.policy not in NETWORKS:
         raise InputError(f"plan: --model: the policy {job.policy} asks no network; {', '.join(NETWORKS)} do")

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from kinematics.errors import InputError, blame
+from kinematics.errors import InputError, OptionError, blame
 from planning.io.files import UNREADABLE, SceneLine
 from planning.plan import SCENE, Plan
-from retrieve_cli.own_limits import LimitsError, with_limits
+from retrieve_cli.own_limits import with_limits
+from retrieve_cli.own_policy import is_own, own_policy
 from retrieve_cli.plan_job import Job, motion_settings, pace
 from retrieve_cli.sense import parse_box
 from retrieve_cli.terminal import say
@@ -18,6 +19,8 @@ from retrieve_cli.worlds import as_it_is, own_world
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
     from kinematics.scene import RobotRef, Scene
+    from planning.motion.pick_place import Motions
+    from planning.retrieval import Policy
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +41,14 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
     if line.scene is not None:
         try:
             return Answer(plan_scene(job, line.where, line.scene), line.scene)
-        except LimitsError:
+        except OptionError:
             raise
         except InputError as e:
             error = str(e) if str(e).startswith(f"{line.where}: ") else f"{line.where}: {e}"
     if job.fail_fast:
         raise InputError(error)
     robot = line.scene.robot.name if line.scene is not None else None
-    policy = job.policy or _default_policy(robot or "ur5e", job.model)
+    policy = _name(job, robot or "ur5e")
     return Answer(failed(line.id, error.removeprefix(f"{line.where}: "), name=policy, rule=Rule(job.rule)), line.scene, error)
 
 
@@ -61,7 +64,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
         arm = _ready(scene.robot, job.limits)
         plan = library.plan_scene(
             scene,
-            job.policy or _default_policy(arm.name, job.model),
+            own_policy(job.policy) if is_own(job.policy) else job.policy or _default_policy(arm.name, job.model),
             model=once_loaded(job.model) if job.model else None,
             rule=job.rule,
             seed=job.seed,
@@ -101,7 +104,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
         check_choice(scene, choice)
         if choice is GraspChoice.GIVEN and (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
             raise ValueError(f"grasp: {wrong}")
-        name = job.policy or _default_policy(arm.name, job.model)
+        name = _name(job, arm.name)
         model = once_loaded(job.model) if job.model else None
         rng, model_noise = np.random.default_rng([job.seed, library.STAGE, scene.random_word]), DepthNoise()
         world: World
@@ -110,11 +113,17 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
         else:
             world, simulated = own_world(job.world, scene, arm), None
             scene = as_it_is(world, scene, arm)
+
+        def policy_for(motions: Motions) -> Policy:
+            return (
+                own_policy(job.policy)(motions) if is_own(job.policy) else make_policy(name, motions, model=model, max_moves=job.max_moves)
+            )
+
         return retrieve_unseen(
             world,
             arm,
             scene,
-            lambda motions: make_policy(name, motions, model=model, max_moves=job.max_moves),
+            policy_for,
             truth=simulated,
             target_box=scene.target_box if job.target_box is None else parse_box(job.target_box, "plan"),
             name=name,
@@ -134,6 +143,13 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             ),
             rng=rng,
         )
+
+
+def _name(job: Job, robot: str) -> str:
+    """What the policy is called in plans."""
+    if is_own(job.policy):
+        return own_policy(job.policy).__name__
+    return job.policy or _default_policy(robot, job.model)
 
 
 def _default_policy(robot: str, model: str | None) -> str:

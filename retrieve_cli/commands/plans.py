@@ -31,7 +31,9 @@ def plan(
     policy: Annotated[
         str | None,
         typer.Option(
-            "--policy", help="Who chooses objects and regions: neural (where networks ship, the default), local, …", metavar="NAME"
+            "--policy",
+            help="Who chooses objects and regions: neural (where networks ship, the default), local, …, or your own.",
+            metavar="NAME|MODULE:FUNCTION",
         ),
     ] = None,
     rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,

@@ -61,6 +61,18 @@ class ConvexMesh:
 
 
 Shape = Box | Cylinder | ConvexMesh
+UPRIGHT = np.cos(np.radians(1))
+"""What leans by a degree counts as upright."""
+
+
+def is_upright(T: Array) -> bool:
+    """Whether the z of a pose (4, 4) is the vertical, up or down."""
+    return bool(abs(T[2, 2]) > UPRIGHT)
+
+
+def is_level(T: Array) -> bool:
+    """Whether the z of a pose (4, 4) is level, as a lying cylinder's axis."""
+    return bool(abs(T[2, 2]) < np.sqrt(1 - UPRIGHT**2))
 
 
 _SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

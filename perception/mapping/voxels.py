@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kinematics.doors import checked
 from kinematics.scene import Body, Cabinet
-from kinematics.shapes import Box, Cylinder, convex_parts
+from kinematics.shapes import Box, Cylinder, convex_parts, is_level
 from kinematics.transforms import Array, apply, inverse, transform
 from perception.camera import Intrinsics
 from perception.mapping import grid
@@ -169,7 +169,7 @@ class Voxels:
         sides: Sequence[tuple[Array, float]] = ()  # separating axes; those of the grid are the bounds that the caller has cut to
         if upright and isinstance(body.shape, Box):
             sides = [(T[:2, a], float(body.shape.half[a])) for a in range(2)]
-        elif isinstance(body.shape, Cylinder) and abs(T[2, 2]) < 0.02:
+        elif isinstance(body.shape, Cylinder) and is_level(T):
             sides = [(T[:2, 2], body.shape.height_m / 2), (np.array([-T[1, 2], T[0, 2]]), body.shape.radius_m)]
         inside = np.ones(x.shape, bool)
         for axis, most in sides:

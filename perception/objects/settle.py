@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from kinematics.scene import Body, object_box
-from kinematics.shapes import Box, Cylinder
+from kinematics.shapes import Box, Cylinder, is_level
 from kinematics.transforms import Array, transform
 
 MOST_M = 0.012
@@ -24,7 +24,6 @@ LOWEST_M = 0.015
 GAP_M = 0.0007
 """Bodies that were parted are so far from one another, less than any voxel."""
 CORNERS, SQUARE = 32, np.array([[1.0, 1], [-1, 1], [-1, -1], [1, -1]])
-LEVEL = 0.02  # the sine of a degree
 LEAST_M = 0.004
 
 
@@ -68,7 +67,7 @@ def _stacked(upper: Body, lower: Body) -> tuple[Body, Body]:
 def _with_ends(body: Body, bottom: float | None, top: float | None) -> Body:
     """An upright body with another bottom or top; at least LEAST_M high. A cylinder that lies is moved to its bottom, and keeps its top."""
     low, high = _heights(body)
-    if _lies(body):
+    if isinstance(body.shape, Cylinder) and is_level(body.T_world_body):
         return body if bottom is None else replace(body, T_world_body=transform(p=[0.0, 0.0, bottom - low]) @ body.T_world_body)
     low, high = low if bottom is None else bottom, high if top is None else top
     height = max(high - low, LEAST_M)
@@ -86,7 +85,7 @@ def _with_ends(body: Body, bottom: float | None, top: float | None) -> Body:
 def _outline(body: Body) -> Array:
     """The corners (K, 2) of an upright body seen from above, counter-clockwise; the box around others than boxes and cylinders."""
     R, p = body.T_world_body[:2, :2], body.T_world_body[:2, 3]
-    if isinstance(body.shape, Cylinder) and _lies(body):
+    if isinstance(body.shape, Cylinder) and is_level(body.T_world_body):
         axis = body.T_world_body[:2, 2] / np.linalg.norm(body.T_world_body[:2, 2])
         half_m = [body.shape.height_m / 2, body.shape.radius_m]
         return np.asarray(p + SQUARE * half_m @ np.array([axis, [-axis[1], axis[0]]]))
@@ -97,11 +96,6 @@ def _outline(body: Body) -> Array:
         return np.asarray(p + (SQUARE * body.shape.half[:2]) @ R.T)
     box = object_box(body)
     return np.asarray(box[:2] + SQUARE * box[3:5] / 2)
-
-
-def _lies(body: Body) -> bool:
-    """Whether it is a cylinder whose axis is level."""
-    return isinstance(body.shape, Cylinder) and bool(abs(body.T_world_body[2, 2]) < LEVEL)
 
 
 def _overlap(a: Body, b: Body) -> tuple[float, Array]:
@@ -138,7 +132,7 @@ def _less(body: Body, side: Array, by: float) -> Body:
     """An upright body that reaches less far, by so many metres, in the direction `side` (2,); the other side stays where it is. So does a
     cylinder that lies, by its end or by its side, which makes it lower as well."""
     T = body.T_world_body.copy()
-    if isinstance(body.shape, Cylinder) and _lies(body):
+    if isinstance(body.shape, Cylinder) and is_level(body.T_world_body):
         along = float(T[:2, 2] @ side)
         if abs(along) > 0.5**0.5:
             step = min(by / abs(along), body.shape.height_m - LEAST_M)

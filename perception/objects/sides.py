@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinematics.shapes import Box, Cylinder, Shape
+from kinematics.shapes import Box, Cylinder, Shape, is_upright
 from kinematics.transforms import Array, apply, inverse
 
 LAYER_M = 0.005
@@ -17,7 +17,6 @@ NARROW_M = 0.003
 that. Fingers that are told to go on close by as much on either side."""
 TOP_M = 0.010
 """What lies so near to the top may show its face, which is as far from the sides as can be."""
-UPRIGHT = 0.999  # the cosine of a degree or two
 LEAST_M = 0.02
 """Where less height has sides, nothing is said."""
 
@@ -28,7 +27,7 @@ def seen_sides(shape: Shape, T: Array, points: Array) -> tuple[float, float] | N
 
     T (4, 4): its pose in the points' frame. Layers that show nothing, as they are hidden, count as those that show sides.
     """
-    if not isinstance(shape, (Box, Cylinder)) or abs(T[2, 2]) < UPRIGHT:
+    if not isinstance(shape, (Box, Cylinder)) or not is_upright(T):
         return None
     height = 2 * float(shape.half[2])
     local = apply(inverse(T), points)

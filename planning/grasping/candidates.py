@@ -11,7 +11,7 @@ import numpy as np
 
 from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
+from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds, is_level, is_upright
 from kinematics.transforms import Array, transform
 from planning.grasping.hand_poses import (
     STAY,
@@ -31,7 +31,6 @@ from planning.grasping.line_contacts import line_contacts
 from planning.grasping.sampling import USUAL, Headings, Sampling
 
 MESH_HEIGHTS = (0.45, 0.3)  # heights of the pads on meshes beside the sampling's: what is round is widest at half of its height
-UPRIGHT = np.cos(np.radians(1))
 BESIDE = (0.25, -0.25)  # so far beside the middle of a lying cylinder it is held, too, in shares of its length
 SQUARELY = 0.15  # the pads' middle is that far over a lying cylinder's axis at most, in its radii: they meet it nearly squarely there
 
@@ -43,7 +42,7 @@ def closing_directions(shape: Shape, T: Array, sampling: Sampling = USUAL) -> li
         case Box():
             axes = T[:3, :3].T
             yaws = [float(np.arctan2(a[1], a[0])) for a in axes if abs(a[2]) < 0.2]
-        case Cylinder() if _lies(T):
+        case Cylinder() if is_level(T):
             along = float(np.arctan2(T[1, 2], T[0, 2]))
             yaws = [along, along + np.pi / 2]
         case _:
@@ -73,9 +72,9 @@ class Candidate(NamedTuple):
     def fit(self, body: Body, width_m: float, opening: Opening) -> Move:
         """How the hand moves for what lies behind its pads."""
         shape, T = body.shape, body.T_world_body
-        if isinstance(shape, Cylinder) and is_upright(body):
+        if isinstance(shape, Cylinder) and is_upright(T):
             return fit_round(shape.radius_m, *self.extent[1:], opening, self.room_m)
-        if isinstance(shape, Cylinder) and not _lies(T):
+        if isinstance(shape, Cylinder) and not is_level(T):
             return STAY
         if isinstance(shape, Cylinder) and abs(self.u @ T[:3, 2]) < 0.5 and self.extent[2] > 0.0:
             return fit_lying(shape.radius_m, *self.extent, opening, self.room_m)
@@ -144,7 +143,7 @@ class Candidates:
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
             yield Candidate(rank, point, u, R, (reach, above, pitch), back, self.room_m, least_z)
         axis = self.body.T_world_body[:3, 2]
-        if isinstance(self.body.shape, Cylinder) and pitch > 0.0 and _lies(self.body.T_world_body) and abs(u @ axis) < 0.5:
+        if isinstance(self.body.shape, Cylinder) and pitch > 0.0 and is_level(self.body.T_world_body) and abs(u @ axis) < 0.5:
             for by in (share * self.body.shape.height_m for share in BESIDE):
                 yield Candidate(rank + 0.3, point + by * axis, u, R, (reach + abs(by), above, pitch), 0.0, self.room_m, least_z)
 
@@ -171,11 +170,11 @@ class Candidates:
     def _find_heights(self, kind: str, pitch: float) -> list[float]:
         shape, (low, high) = self.body.shape, self.bounds
         least, floor = -np.inf, self.floor_z + self.lowest(kind, pitch)
-        if isinstance(shape, Cylinder) and _lies(self.body.T_world_body):
+        if isinstance(shape, Cylinder) and is_level(self.body.T_world_body):
             axis_z = float(low[2] + high[2]) / 2
             z = max(axis_z, floor)
             return [z] if z <= axis_z + SQUARELY * shape.radius_m else []
-        if isinstance(shape, Cylinder) and pitch > 0.0 and is_upright(self.body):
+        if isinstance(shape, Cylinder) and pitch > 0.0 and is_upright(self.body.T_world_body):
             least = high[2] - most_above(shape.radius_m, pitch, self.opening, self.room_m)
         usual = (height_of(kind, low[2], high[2], floor, share, least) for share in self.sampling.heights)
         heights = sorted({z for z in usual if z is not None})
@@ -195,7 +194,7 @@ def half_along(body: Body, direction: Array | Sequence[float]) -> float:
 
 def with_sides(body: Body) -> Body:
     """The part of an upright body that pads may close on: all of it, or what was seen to have its sides where the shape has them."""
-    if body.sides_m is None or not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body):
+    if body.sides_m is None or not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body.T_world_body):
         return body
     half, low = float(body.shape.half[2]), body.sides_m[0]
     height = min(body.sides_m[1], 2 * half) - low
@@ -203,13 +202,3 @@ def with_sides(body: Body) -> Body:
         return body
     shape = Cylinder(body.shape.radius_m, height) if isinstance(body.shape, Cylinder) else Box(np.array([*body.shape.size_m[:2], height]))
     return replace(body, shape=shape, T_world_body=body.T_world_body @ transform(p=[0.0, 0.0, low + height / 2 - half]), sides_m=None)
-
-
-def is_upright(body: Body) -> bool:
-    """Whether the body's z is the vertical."""
-    return bool(abs(body.T_world_body[2, 2]) > UPRIGHT)
-
-
-def _lies(T: Array) -> bool:
-    """Whether a cylinder's axis, the z of its pose (4, 4), is level."""
-    return bool(abs(T[2, 2]) < np.sqrt(1 - UPRIGHT**2))

@@ -17,10 +17,10 @@ import numpy as np
 
 from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Grasp
-from kinematics.shapes import Box, Cylinder
+from kinematics.shapes import Box, Cylinder, is_upright
 from kinematics.transforms import Array, transform
 from planning.grasping.antipodal import SPARE_M
-from planning.grasping.candidates import is_upright, with_sides
+from planning.grasping.candidates import with_sides
 from planning.grasping.hand_poses import UP, ahead_of, level_across, level_hand
 from planning.grasping.pads import Pad
 from planning.grasping.sampling import Headings, Sampling
@@ -64,7 +64,7 @@ def marginal_grasps(
 
     toward, headings: see `finger_grasps.sample_grasps`.
     """
-    if sampling.steps_m is None or opening.cup_m or opening.round_only or not is_upright(body):
+    if sampling.steps_m is None or opening.cup_m or opening.round_only or not is_upright(body.T_world_body):
         return
     body = with_sides(body)
     pitches, steps = [pitch for kind in approaches for pitch in sampling.pitches[kind]], sampling.steps_m
@@ -128,7 +128,7 @@ def _headed(
 def lacks_m(body: Body, opening: Opening, pad: Pad, grasp: Grasp) -> float:
     """By how much, at least, a level-closing hand has to be moved ahead or up till it may hold an upright box or can, a pad overlapping it
     by a square of SURELY_M; 0 where it does, or where that can't be said."""
-    if not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body):
+    if not isinstance(body.shape, (Box, Cylinder)) or not is_upright(body.T_world_body):
         return 0.0
     body = with_sides(body)
     R, T = grasp.T_world_hand[:3, :3], body.T_world_body

@@ -16,9 +16,8 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
-from kinematics.shapes import ConvexMesh, Cylinder, Shape
+from kinematics.shapes import ConvexMesh, Cylinder, Shape, is_upright
 from kinematics.transforms import Array, inverse, rotation_about, transform
-from planning.grasping.candidates import is_upright
 from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.hand_poses import UP
 from planning.grasping.sampling import USUAL, Headings, Sampling
@@ -58,7 +57,7 @@ def sampled_grasps(
     if not _is_askew(robot):
         return natural
     natural = islice(natural, most)
-    if isinstance(body.shape, Cylinder) and is_upright(body):
+    if isinstance(body.shape, Cylinder) and is_upright(body.T_world_body):
         return (grasp for grasp in natural if _holds_round(robot, body, floor_z, grasp))
     return (grasp for grasp in natural if judge_grasp(robot, alone, grasp) is None)
 
@@ -118,7 +117,7 @@ def _known(robot: Robot, shape: Shape, T_home_body: bytes) -> dict[tuple[bytes, 
 
 def can_be_exhaustive(robot: Robot, scene: Scene) -> bool:
     """Whether all grasps can be gone through, and cost little: on upright boxes and cans, where none has to be judged by itself."""
-    return all(not isinstance(body.shape, ConvexMesh) and is_upright(body) for body in scene.objects) and not _is_askew(robot)
+    return all(not isinstance(body.shape, ConvexMesh) and is_upright(body.T_world_body) for body in scene.objects) and not _is_askew(robot)
 
 
 def _is_askew(robot: Robot) -> bool:

@@ -9,10 +9,10 @@ import pytest
 
 from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body
-from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
+from kinematics.shapes import UPRIGHT, Box, ConvexMesh, Cylinder, Shape, box_corners, is_upright
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.antipodal import skew
-from planning.grasping.candidates import UPRIGHT, Candidate, Candidates, is_upright, with_sides
+from planning.grasping.candidates import Candidate, Candidates, with_sides
 from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.hand_poses import LEAST_BITE_M, STAY, Move, fit_box, height_of, level_hand, most_above, usual_lowest
 from planning.grasping.line_contacts import Contact, line_contacts
@@ -95,7 +95,7 @@ def test_where_more_room_is_kept_no_hand_is_level() -> None:
 
 def test_upright_is_within_a_degree_and_either_way_up() -> None:
     for degrees, upright in ((0, True), (0.9, True), (1.1, False), (178.9, False), (179.1, True), (180, True)):
-        assert is_upright(Body("it", CAN, transform(rotation_about(X, np.radians(degrees))))) == upright
+        assert is_upright(transform(rotation_about(X, np.radians(degrees)))) == upright
     assert np.degrees(np.arccos(UPRIGHT)) == pytest.approx(1.0)
 
 
@@ -197,7 +197,7 @@ def test_boxes_are_not_raised_for_the_tips() -> None:
 def test_what_leans_by_just_a_degree_is_not_upright() -> None:
     T = np.eye(4)
     for T[2, 2], upright in ((UPRIGHT, False), (-UPRIGHT, False), (np.nextafter(UPRIGHT, 2), True)):
-        assert is_upright(Body("it", CAN, T)) == upright
+        assert is_upright(T) == upright
 
 
 # ------------------------------------------------------------------------------------------------------------- how far back a box is held

@@ -51,4 +51,5 @@ def survey(mind: BeliefState, world: World, limits: Limits, on_step: Callable[[s
         if not shown and not aimed:
             return looked.reason
         aimed = shown  # what no aimed view shows, one of those for the whole cabinet may
-    return looked.reason
+    all_views = len(mind.frames) >= limits.views
+    return f"{limits.views} views were taken" if all_views else f"{ROUNDS} rounds of closer looks were taken"

@@ -16,16 +16,48 @@ SPARE_M = 1e-12
 """Samples that are so much further from a ball's centre than its radius, along one axis, are not in it, whatever is rounded."""
 
 
+class Held:
+    """Which balls hold which samples, while more of both come: what is known of the earlier ones is not asked again."""
+
+    def __init__(self) -> None:
+        self._balls = np.empty((0, 4))
+        self._blocks = list[Array]()
+        self._holds = np.empty((0, 0), np.uint64)
+        self._n = 0
+
+    def add(self, centres: Array, radii: Array, samples: Array) -> None:
+        """More balls, centres (B, 3) and radii (B,), and more samples (N, 3), which begin a word of their own."""
+        balls, block = np.c_[centres, radii], _along(samples)
+        left = [np.concatenate([_holding(balls, known) for known in self._blocks], 1)] if self._blocks else []
+        old = np.concatenate([self._holds, _holding(self._balls, block)], 1)
+        new = np.concatenate([*left, _holding(balls, block)], 1)
+        self._holds, self._balls = np.concatenate([old, new]), np.concatenate([self._balls, balls])
+        self._blocks.append(block)
+        self._n += len(samples)
+
+    def cover(self) -> Int:
+        """Indices of few balls that hold every sample that some ball holds."""
+        return weighted_set_cover(self._holds, self._n, np.ones(len(self._balls)), np.zeros(0, np.int64))[0]
+
+
 def set_cover(centres: Array, radii: Array, samples: Array, fixed: Int) -> Int:
     """Indices of balls that hold every sample that some ball holds, the fixed ones among them."""
-    n_balls, n = len(radii), len(samples)
-    axis = int(np.ptp(samples, axis=0).argmax())
-    along = samples[np.argsort(samples[:, axis])]  # so a ball has only those between two indices to look at
-    first = np.searchsorted(along[:, axis], centres[:, axis] - radii - SPARE_M)
-    last = np.searchsorted(along[:, axis], centres[:, axis] + radii + SPARE_M)
-    holds = np.zeros((n_balls, n // 64 + 1), np.uint64)
-    _samples_held(centres, radii, np.ascontiguousarray(along.T), first, last, np.empty(n, np.bool_), holds)
-    return weighted_set_cover(holds, n, np.ones(n_balls), fixed)[0]
+    return weighted_set_cover(_holding(np.c_[centres, radii], _along(samples)), len(samples), np.ones(len(radii)), fixed)[0]
+
+
+def _along(samples: Array) -> Array:
+    """Samples (N, 3) in a row along the axis on which they are furthest apart, so that a ball has only those between two to look at."""
+    return samples[np.argsort(samples[:, np.ptp(samples, axis=0).argmax()])]
+
+
+def _holding(balls: Array, samples: Array) -> Bits:
+    """Which of balls (B, 4), centre and radius, holds which sample of `_along` (N, 3): words of 64 samples (B, N // 64 + 1)."""
+    axis, centres, radii = int(np.ptp(samples, axis=0).argmax()), balls[:, :3].copy(), balls[:, 3].copy()
+    first = np.searchsorted(samples[:, axis], centres[:, axis] - radii - SPARE_M)
+    last = np.searchsorted(samples[:, axis], centres[:, axis] + radii + SPARE_M)
+    holds = np.zeros((len(balls), len(samples) // 64 + 1), np.uint64)
+    _samples_held(centres, radii, np.ascontiguousarray(samples.T), first, last, np.empty(len(samples), np.bool_), holds)
+    return holds
 
 
 @jit_entry

@@ -16,7 +16,7 @@ import numpy as np
 
 from kinematics.collision.covers.hulls import candidate_balls, convex_solid, evenly, surface_samples
 from kinematics.collision.covers.proof import counterexamples
-from kinematics.collision.covers.set_cover import set_cover
+from kinematics.collision.covers.set_cover import Held, set_cover
 from kinematics.transforms import Array
 
 OnStep = Callable[[str], None]
@@ -53,12 +53,12 @@ def cover(vertices: Array, excess_m: float, *, on_step: OnStep | None = None) ->
     some = evenly(len(samples), _CANDIDATES)
     centres, radii = candidate_balls(solid, samples[some], normals[some], excess_m, slack)
     c, r, pruned, none = centres, radii, False, np.zeros(0, np.int64)
-    unproved = np.ones(len(solid.fan), np.bool_)
+    unproved, held = np.ones(len(solid.fan), np.bool_), Held()
+    held.add(centres, radii - slack, samples)
     for turn in range(1000):
         if turn < _FRESH_ROUNDS:
-            chosen = set_cover(centres, radii - slack, samples, none)
+            chosen = held.cover()
             c, r = centres[chosen], radii[chosen]
-        if turn < _FRESH_ROUNDS:
             unproved[:] = True  # other balls. As long as balls are only added, what is proved stays proved
         gaps = counterexamples(solid.fan, c, r - ROUNDING_M, slack / 4, _GAPS, unproved)
         if on_step is not None:
@@ -75,6 +75,7 @@ def cover(vertices: Array, excess_m: float, *, on_step: OnStep | None = None) ->
         more, more_r = candidate_balls(solid, gaps, solid.planes[nearest, :3], excess_m, slack)
         if turn + 1 < _FRESH_ROUNDS:
             centres, radii = np.concatenate([centres, more]), np.concatenate([radii, more_r])
+            held.add(more, more_r - slack, gaps)
         else:
             chosen = set_cover(more, more_r - slack, gaps, none)
             c, r = np.concatenate([c, more[chosen]]), np.concatenate([r, more_r[chosen]])

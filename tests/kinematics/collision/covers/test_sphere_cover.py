@@ -211,6 +211,19 @@ def test_what_a_set_cover_is_told_of_samples_and_balls_is_so(seed, monkeypatch):
     assert (inside[chosen] <= 1e-9).any(0)[(inside < -1e-9).any(0)].all()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_set_cover_that_grows_is_that_of_all_at_once(seed):
+    rng, held = np.random.default_rng([13, seed]), set_covers.Held()
+    balls, samples = rng.normal(size=(90, 3)) * (0.2, 0.1, 0.02), rng.normal(size=(500, 3)) * (0.2, 0.1, 0.02)
+    radii, at, to = rng.uniform(0.02, 0.15, 90), 0, 0
+    for more_balls, more_samples in ((40, 200), (0, 64), (1, 1), (49, 235)):
+        some, points = slice(at, at + more_balls), slice(to, to + more_samples)
+        held.add(balls[some], radii[some], samples[points])
+        at, to = some.stop, points.stop
+        assert np.array_equal(held.cover(), set_covers.set_cover(balls[:at], radii[:at], samples[:to], np.zeros(0, np.int64)))
+    assert (at, to) == (90, 500)
+
+
 def test_making_a_robots_covers_is_told_once_and_what_is_made_is_not():
     """A robot of one's own takes seconds, and nobody should wait for them without a word."""
     robot, told = load(str(OWN_ARM)), []

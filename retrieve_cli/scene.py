@@ -149,14 +149,16 @@ def _settled(scene: Scene, where: str) -> Scene:
 def _with_grasp(where: str, scene: Scene) -> Scene:
     """The scene with x_g proposed; without it, which is said, where no grasp can be used."""
     from kinematics.robots.load import from_ref
+    from planning.target_grasps.allowed import lies_flat
     from planning.target_grasps.proposals import propose, with_grasps
     from retrieve_cli.grasp import tell
 
     robot = from_ref(scene.robot, on_step=say)
     found = propose(robot, scene)
     if not found.grasps:
-        sides = f"two of its sides have to face each other, at most {1000 * robot.opening.max_m:.0f} mm apart"
-        why = "an obstacle, a wall or the distance keeps the arm from it" if found.beyond_reach else f"{sides}; turn it (up=…, yaw=…)"
+        apart = f"two of its sides have to face each other, at most {1000 * robot.opening.max_m:.0f} mm apart; turn it"
+        sides = lies_flat(robot, scene) or apart
+        why = "an obstacle, a wall or the distance keeps the arm from it" if found.beyond_reach else f"{sides} (up=…, yaw=…)"
         say(
             f"{where}: no grasp of {scene.target} can be used ({found}), and the scene is written without one: {why}; "
             "retrieve grasp --from FILE takes grasps from elsewhere"

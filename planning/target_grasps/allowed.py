@@ -10,7 +10,8 @@ from itertools import chain
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
-from kinematics.shapes import ConvexMesh, Cylinder
+from kinematics.shapes import ConvexMesh, Cylinder, bounds
+from planning.grasping.hand_poses import height_of, lowest_of
 from planning.grasping.sampling import USUAL, Sampling
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.verdict import judge_grasp
@@ -89,5 +90,18 @@ def _why_none(robot: Robot, scene: Scene) -> str:
         return f"it measures {size} mm, and {cup}, finds no flat face of it that is larger ({approaches})"
     if robot.opening.round_only and not isinstance(target.shape, Cylinder):
         return "the fingers turn as they open and take round objects only"
+    if flat := lies_flat(robot, scene):
+        return f"{flat} ({approaches})"
     opens = f"the fingers, which open {1000 * robot.opening.max_m:.0f} mm"
     return f"it measures {size} mm, and {opens}, find no two faces of it to close on ({approaches})"
+
+
+def lies_flat(robot: Robot, scene: Scene) -> str | None:
+    """That the target is too low for the fingers as it lies, in words, for the hand meets the floor first; None where it is not."""
+    floor_z, lowest = float(scene.cabinet.T_world_cabinet[2, 3]), lowest_of(robot)
+    low, high = (float(corner[2]) for corner in bounds(scene.target_body.shape, scene.target_body.T_world_body))
+    rooms = [(kind, lowest(kind, pitch)) for kind in scene.approaches for pitch in USUAL.pitches[kind]]
+    if robot.opening.cup_m or any(height_of(kind, low, high, floor_z + room, 0.5) is not None for kind, room in rooms):
+        return None
+    least = 1000 * min(room for _, room in rooms)
+    return f"it lies {1000 * (high - low):.0f} mm high, and the middle of the pads stays {least:.0f} mm above the floor: stand it up"

@@ -12,7 +12,7 @@ import pytest
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, RobotRef, Scene
-from kinematics.shapes import Cylinder, Shape
+from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
 from planning.grasping.sampling import DENSE, DENSEST, USUAL
@@ -90,7 +90,8 @@ def test_a_list_of_which_nothing_can_be_meant_says_why(alone: Scene) -> None:
     ("shape", "why"),
     [
         (Cylinder(0.06, 0.1), "it measures 120 × 120 × 100 mm, and the fingers, which open 8[0-9] mm, find no two faces of it to close on"),
-        (Cylinder(0.03, 0.004), "it measures 60 × 60 × 4 mm"),
+        (Cylinder(0.03, 0.004), "it lies 4 mm high, and the middle of the pads stays 40 mm above the floor: stand it up"),
+        (Box(np.array([0.03, 0.2, 0.004])), "it lies 4 mm high, and the middle of the pads stays"),
     ],
 )
 def test_a_target_that_no_sampled_grasp_holds_says_how_large_it_is(ur5e: Robot, alone: Scene, shape: Shape, why: str) -> None:

@@ -6,10 +6,12 @@ is undecided then is cut there and asked again, the coarse level of the whole ed
 
 from __future__ import annotations
 
+import numpy as np
+
 from kinematics.chain import forward
 from kinematics.collision.edge_problem import Flags, Problem, Scratch
 from kinematics.collision.motion_bounds import begin_edge, safe_interval, twists
-from kinematics.collision.pair_bounds import ball_gap, pair_bound, too_near
+from kinematics.collision.pair_bounds import ball_gap, hulls_too_near, pair_bound, too_near
 from kinematics.jit.decorators import copy_rows, jit_entry, jit_inline
 from kinematics.transforms import Array
 
@@ -41,9 +43,24 @@ def first_contact(problem: Problem, q: Array, scratch: Scratch) -> int:
     """The index in problem.pairs of a pair that is not further apart than its clearance and the margin at q (J,), -1 when there is none."""
     forward(problem.chain, q, scratch.poses)
     scratch.counts[0] += 1
-    for n in range(problem.pairs.shape[0]):
-        if too_near(problem, scratch, n):
-            return n
+    pairs, boxes, poses = problem.pairs, problem.boxes, scratch.poses
+    part, cx, cy, cz, radius = np.int64(-1), 0.0, 0.0, 0.0, 0.0
+    for n in range(pairs.shape[0]):  # as `ball_gap`; the pairs of a part follow one another
+        m = np.uint64(n)  # unsigned: no look for negative indices
+        a, b, i, j = np.uint64(pairs[m, 0]), np.uint64(pairs[m, 1]), np.uint64(pairs[m, 2]), np.uint64(pairs[m, 3])
+        if pairs[m, 0] != part:
+            part, radius = pairs[m, 0], boxes[a, 6]
+            x, y, z = boxes[a, 3], boxes[a, 4], boxes[a, 5]
+            cx = poses[i, 0, 0] * x + poses[i, 0, 1] * y + poses[i, 0, 2] * z + poses[i, 0, 3]
+            cy = poses[i, 1, 0] * x + poses[i, 1, 1] * y + poses[i, 1, 2] * z + poses[i, 1, 3]
+            cz = poses[i, 2, 0] * x + poses[i, 2, 1] * y + poses[i, 2, 2] * z + poses[i, 2, 3]
+        dx, dy, dz = cx - poses[j, 0, 3], cy - poses[j, 1, 3], cz - poses[j, 2, 3]
+        ex = max(abs(poses[j, 0, 0] * dx + poses[j, 1, 0] * dy + poses[j, 2, 0] * dz - boxes[b, 3]) - boxes[b, 0], 0.0)
+        ey = max(abs(poses[j, 0, 1] * dx + poses[j, 1, 1] * dy + poses[j, 2, 1] * dz - boxes[b, 4]) - boxes[b, 1], 0.0)
+        ez = max(abs(poses[j, 0, 2] * dx + poses[j, 1, 2] * dy + poses[j, 2, 2] * dz - boxes[b, 5]) - boxes[b, 2], 0.0)
+        far = problem.clearance[m] + problem.margin_m + radius
+        if not ex * ex + ey * ey + ez * ez > far * far and hulls_too_near(problem, scratch, n):  # not so for NaN, which is in doubt
+            return int(n)
     return -1
 
 

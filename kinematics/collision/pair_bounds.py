@@ -17,9 +17,15 @@ TOLERANCE = 0.05
 @jit_inline
 def too_near(problem: Problem, scratch: Scratch, n: int) -> bool:
     """Whether pair n is not further apart than its clearance and the margin; in doubt it is near."""
-    pairs, boxes, poses, margin = problem.pairs, problem.boxes, scratch.poses, problem.clearance[n] + problem.margin_m
-    if ball_gap(pairs, boxes, poses, n) > margin:
+    if ball_gap(problem.pairs, problem.boxes, scratch.poses, n) > problem.clearance[n] + problem.margin_m:
         return False
+    return bool(hulls_too_near(problem, scratch, n))
+
+
+@jit_inline
+def hulls_too_near(problem: Problem, scratch: Scratch, n: int) -> bool:
+    """The same without a look at the ball."""
+    pairs, boxes, poses, margin = problem.pairs, problem.boxes, scratch.poses, problem.clearance[n] + problem.margin_m
     scratch.counts[1] += 1
     work, toward, high = scratch.work, scratch.toward, margin * (1 + TOLERANCE)
     bound = pair_bound(pairs, boxes, problem.vertices, problem.groups, poses, work, toward, n, margin, high, np.inf, TOLERANCE)

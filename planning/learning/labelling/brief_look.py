@@ -84,7 +84,7 @@ class BriefLook:
         cell, name, centres = self.motions.cell, picks[0].held.body, self.motions.scene.regions()[regions]
         placing, lifts = self._placing(picks[0], rest, releases), np.array([pick.lift[-1] for pick in picks])
         starts = np.array(list({q.tobytes(): q for pick in picks for q in self._lifted(pick)}.values()))
-        for near in (lifts, lifts[::-1])[: len(lifts)]:  # what is not reached one way may be another
+        for near in (lifts, lifts[::-1].copy())[: len(lifts)]:  # what is not reached one way may be another
             down, ends = placing.ends(centres[left], near)
             left = left[down]
             if len(left):

@@ -65,7 +65,8 @@ def lying_cylinder(points: Array, doubt_m: Array) -> tuple[Cylinder, Array] | No
         return None
     if abs(np.quantile(points[:, 2], 0.98) / (2 * radius) - 1) > TOP or last - first < LEAST_LENGTH * radius:
         return None
-    radius += min(max(float(np.quantile(outside[on_it], 0.95)), 0.0), float(np.median(scale)))
+    stands_out = float(np.quantile(outside[on_it], 0.95)) - float(np.median(doubt_m))  # beyond what noise explains
+    radius += min(max(stands_out, 0.0), float(np.median(scale)))
     centre = middle + axis * (first + last) / 2 + beside * np.array([-axis[1], axis[0]])
     R = rotation_about((0.0, 0.0, 1.0), float(yaw)) @ rotation_about((0.0, 1.0, 0.0), np.pi / 2)
     return Cylinder(float(radius), float(last - first)), transform(R, [*centre, radius])

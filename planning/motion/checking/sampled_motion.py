@@ -52,12 +52,13 @@ def while_fingers_move(robot: Robot, q: Array) -> list[Array]:
 
 
 def _along_spline(robot: Robot, spline: QuinticSpline, link: Int, middle: Array, half: Array) -> Array:
-    """The samples of a spline. Where a piece of it is at most COARSE long its speed is greatest at an end of it, and so much is it cut."""
+    """The samples of a spline. A part that is at most COARSE long is as fast as at its ends or, from rest to rest, in its middle; so
+    finely is it cut."""
     joints, (K, _, J), t_s = robot.tree.joints, spline.control.shape, spline.t_s
     parts = np.empty(K, np.int64)
     _parts(spline.control, parts)
     t, cuts = np.empty(int(parts.sum()) + 1), np.empty(int(parts.sum()), np.int64)
-    q, T = np.empty((4, J)), np.empty((2, len(joints.parent), 4, 4))
+    q, T = np.empty((5, J)), np.empty((2, len(joints.parent), 4, 4))
     work, local, at, edge = np.empty((6, J)), np.empty((4, 4)), np.empty(3), np.empty((3, 3))
     _cuts(joints, t_s, spline.control, parts, link, middle, half, q, T, work, local, at, edge, t, cuts)
     fine, rows = np.empty(int(cuts.sum()) + 1), np.empty((int(cuts.sum()) + 1, J))
@@ -86,9 +87,10 @@ def _cuts(
 ) -> None:  # fmt: skip
     """The times t (R,) of the parts' ends, and into how many steps each part is cut, cuts (R - 1,).
 
-    Scratch: q (4, J), positions and speeds at both ends of a part; T (2, L, 4, 4), the links there; work, local, at, edge.
+    Scratch: q (5, J), positions at both ends of a part, speeds there and in its middle; T (2, L, 4, 4), the links at its ends; work,
+    local, at, edge.
     """
-    n, J = 0, control.shape[2]
+    n, J, half_way = 0, control.shape[2], edge[0, :1]
     for k in range(parts.shape[0]):
         for i in range(parts[k]):
             t[n] = t_s[k] + i / parts[k] * (t_s[k + 1] - t_s[k])
@@ -102,10 +104,12 @@ def _cuts(
         if r == 0:
             continue
         h, fastest, uneven = t[r] - t[r - 1], 0.0, 1.0
+        half_way[0] = (t[r - 1] + t[r]) / 2
+        evaluate_rows(t_s, control, half_way, 1, work, q[4:5])
         for j in range(J):
-            fastest = max(fastest, h * max(abs(q[2, j]), abs(q[3, j])))
+            fastest = max(fastest, h * max(abs(q[2, j]), abs(q[3, j]), abs(q[4, j])))
         for j in range(J):
-            top = h * max(abs(q[2, j]), abs(q[3, j]))
+            top = h * max(abs(q[2, j]), abs(q[3, j]), abs(q[4, j]))
             if top > 0.1 * fastest:
                 uneven = max(uneven, top / max(abs(q[1, j] - q[0, j]), 1e-12))
         squared = _farthest(T, link, middle, half, at, edge)

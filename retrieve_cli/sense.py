@@ -163,7 +163,8 @@ def _described(job: _Job, scene: Scene, sight: _Sight) -> Scene:
         mapped, hidden = voxels, unknown_mask(voxels, belief.bodies)
     views_known = [(f.T_world_camera, k) for f, k in zip(frames, sight.shares)]
     regions = region_flags(replace(scene, objects=(), observation=None), belief)
-    document = observation_to_json(belief.boxes, regions, views_known, voxels.known, mapped.state.shape, mapped.ranges(hidden))
+    camera = frames[-1].intrinsics if frames else None
+    document = observation_to_json(belief.boxes, regions, views_known, voxels.known, mapped.state.shape, mapped.ranges(hidden), camera)
     sensed = with_grasp(sight.arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
     target = "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
     say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(belief.boxes)} objects{target}; {sight.reason}")

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.transforms import Array
+from perception.camera import Intrinsics
 from planning.io.checked import Node
-from planning.io.documents import numbers, pose_to_json, rows_of_numbers
+from planning.io.documents import number, numbers, pose_to_json, rows_of_numbers
 
 MOST_CELLS = 10**8
 
@@ -25,13 +26,23 @@ def observation_from_node(node: Node) -> dict[str, Any]:
     for item in f["regions"].items(most=10_000):
         item.vector(4, lengths=True)
     for item in f["views"].items():
-        v = item.record(("T_world_camera", "known"), ("unknown",), extra=True)
+        v = item.record(("T_world_camera", "known"), ("unknown", "intrinsics"), extra=True)
         if "unknown" in v:
             _unknown(v["unknown"])
+        if "intrinsics" in v:
+            intrinsics_from(v["intrinsics"])
         v["T_world_camera"].pose()
         v["known"].number(least=0, most=1)
     f["known"].number(least=0, most=1)
     return dict(node.value)
+
+
+def intrinsics_from(node: Node) -> Intrinsics:
+    """A camera out of its six numbers. Raises: InputError for one without pixels, or without a focal length."""
+    width, height, fx, fy, cx, cy = node.vector(6).tolist()
+    if width % 1 or height % 1 or min(width, height) < 1 or min(fx, fy) <= 0:
+        raise node.error("width and height are whole numbers of pixels, and focal lengths are positive")
+    return Intrinsics(int(width), int(height), fx, fy, cx, cy)
 
 
 def _unknown(node: Node) -> None:
@@ -53,15 +64,20 @@ def observation_to_json(
     known: float,
     cells: tuple[int, ...],
     unknown: NDArray[np.int64],
+    intrinsics: Intrinsics | None = None,
 ) -> dict[str, Any]:
     """What a sensed scene carries: boxes by name (6,), regions (n², 4), each view's T_world_camera and the share known after it.
 
     cells (3,): into how many cells the cabinet's depth, width and height are divided; unknown (B, 6): boxes that fill what nobody has seen
-    after the last view, which tells of them: their first cell and the one after their last, along each.
+    after the last view, which tells of them: their first cell and the one after their last, along each. intrinsics: of the camera that took
+    the last view.
     """
     seen: list[dict[str, Any]] = [{"T_world_camera": pose_to_json(T), "known": float(share)} for T, share in views]
     if seen:
         seen[-1]["unknown"] = {"cells": [int(n) for n in cells], "boxes": [[int(i) for i in row] for row in unknown]}
+    if seen and intrinsics is not None:
+        c = intrinsics
+        seen[-1]["intrinsics"] = [c.width, c.height, *(number(x) for x in (c.fx, c.fy, c.cx, c.cy))]
     return {
         "objects": [{"name": name, "box": numbers(box)} for name, box in boxes.items()],
         "regions": rows_of_numbers(regions),

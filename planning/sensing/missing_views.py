@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Scene, object_box
 from kinematics.transforms import Array, apply, inverse
 from perception.belief import Belief
+from perception.camera import Intrinsics
 from perception.mapping.next_best_view import InformationGain
 from perception.mapping.voxels import FREE, OCCUPIED, UNKNOWN, Voxels
-from perception.rendering.synthetic_camera import RANGE_M
+from perception.rendering.synthetic_camera import DEFAULT, RANGE_M
+from planning.io.checked import Node
+from planning.io.observation_documents import intrinsics_from
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Plan
 from planning.policies.unsolvable import Prover
@@ -82,11 +86,19 @@ def seen_voxels(scene: Scene) -> Voxels | None:
 def _best_view(robot: Robot, scene: Scene, voxels: Voxels, weight: Array) -> Array | None:
     """The view T_world_camera (4, 4) that would reveal most of what is weighted (X, Y, Z); None when none would reveal any."""
     try:
-        spots = reachable_views(robot, replace(scene, objects=()))
+        spots = reachable_views(robot, replace(scene, objects=()), intrinsics_of(scene))
     except ValueError:  # a robot without a camera in its hand: somebody else took the pictures
         return None
     best = InformationGain(voxels, spots.views, RANGE_M[0], weight).best(voxels, np.zeros(len(spots.T)), lambda _: True)
     return None if best is None or best[1] <= 0 else spots.T[best[0]]
+
+
+def intrinsics_of(scene: Scene) -> Intrinsics:
+    """The camera that took the last view of a scene's observation; the robot's own where it does not say."""
+    views: Any = scene.observation["views"] if scene.observation else []
+    if not views or "intrinsics" not in views[-1]:
+        return DEFAULT
+    return intrinsics_from(Node(views[-1]["intrinsics"], "intrinsics"))
 
 
 def _beside(scene: Scene, point: Array) -> str:

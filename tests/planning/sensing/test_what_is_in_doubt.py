@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,11 +10,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State
 from kinematics.shapes import Box
 from kinematics.transforms import transform
+from perception.camera import Intrinsics
+from perception.rendering.synthetic_camera import DEFAULT
 from planning.conclusion import failed
+from planning.io.checked import Node
+from planning.io.observation_documents import intrinsics_from, observation_from_node, observation_to_json
 from planning.motion.pick_place import Motions
 from planning.motion.settings import DEFAULTS
 from planning.plan import Blocked, Plan, Unsolvable
@@ -108,3 +114,28 @@ def test_nothing_is_shuffled_about(ur5e: Robot, seed: int, index: int) -> None:
     assert plan.success, plan.reason
     assert plan.verified
     assert max(Counter(move.object for move in plan.moves if move.done).values()) == 1
+
+
+def test_views_to_take_are_foreseen_with_the_camera_that_took_the_others(
+    behind: tuple[Motions, str], ur5e: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the observation says; without a word the robot's own."""
+    scene, asked = behind[0].scene, list[Intrinsics]()
+
+    def no_views(robot: Robot, empty_scene: Scene, intrinsics: Intrinsics) -> None:
+        asked.append(intrinsics)
+        raise ValueError("no camera")
+
+    monkeypatch.setattr(missing_views, "reachable_views", no_views)
+    narrow = Intrinsics(424, 240, 610.5, 611.0, 210.0, 119.5)
+    for camera in (narrow, None):
+        seen = observation_to_json({}, np.empty((0, 4)), [(np.eye(4), 0.0)], 0.0, (2, 2, 2), np.array([[0, 0, 0, 2, 2, 2]]), camera)
+        read = observation_from_node(Node(json.loads(json.dumps(seen)), "observation"))
+        missing_views.missing(ur5e, replace(scene, observation=read), ())
+    assert asked == [narrow, DEFAULT]
+
+
+@pytest.mark.parametrize("wrong", [[640, 360, 1, 1, 0], [640.5, 360, 1, 1, 0, 0], [640, 0, 1, 1, 0, 0], [640, 360, 0, 1, 0, 0]])
+def test_a_camera_that_is_none_is_refused(wrong: list[float]) -> None:
+    with pytest.raises(InputError, match="intrinsics"):
+        intrinsics_from(Node(wrong, "intrinsics"))

@@ -25,7 +25,7 @@ from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
-from planning.motion.handling.finest_look import FinestLook
+from planning.motion.handling.finest_look import FinestLook, can_have_more_room
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
@@ -288,9 +288,9 @@ class Motions:
     @cached_property
     def finest(self) -> FinestLook | None:
         """The look that proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: with
-        meshes, and with a hand of one's own whose pads are askew, where each grasp has to be judged. What it calls closed is so whatever
-        unseen space holds; a hand that it finds keeps out of that."""
-        if not can_be_exhaustive(self.robot, self.scene):
+        meshes, with what does not stand upright, with plates and thin walls, and with a hand of one's own whose pads are askew, where each
+        grasp has to be judged. What it calls closed is so whatever unseen space holds; a hand that it finds keeps out of that."""
+        if not can_be_exhaustive(self.robot, self.scene) or not can_have_more_room(self.scene):
             return None
         return FinestLook(self.robot, self.scene, self.settings, self.cell)
 

@@ -7,8 +7,8 @@ make a pick possible. So if every way to x_g is blocked by that set alone, no se
 The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them. So grasps are sampled
 far more densely for it than where moves are planned, those that hold an object by an edge or deeper than its middle among them: wherever
 the verdict would call it held; and at last in a cabinet with as much more room as there is between one such grasp and the next
-(`handling/finest_look.py`). Of meshes, and of hands whose pads are askew, grasps can't be sampled as densely: there nothing is proved by
-what is stuck. It says nothing about pushing.
+(`handling/finest_look.py`). Of meshes and what is not upright, and of hands whose pads are askew, grasps can't be sampled as densely, and
+plates and thin walls can't be looked at with more room: there nothing is proved by what is stuck. It says nothing about pushing.
 
 The finest look may find a hand that takes one of the stuck objects after all. Then there are fewer of them, and either these still are a
 proof, or there is hope: what can be done with those hands.
@@ -70,7 +70,8 @@ class Prover:
         if not stuck:
             return {}, None
         if self.motions.finest is None:
-            return {}, "grasps on meshes, or by pads that are askew, can't be looked at densely enough for a proof"
+            what = "meshes, what is not upright, pads that are askew, and anything thinner than 8 mm"
+            return {}, f"nothing is proved where there are {what}: hands among these can't be looked at densely enough"
         view, doubt = self.motions.finest.at(state.poses), None
         for name in sorted(stuck):
             if self._is_hidden(state, name, stuck):

@@ -45,8 +45,6 @@ AT_ONCE = 16  # so many hands are looked at together
 MOST_BETWEEN = 5000
 """So many hands between those of the first level are looked at for one object."""
 AS_IT_IS = HALVINGS + 1  # in place of a level: without more room
-SMALLEST_M = 0.002
-"""What is left of a shape that is made smaller, at least."""
 
 
 def room_m(level: int) -> float:
@@ -54,6 +52,8 @@ def room_m(level: int) -> float:
     return math.hypot(*STEPS_M) * 0.5 ** (level + 1)
 
 
+THINNEST_M = 2 * room_m(0) + 0.002
+"""What is thinner can't be made smaller by the most room there is, and something be left of it."""
 SAMPLING = replace(DENSEST, steps_m=STEPS_M, beyond_m=room_m(0))
 """Of the hands that are looked at first."""
 
@@ -156,14 +156,21 @@ def quartered(hand: Grasp, level: int) -> Iterator[Grasp]:
         yield replace(hand, T_world_hand=transform(p=i * ahead + k * UP) @ T)
 
 
+def can_have_more_room(scene: Scene) -> bool:
+    """Whether all that stands in a scene can be made smaller: boxes and cylinders, no plate, no thin wall."""
+    bodies = (*scene.objects, *scene.obstacles)
+    solid = all(isinstance(b.shape, (Box, Cylinder)) and 2 * float(b.shape.half.min()) >= THINNEST_M for b in bodies)
+    return solid and scene.cabinet.wall_m >= THINNEST_M
+
+
 def with_more_room(scene: Scene, by_m: float) -> Scene:
-    """A scene in which objects, obstacles and walls are further from any point by so much, but for meshes."""
+    """A scene in which objects, obstacles and walls are further from any point by so much."""
     cabinet = scene.cabinet
     roomier = replace(
         cabinet,
         size_m=cabinet.size_m + np.array([0.0, 2 * by_m, 2 * by_m]),
         T_world_cabinet=cabinet.T_world_cabinet @ transform(p=[by_m, 0.0, -by_m]),
-        wall_m=max(cabinet.wall_m - 2 * by_m, min(cabinet.wall_m, SMALLEST_M)),  # for links beside, above and below it, too
+        wall_m=cabinet.wall_m - 2 * by_m,  # for links beside, above and below it, too
     )
     objects, obstacles = (tuple(_smaller(body, by_m) for body in bodies) for bodies in (scene.objects, scene.obstacles))
     return replace(scene, cabinet=roomier, objects=objects, obstacles=obstacles)
@@ -172,7 +179,7 @@ def with_more_room(scene: Scene, by_m: float) -> Scene:
 def _smaller(body: Body, by_m: float) -> Body:
     match body.shape:
         case Box(size_m):
-            return replace(body, shape=Box(np.maximum(np.asarray(size_m) - 2 * by_m, SMALLEST_M)))
+            return replace(body, shape=Box(np.asarray(size_m) - 2 * by_m))
         case Cylinder(radius_m, height_m):
-            return replace(body, shape=Cylinder(max(radius_m - by_m, SMALLEST_M / 2), max(height_m - 2 * by_m, SMALLEST_M)))
-    return body
+            return replace(body, shape=Cylinder(radius_m - by_m, height_m - 2 * by_m))
+    raise ValueError(f"{body.name} is a mesh, and can't be made smaller")

@@ -9,11 +9,20 @@ import pytest
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
-from kinematics.shapes import Box, Cylinder
+from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.grasping.hand_poses import level_hand
 from planning.motion.handling import finest_look
-from planning.motion.handling.finest_look import HALVINGS, SAMPLING, STEPS_M, FinestLook, quartered, room_m, with_more_room
+from planning.motion.handling.finest_look import (
+    HALVINGS,
+    SAMPLING,
+    STEPS_M,
+    FinestLook,
+    can_have_more_room,
+    quartered,
+    room_m,
+    with_more_room,
+)
 from planning.motion.pick_place import Motions
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
@@ -50,6 +59,24 @@ def test_everything_is_further_from_any_point_by_as_much_as_is_asked() -> None:
     nearest = np.clip(in_cabinet, low, high)  # of the space that the walls enclose
     assert solid.sum() > 1000
     assert np.linalg.norm(in_cabinet - nearest, axis=1)[solid].min() > by_m - 1e-9
+
+
+def test_where_something_is_a_plate_a_thin_wall_or_a_mesh_there_is_no_such_look(ur5e: Robot) -> None:
+    """Less than nothing would be left of it, and a hand that misses it by a little be called closed by what is left."""
+    post = Body("post", Box(np.array([0.05, 0.05, 0.3])), CABINET.T_world_cabinet @ transform(p=[0.2, 0.0, 0.15]))
+    scene = scene_of(post)
+    mesh = replace(post, shape=ConvexMesh((np.eye(3, 4).T * 0.1,)))
+    assert can_have_more_room(scene)
+    for thin in (Box(np.array([0.05, 0.3, 0.004])), Cylinder(0.1, 0.003), Cylinder(0.003, 0.1)):
+        assert not can_have_more_room(replace(scene, obstacles=(replace(post, shape=thin),)))
+        assert not can_have_more_room(scene_of(replace(post, shape=thin)))
+    assert not can_have_more_room(replace(scene, obstacles=(mesh,)))
+    assert not can_have_more_room(replace(scene, cabinet=replace(scene.cabinet, wall_m=0.005)))
+    with pytest.raises(ValueError, match="post is a mesh"):
+        with_more_room(replace(scene, obstacles=(mesh,)), 0.001)
+    shelf = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
+    assert Motions(ur5e, shelf).finest is not None
+    assert Motions(ur5e, replace(shelf, cabinet=replace(shelf.cabinet, wall_m=0.005))).finest is None
 
 
 def test_walls_are_further_from_what_is_outside_too() -> None:

@@ -30,6 +30,8 @@ OFF_M = 0.002
 """Clean points that are further from the sides and the top of an upright solid around them show another shape."""
 MISFIT = 1.3
 """Mean square error, in variances of the noise, above which pixels show neither a box nor a cylinder."""
+SURE_M, SURE_RAD = 2e-4, 5e-3
+"""A face is seen so well that its pixels say where it is, and no single one beyond it."""
 STRAYS, APART_M = 2e-4, 0.001
 """So small a share of the pixels may lie further out by so much than all others, and not count."""
 DOUBT = 2.0
@@ -170,13 +172,26 @@ def _settled(solid: Array, pixels: Pixels) -> Array:
 
 
 def _reaching(solid: Array, pixels: Pixels) -> Array:
-    """The solid of the same kind that reaches as far as the pixels do, once moved onto its faces, but for strays."""
+    """The solid of the same kind that reaches as far as the pixels do, once moved onto its faces, but for strays. Faces that enough pixels
+    show stay where these have them."""
     out = np.empty((len(pixels.z), 3))
     n = slid(solid, pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE, out)
     if n == 0:
         return solid
+    A, g = np.empty((7, 7)), np.empty(7)
+    normal_equations(solid, pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE, A, g)
+    sure = np.diag(A) > np.array([0.0, *[SURE_M**-2] * 5, SURE_RAD**-2])
     found = without_strays(solid, out[:n])
-    return _around(solid[KIND], outline_of(found[:, :2]), float(found[:, 2].max()))
+    height = solid[HEIGHT] if sure[HEIGHT] else found[:, 2].max()
+    if solid[KIND] == CYLINDER:
+        if sure[1:4].all():
+            return np.array([CYLINDER, *solid[1:4], 0.0, height, 0.0])
+    elif sure[YAW]:
+        c, s = np.cos(solid[YAW]), np.sin(solid[YAW])
+        u, v = c * found[:, 0] + s * found[:, 1], c * found[:, 1] - s * found[:, 0]
+        sides = np.where(sure[1:5], solid[1:5], [u.min(), u.max(), v.min(), v.max()])
+        return np.array([BOX, *sides, height, solid[YAW]])
+    return _around(solid[KIND], outline_of(found[:, :2]), float(height))
 
 
 def without_strays(solid: Array, points: Array) -> Array:

@@ -200,7 +200,7 @@ def test_a_few_pixels_of_what_stands_beside_it_move_no_side() -> None:
 
 
 def test_what_is_taken_for_it_of_its_neighbour_makes_no_object_wider() -> None:
-    """Masks and clusters are off by some pixels where things stand close: of a can half a percent lay beside it, and it came out 16 mm wider."""
+    """Masks are off by some pixels where things stand close: half a percent of these made a can 16 mm wider."""
     bodies = placed([can("can", 0.2, 0.0, 0.03, 0.15), box("box", 0.21, 0.065, [0.05, 0.05, 0.15], 0.1)], CABINET)
     frames = photograph(bodies, CABINET, DepthNoise(), camera=CAMERA)
     wrong, rng = [], np.random.default_rng(0)

@@ -23,9 +23,10 @@ _SIZE = hashlib.sha256().digest_size
 
 
 def folder() -> Path:
-    """`$XDG_CACHE_HOME/retrieve`, by default `~/.cache/retrieve`."""
+    """`$XDG_CACHE_HOME/retrieve`, by default `~/.cache/retrieve`; by the XDG specification a relative path there does not count."""
     try:
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "retrieve"
+        given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        return (given if given.is_absolute() else Path.home() / ".cache") / "retrieve"
     except RuntimeError:  # a user without a home
         return Path("/nonexistent/retrieve")
 

@@ -11,8 +11,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Any
 
 DONE, UNSOLVED, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
@@ -35,8 +36,8 @@ class Ended(BaseException):
 def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
     """Run `job` and return the exit code; what goes wrong is told in one line on stderr, or whole with `debug`."""
     try:
-        with _ending():
-            code = _judged(job, debug)
+        with _ending() as came:
+            code = _judged(job, debug, came)
     except Ended as e:
         code = e.code
     for stream in (sys.stdout, sys.stderr):
@@ -45,7 +46,8 @@ def guarded(job: Callable[[], int | None], *, debug: bool = False) -> int:
     return code
 
 
-def _judged(job: Callable[[], int | None], debug: bool) -> int:
+def _judged(job: Callable[[], int | None], debug: bool, came: Sequence[int]) -> int:
+    """The exit code of a job. came: the signals that came while it ran."""
     try:
         code = job()
         if sys.stdout is not None:
@@ -71,6 +73,8 @@ def _judged(job: Callable[[], int | None], debug: bool) -> int:
 
         if debug:
             raise
+        if came:  # an import that is broken off may say so in words of its own, and leave half a module behind
+            return 128 + came[0]
         if isinstance(e, (InputError, OSError)):
             # files say their names (planning.io.outputs.naming): what has none, and no room, is stdout
             stdout = isinstance(e, OSError) and e.filename is None and e.errno in NO_ROOM
@@ -84,21 +88,30 @@ def _judged(job: Callable[[], int | None], debug: bool) -> int:
 
 
 @contextmanager
-def _ending() -> Iterator[None]:
-    """Signals that ask the program to end come up as `Ended`, so that parts are kept and processes ended; a second one ends it at once."""
+def _ending() -> Iterator[Sequence[int]]:
+    """Signals that ask the program to end come up as `Ended`, so that parts are kept and processes ended; a second one ends it at once.
+    Ctrl-C comes up as KeyboardInterrupt, as ever. The numbers of those that came are in what this gives."""
     before: dict[int, Any] = {}
+    came: list[int] = []
 
     def end(number: int, _: object) -> None:
+        came.append(number)
         signal.signal(number, signal.SIG_DFL)
         raise Ended(number)
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        signal.default_int_handler(number, frame)
 
     if threading.current_thread() is threading.main_thread():
         for name in ENDING:
             number = getattr(signal, name, None)
             if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # nohup has it ignored
                 before[number] = signal.signal(number, end)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            before[signal.SIGINT] = signal.signal(signal.SIGINT, interrupt)
     try:
-        yield
+        yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

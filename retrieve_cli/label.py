@@ -6,7 +6,7 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame
 from planning.io.files import read_scenes
+from planning.io.outputs import alone_in
 from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
+from retrieve_cli.errors import Ended
 from retrieve_cli.gen import robot_ref, spec_hash
 from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_settled
 
@@ -92,27 +94,39 @@ def run(
     settings["motions"] = {"clearance_m": DEFAULTS.clearance.wanted_m, "max_tilt_deg": DEFAULTS.max_tilt_deg}
     if partly_seen:
         settings["partly_seen"] = partly_seen
-    manifest = _begin(out, settings)
-    kept = shards.whole(out, manifest.shards)
-    if kept:
-        say(f"{out}: {kept} shards are there; going on")
-    manifest = replace(manifest, shards=manifest.shards[:kept], complete=False)
+    _folder(out)
+    with alone_in(out):
+        manifest = _begin(out, settings)
+        kept = shards.whole(out, manifest.shards)
+        if kept:
+            say(f"{out}: {kept} shards are there; going on")
+        manifest = replace(manifest, shards=manifest.shards[:kept], complete=False)
+        numbers = range(min(total, kept * SHARD), total)
+        items = (given[i] if given is not None else Item(i, f"label: scene {i}") for i in numbers)
+        _write(out, manifest, map_ordered(partial(label_item, job), items, workers=workers, engine=engine, address=address), numbers)
+
+
+def _write(out: Path, manifest: Manifest, labelled: Iterable[list[Row]], numbers: range) -> None:
+    """Write the rows of scenes of such numbers behind the shards that are there, shard by shard, and tell the pace."""
+    from planning.learning.labelling import shards
+
     shards.write_manifest(out, manifest)
-    pace = Pace(total - min(total, kept * SHARD))
-    numbers = range(min(total, kept * SHARD), total)
-    items = (given[i] if given is not None else Item(i, f"label: scene {i}") for i in numbers)
-    done = map_ordered(partial(label_item, job), items, workers=workers, engine=engine, address=address)
+    pace = Pace(len(numbers))
     rows: list[Row] = []
-    for position, found in enumerate(done, kept * SHARD + 1):
-        rows += found
-        pace.step(len(found))
-        if position % SHARD == 0 or position == total:
-            shard = shards.write_shard(out, len(manifest.shards), rows)
-            manifest, rows = replace(manifest, shards=(*manifest.shards, shard)), []
-            shards.write_manifest(out, manifest)
-            say(f"{shard.file}: {shard.rows} states; {pace}")
+    try:
+        for found, number in zip(labelled, numbers):
+            rows += found
+            pace.step(len(found))
+            if (number + 1) % SHARD == 0 or number + 1 == numbers.stop:
+                shard = shards.write_shard(out, len(manifest.shards), rows)
+                manifest, rows = replace(manifest, shards=(*manifest.shards, shard)), []
+                shards.write_manifest(out, manifest)
+                say(f"{shard.file}: {shard.rows} states; {pace}")
+    except (KeyboardInterrupt, Ended):
+        say(f"{out}: broken off with {len(manifest.shards)} whole shards; the same call goes on behind them")
+        raise
     shards.write_manifest(out, replace(manifest, complete=True))
-    say(f"{out}: {manifest.rows} states of {total} scenes")
+    say(f"{out}: {manifest.rows} states of {numbers.stop} scenes")
 
 
 def label_item(job: Job, item: Item) -> list[Row]:
@@ -167,6 +181,16 @@ def _made(
     return {"robot": arm.name, "source": source}, specs, robot_ref(arm, hand_frame), variety
 
 
+def _folder(out: Path) -> None:
+    """Make it, unless it is there. Raises: InputError where that can't be."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file, not a folder")
+    try:
+        out.mkdir(exist_ok=True)
+    except FileNotFoundError as e:
+        raise InputError(f"{out}: the folder {out.resolve().parent} does not exist; make it first") from e
+
+
 def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
     """The manifest to go on with: what an earlier call left, maybe of fewer scenes, or a fresh one.
 
@@ -179,14 +203,8 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:
 
     versions = {"retrieve": version(), **{name: installed(name) for name in ("numpy", "numba", "pyarrow")}}
     if not (out / label_file.MANIFEST).exists():
-        if out.exists() and not out.is_dir():
-            raise InputError(f"{out}: is a file, not a folder")
-        if out.is_dir() and any(out.iterdir()):
+        if any(out.iterdir()):
             raise InputError(f"{out}: is not empty, and holds no labels; name a new folder")
-        try:
-            out.mkdir(exist_ok=True)
-        except FileNotFoundError as e:
-            raise InputError(f"{out}: the folder {out.resolve().parent} does not exist; make it first") from e
         return label_file.Manifest(settings, versions)
     with blame("label"):
         old = label_file.read_manifest(out)

@@ -46,13 +46,16 @@ def announce_first_run(*, drawing: bool = False) -> None:
     from kinematics.jit.cache_folder import WRONG, compiled_before
     from planning.compiling.ahead import known, loop_s, loops, start_beside, waiting
 
-    if WRONG:
+    if left := waiting():
+        seconds = max(1.0, loops(left) * loop_s() / (2 if start_beside(drawing=drawing) else 1))
+        what = f"{len(left)} functions are compiled, which takes about {seconds:.0f} s"
+        if WRONG:
+            say(f"getting ready: {what}, in every run, for they can't be kept: {WRONG}; XDG_CACHE_HOME names another folder")
+        else:
+            say(f"getting ready: this once {what}; later runs start at once")
+    elif WRONG:
         say(f"compiled code can't be kept, so every run compiles, which takes a minute: {WRONG}; XDG_CACHE_HOME names another folder")
-    elif known():
-        if left := waiting():
-            seconds = max(1.0, loops(left) * loop_s() / (2 if start_beside(drawing=drawing) else 1))
-            say(f"getting ready: this once {len(left)} functions are compiled, which takes about {seconds:.0f} s; later runs start at once")
-    elif not compiled_before():
+    elif not known() and not compiled_before():
         say("getting ready: the first run compiles, which takes a minute; later ones start at once")
 
 

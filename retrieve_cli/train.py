@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame
-from planning.io.outputs import replacing, write_text
+from planning.io.outputs import alone_in, replacing, write_text
+from retrieve_cli.errors import Ended
 from retrieve_cli.terminal import say
 
 if TYPE_CHECKING:
+    from planning.learning.training.dataset import Data
+    from planning.learning.training.settings import Settings
     from planning.learning.training.train import Begin, Epoch, Trained
 
 VALIDATION_SHARE = 0.1  # of the scenes
@@ -38,11 +41,8 @@ def run(
     """Train both networks and write the model folder. A run that was broken off leaves OUT/checkpoint, and goes on from there."""
     import torch
 
-    from planning.learning.networks.model import NETS
     from planning.learning.training import dataset
-    from planning.learning.training.evaluate import judge_osnet, judge_rpnet
     from planning.learning.training.settings import Settings
-    from planning.learning.training.train import make_net, train
 
     where = "cuda" if device == "auto" and torch.cuda.is_available() else {"auto": "cpu"}.get(device, device)
     if where == "cuda" and not torch.cuda.is_available():
@@ -59,21 +59,38 @@ def run(
         began_with=None if first is None else _digest(first),
     )  # fmt: skip
     say(f"{len(rest)} states to train on, {len(held_out)} to validate on, of {len(set(data.scene))} scenes; {form} form, on {where}")
+    with alone_in(out):
+        try:
+            results, metrics = _train(rest, held_out, settings, first, out / "checkpoint", manifest["hash"], where)
+        except (KeyboardInterrupt, Ended):
+            say(f"{out}: broken off; the same call with --resume goes on there")
+            raise
+        _write_model(out, results, settings, manifest, metrics, (len(rest), len(held_out)))
+    _show_metrics(metrics)
+
+
+def _train(
+    rest: Data, held_out: Data, settings: Settings, first: Mapping[str, Begin] | None, folder: Path, digest: str, where: str
+) -> tuple[dict[str, Trained], dict[str, dict[str, float]]]:
+    """Both networks trained, and how good they are on what was held out. first: weights to begin with; folder: where a run that is
+    broken off leaves its state; digest: of the labels; where: the device."""
+    from planning.learning.networks.model import NETS
+    from planning.learning.training.evaluate import judge_osnet, judge_rpnet
+    from planning.learning.training.train import make_net, train
+
     results: dict[str, Trained] = {}
     metrics: dict[str, dict[str, float]] = {}
     for name in NETS:
-        checkpoint = out / "checkpoint" / f"{name}.safetensors"
-        _same_labels(checkpoint.parent, manifest["hash"])
+        _same_labels(folder, digest)
         with blame("train"), _epochs(name, settings.epochs) as (on_epoch, on_step):
             results[name] = train(
                 name, rest, held_out, settings, begin=None if first is None else first[name],
-                device=where, checkpoint=checkpoint, on_epoch=on_epoch, on_step=on_step,
+                device=where, checkpoint=folder / f"{name}.safetensors", on_epoch=on_epoch, on_step=on_step,
             )  # fmt: skip
         net = make_net(name, settings)
         net.load_state_dict(results[name].weights)
         metrics[name] = (judge_osnet if name == "osnet" else judge_rpnet)(net, held_out, settings)
-    _write_model(out, results, settings, manifest, metrics, (len(rest), len(held_out)))
-    _show_metrics(metrics)
+    return results, metrics
 
 
 def _first_weights(folder: Path, form: str) -> dict[str, Begin]:
@@ -103,7 +120,8 @@ def _prepare(out: Path, resume: bool) -> None:
         raise InputError(f"{out}: is a file, not a folder")
     begun = checkpoint.is_dir() and any(checkpoint.iterdir())
     if begun and not resume:
-        raise InputError(f"{out}: holds a run that was broken off; go on with --resume, or choose another folder")
+        with alone_in(out):  # else another run is in it
+            raise InputError(f"{out}: holds a run that was broken off; go on with --resume, or choose another folder")
     if resume and not begun:
         done = (out / "config.json").is_file()
         raise InputError(f"{out}: {'this model is finished' if done else 'there is no run'}, nothing to resume; leave --resume out")
@@ -124,7 +142,7 @@ def _same_labels(checkpoint: Path, digest: str) -> None:
 
 
 def _write_model(
-    out: Path, results: dict[str, Trained], settings: Any, manifest: dict[str, Any], metrics: dict[str, Any], states: tuple[int, int]
+    out: Path, results: dict[str, Trained], settings: Settings, manifest: dict[str, Any], metrics: dict[str, Any], states: tuple[int, int]
 ) -> None:
     """The weights, the curves, and config.json last: a folder that has it is whole."""
     import shutil

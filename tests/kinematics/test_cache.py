@@ -85,6 +85,16 @@ def test_no_folder_is_no_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert cache.folder() == Path("/nonexistent/retrieve")
 
 
+def test_a_relative_folder_in_the_environment_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else every folder in which the program is called would get a cache of its own; the XDG specification says so, too."""
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    for relative in ("", "cache", "./cache"):
+        monkeypatch.setenv("XDG_CACHE_HOME", relative)
+        assert cache.folder() == tmp_path / ".cache" / "retrieve"
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert cache.folder() == Path("/somewhere/retrieve")
+
+
 # Compiled code --------------------------------------------------------------------------------------------------------------------------
 
 PROGRAM = """

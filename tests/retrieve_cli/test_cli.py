@@ -15,6 +15,8 @@ import documents
 import pytest
 
 from kinematics.errors import InputError, blame, choose
+from kinematics.jit import shipped
+from kinematics.jit.support import PLAIN
 from planning.scenes.generation import SPECS
 from retrieve_cli.__main__ import OURS, check_packages
 from retrieve_cli.errors import BUG, guarded
@@ -233,6 +235,35 @@ def test_an_interruption_ends_quietly(plans: Path) -> None:
         p.send_signal(signal.SIGINT)
         assert p.wait(60) == 130
         assert p.stderr.read() == b""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("words", [ImportError("cannot load module"), InputError("torch is not installed")])
+def test_an_import_that_is_broken_off_counts_as_interrupted_whatever_it_says(
+    number: int, code: int, words: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def job() -> None:
+        try:
+            signal.raise_signal(number)
+        except BaseException:  # as C code that begins a module does
+            raise words from None
+
+    assert guarded(job) == code
+    assert capsys.readouterr().err == ""
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+# The first run --------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(bool(PLAIN) or not shipped.entries(), reason="functions are compiled otherwise here")
+def test_a_first_run_says_how_long_it_takes_and_whether_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    (tmp_path / "file").write_text("")
+    said = [process("plan", XDG_CACHE_HOME=str(tmp_path / name))[2].splitlines()[0] for name in ("cache", "file")]
+    takes = r"getting ready: (this once )?\d+ functions are compiled, which takes about \d+ s"
+    assert re.fullmatch(takes + "; later runs start at once", said[0])
+    assert re.fullmatch(takes + r", in every run, for they can't be kept: .*file/.*; XDG_CACHE_HOME names another folder", said[1])
 
 
 # Packages -------------------------------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import pytest
 import synthetic_labels
 from safetensors.numpy import load_file
 
+from planning.io.outputs import alone_in
 from planning.learning.networks.model import from_pretrained
 from planning.learning.training import train as training
 from retrieve_cli.train import sparkline
@@ -56,8 +57,13 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_bytes(
 
     monkeypatch.setattr(training, "_save", interrupted)
     model = tmp_path / "model"
-    assert retrieve("train", labels, "-o", model, *FAST)[0] == 130
+    code, _, err = retrieve("train", labels, "-o", model, *FAST)
+    assert (code, err.splitlines()[-1]) == (130, f"{model}: broken off; the same call with --resume goes on there")
     monkeypatch.undo()
+    with alone_in(model):
+        for how in ((), ("--resume",)):
+            code, _, err = retrieve("train", labels, "-o", model, *FAST, *how)
+            assert (code, err.splitlines()[-1]) == (2, f"{model}: another run is writing in it just now; name another folder")
     assert not (model / "config.json").exists()
     code, _, err = retrieve("train", labels, "-o", model, *FAST)
     assert (code, err) == (2, f"{model}: holds a run that was broken off; go on with --resume, or choose another folder\n")

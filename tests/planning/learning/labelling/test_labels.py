@@ -19,6 +19,7 @@ from kinematics.scene import Body, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from perception.mapping.voxels import unknown_voxels
+from planning.io.outputs import alone_in
 from planning.io.results import scene_writer
 from planning.learning.labelling import partial_views, shards
 from planning.learning.labelling.brief_look import BriefLook
@@ -434,12 +435,13 @@ def quick(monkeypatch: pytest.MonkeyPatch, row: Row) -> Quick:
     return how
 
 
-def test_a_run_that_was_killed_goes_on_to_the_same_bytes(quick: Quick, tmp_path: Path) -> None:
+def test_a_run_that_was_killed_goes_on_to_the_same_bytes(quick: Quick, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert main(["label", "-n", "11", "-o", str(whole)]) == 0
     assert sorted(folder_bytes(whole)) == ["manifest.json", "shard-00000.parquet", "shard-00001.parquet", "shard-00002.parquet"]
     quick.asked, quick.stop = [], 6
     assert main(["label", "-n", "11", "-o", str(broken)]) == 130
+    assert capsys.readouterr().err.endswith(f"{broken}: broken off with 1 whole shards; the same call goes on behind them\n")
     assert quick.asked == list(range(7))
     assert not read_manifest(broken).complete
     assert len(list(read_rows(broken))) == 3, "what is there can be read"
@@ -452,6 +454,18 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(quick: Quick, tmp_path:
     assert main(["label", "-n", "11", "-o", str(broken)]) == 0
     assert quick.asked == [], "there was nothing left to do"
     assert folder_bytes(broken) == folder_bytes(whole)
+
+
+def test_two_runs_are_not_in_one_folder_at_once(quick: Quick, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "labels"
+    assert main(["label", "-n", "5", "-o", str(out)]) == 0
+    before = folder_bytes(out)
+    capsys.readouterr()
+    with alone_in(out):
+        assert main(["label", "-n", "11", "-o", str(out)]) == 2
+    assert capsys.readouterr().err.endswith(f"{out}: another run is writing in it just now; name another folder\n")
+    assert folder_bytes(out) == before
+    assert main(["label", "-n", "11", "-o", str(out)]) == 0, "the lock goes with the run"
 
 
 def test_more_scenes_are_added_to_a_folder(quick: Quick, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ app = typer.Typer(
     name="retrieve",
     help="Take a target object out of a cluttered cabinet with a robot arm.\n\n"
     "Stages exchange JSON Lines, so they can be joined: retrieve gen -n 20 | retrieve plan | retrieve report",
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

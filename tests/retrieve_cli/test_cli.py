@@ -56,6 +56,15 @@ def test_help_lists_every_command_and_only_those(retrieve: Callable[..., Spoken]
     assert retrieve()[:2] == (0, out)
 
 
+@pytest.mark.parametrize(
+    ("words", "completed"), [("retrieve pl", {"plan"}), ("retrieve plan --ru", {"--rule"}), ("retrieve plan --rule s", {"strict"})]
+)
+def test_the_shell_completes(words: str, completed: set[str]) -> None:
+    asked = {"_RETRIEVE_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    code, out, err = process(**asked)
+    assert (code, set(out.split()), err) == (0, completed, "")
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command(command: str, retrieve: Callable[..., Spoken]) -> None:
     code, out, err = retrieve(command, "-h")

@@ -1,0 +1,48 @@
+"""Every `retrieve …` that README.md and docs/ show is a command line that the program takes: commands, options and their words are there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from kinematics.errors import InputError
+from retrieve_cli.app import parse
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+STANDS_FOR = {"RULE": "deep", "88062K": "1"}
+"""What stands in a page for a word of many."""
+
+
+def command_lines(text: str) -> Iterator[str]:
+    """The lines of a page's blocks, and its spans of code, that call the program: parts of a pipe apart, without comments."""
+    blocks = re.findall(r"(?:^    .*\n)+", text, re.MULTILINE)
+    lines = [line.strip() for block in blocks for line in re.sub(r"\\\n\s*", "", block).splitlines()]
+    spans = re.findall(r"`(retrieve [^`]+)`", text)
+    for line in (*lines, *spans):
+        for part in re.split(r" \| |; ", line.partition(" #")[0]):
+            if part.startswith("retrieve ") and "…" not in part:
+                yield part
+
+
+LINES = sorted({(page.name, line) for page in PAGES for line in command_lines(page.read_text(encoding="utf-8"))})
+
+
+def test_the_pages_show_commands() -> None:
+    assert len(LINES) > 60
+    assert {name for name, _ in LINES} >= {"README.md", "own-robot.md", "own-cell.md", "running.md", "sensing.md", "model-card.md"}
+
+
+@pytest.mark.parametrize(("page", "line"), LINES)
+def test_the_program_takes_it(page: str, line: str) -> None:
+    _, *args = [STANDS_FOR.get(word, word) for word in shlex.split(line)]
+    if "--install-completion" in args:
+        return
+    try:
+        assert callable(parse(args)), f"{page}: {line}"
+    except InputError as e:
+        assert re.search(r"Missing argument|requires an argument|Missing option", str(e)), f"{page}: {line}: {e}"  # a part of one

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ def run(
     urdf: Path | None,
     png: Path | None,
     as_json: bool,
+    xacro_args: Sequence[str] = (),
 ) -> None:
     """List the robots, or tell about one; write its URDF or a picture when asked."""
     from kinematics.robots.load import load
@@ -44,8 +45,8 @@ def run(
             raise InputError(f"robots: say which robot {word} is about, e.g. retrieve robots ur5e {word}")
         _list(as_json)
         return
-    if tool is not None or at is not None:
-        out, joined = _with_tool(name, tool, at, urdf)
+    if tool is not None or at is not None or xacro_args:
+        out, joined = _made(name, tool, at, xacro_args, urdf)
         with _written_if_it_serves(out, joined):
             run(name=str(out), hand_frame=hand_frame, gripper_joint=gripper_joint, tool=None, at=None, urdf=None, png=png, as_json=as_json)
         return
@@ -78,19 +79,34 @@ def _say_steps(step: str) -> None:
         say(step)
 
 
-def _with_tool(name: str, tool: Path | None, at: str | None, out: Path | None) -> tuple[Path, str]:
-    """Join an arm and a gripper of another URDF: where the robot goes, which is one of one's own from then on, and its URDF."""
-    if tool is None:
+def _made(name: str, tool: Path | None, at: str | None, xacro_args: Sequence[str], out: Path | None) -> tuple[Path, str]:
+    """An arm of a xacro with such arguments, or with a gripper of another URDF, or both: where the robot goes, which is one of one's own
+    from then on, and its URDF."""
+    if at is not None and tool is None:
         raise InputError(f"robots: --at says where a tool is; say which: retrieve robots {name} --tool GRIPPER.urdf --urdf OUT.urdf")
     if out is None or str(out) == "-":
-        raise InputError(f"robots: say where the arm with its tool goes: retrieve robots {name} --tool {tool} --urdf OUT.urdf")
+        what, words = ("arm with its tool", f"--tool {tool}") if tool else ("robot", f"--xacro-arg {xacro_args[0]}")
+        raise InputError(f"robots: say where the {what} goes: retrieve robots {name} {words} --urdf OUT.urdf")
+    from kinematics.robots.files import urdf
     from kinematics.robots.files.hang_tool import with_tool
-    from kinematics.robots.files.urdf import to_string
 
+    arguments = dict(map(_argument, xacro_args))
     with blame("robots"):
-        root, link = with_tool(Path(name), tool, at)
-    say(f"{tool.name} hangs on the link {link!r}; the robot is {out}")
-    return out, to_string(root)
+        if tool is None:
+            root, _ = urdf.read(Path(name), arguments)
+            say(f"the robot is {out}")
+        else:
+            root, link = with_tool(Path(name), tool, at, arguments)
+            say(f"{tool.name} hangs on the link {link!r}; the robot is {out}")
+    return out, urdf.to_string(root)
+
+
+def _argument(text: str) -> tuple[str, str]:
+    """NAME:=VALUE, as xacro's own command line has it. Raises: InputError for anything else."""
+    name, said, value = text.partition(":=")
+    if not said or not name:
+        raise InputError(f"robots: --xacro-arg {text}: NAME:=VALUE is expected")
+    return name, value
 
 
 @contextmanager
@@ -227,4 +243,4 @@ def _lines(row: dict[str, Any]) -> list[str]:
         f"pairs that may touch: {', '.join(pairs[:SHOWN])}{more}",
     ]
     lines += [f"note: {note}" for note in row["notes"]]
-    return [*lines, f"write its URDF: retrieve robots {row['name']} --urdf {Path(row['name']).stem}-joined.urdf"]
+    return [*lines, f"write its URDF: retrieve robots {row['name']} --urdf {Path(row['name']).name.partition('.')[0]}-joined.urdf"]

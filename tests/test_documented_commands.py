@@ -1,4 +1,4 @@
-"""Every `retrieve …` that README.md and docs/ show is a command line that the program takes: commands, options and their words are there."""
+"""Every `retrieve …` that README.md and docs/ show is a command line that the program takes."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ def test_the_program_takes_it(page: str, line: str) -> None:
     if "--install-completion" in args:
         return
     try:
-        assert callable(parse(args)), f"{page}: {line}"
+        assert callable(parse(args))
     except InputError as e:
-        assert re.search(r"Missing argument|requires an argument|Missing option", str(e)), f"{page}: {line}: {e}"  # a part of one
+        if not re.search(r"Missing argument|requires an argument|Missing option", str(e)):  # a part of one, in a sentence
+            raise

@@ -148,8 +148,8 @@ def _load_urdf(
             words = f"the collision geometry of {', '.join(drawn)} fills the room between the pads: what is drawn is taken for it"
             grip, notes = _grip(file, root, hand_frame, named, T_link_hand, on_step), (*notes, words)
     except NoGripper as e:
-        frozen = [note for note in notes if "<mimic>" in note]
-        raise NoGripper("; ".join([str(e), *frozen])) from None
+        reasons = [note for note in notes if "<mimic>" in note or note.startswith("xacro arguments")]
+        raise NoGripper("; ".join([str(e), *reasons])) from None
     put_in(root, grip)
     srdf = file.with_suffix(".srdf")
     robot = assemble(

@@ -21,6 +21,10 @@ def robots(
     at: Annotated[
         str | None, typer.Option("--at", help="The arm's link that carries --tool; its flange if left out.", metavar="LINK")
     ] = None,
+    xacro_args: Annotated[
+        list[str] | None,
+        typer.Option("--xacro-arg", help="Of a xacro file, which becomes the robot of --urdf FILE; repeatable.", metavar="NAME:=VALUE"),
+    ] = None,
     urdf: Annotated[Path | None, typer.Option("--urdf", help="Write its joined, cleaned URDF.", metavar="FILE")] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Write a picture of it, with its hand frame and pads.", metavar="FILE")] = None,
     as_json: AsJson = False,
@@ -29,7 +33,8 @@ def robots(
     from retrieve_cli import robots as command
 
     return partial(
-        command.run, name=name, hand_frame=hand_frame, gripper_joint=gripper_joint, tool=tool, at=at, urdf=urdf, png=png, as_json=as_json
+        command.run, name=name, hand_frame=hand_frame, gripper_joint=gripper_joint, tool=tool, at=at,
+        xacro_args=xacro_args or (), urdf=urdf, png=png, as_json=as_json,
     )  # fmt: skip
 
 

@@ -70,6 +70,29 @@ def test_an_arm_and_a_gripper_of_two_files_become_one_robot(tmp_path: Path, caps
         assert says in capsys.readouterr().err
 
 
+def test_a_robot_of_a_xacro_with_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What it makes is a robot of its own, for the other commands; without them it says which there are."""
+    file, out = tmp_path / "arm.urdf.xacro", tmp_path / "arm.urdf"
+    text = OWN.read_text().replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1)
+    assert text.count('type="prismatic"') == 2, "its fingers"
+    text = text.replace('type="prismatic"', 'type="$(arg kind)"')
+    file.write_text(text.replace("<link ", '<xacro:arg name="kind" default="fixed"/><link ', 1))
+    assert main(["robots", str(file)]) == 2
+    assert "; xacro arguments: kind:=fixed (others: --xacro-arg)" in capsys.readouterr().err
+    assert main(["robots", str(file), "--xacro-arg", "kind:=prismatic", "--urdf", str(out), "--json"]) == 0
+    spoken = capsys.readouterr()
+    assert f"the robot is {out}" in spoken.err
+    row = json.loads(spoken.out)
+    assert (row["gripper"]["joints"], row["opening_m"]) == (["grip"], 0.09)
+    for words, says in (
+        (("--xacro-arg", "kind:=prismatic"), f"where the robot goes: retrieve robots {file} --xacro-arg kind:=prismatic --urdf OUT.urdf"),
+        (("--xacro-arg", "kind=prismatic", "--urdf", str(out)), "--xacro-arg kind=prismatic: NAME:=VALUE is expected"),
+        (("--xacro-arg", "kin:=prismatic", "--urdf", str(out)), "no xacro argument 'kin' (did you mean 'kind'?)"),
+    ):
+        assert main(["robots", str(file), *words]) == 2
+        assert says in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("before", [None, b"<robot/>"])
 def test_an_arm_whose_tool_is_no_gripper_leaves_no_urdf_behind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], before: bytes | None

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from lxml import etree
 
+from kinematics.errors import did_you_mean
 from kinematics.robots.files.mesh_files import find_package
 from kinematics.transforms import rotation_from_wxyz, rotation_rpy, rpy_from_rotation
 
@@ -22,23 +24,45 @@ def is_xacro(file: Path, text: bytes) -> bool:
     return file.suffix == ".xacro" or b"<xacro:" in text
 
 
-def expand_xacro(file: Path) -> bytes:
-    """The URDF that a xacro file makes, its arguments at their defaults.
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro file by name, to which it adds those that it declares, at their defaults. asked: the names that it looks for."""
 
-    Raises: ValueError when the package xacro is missing, or does not understand the file.
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+def expand_xacro(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tuple[bytes, dict[str, str]]:
+    """The URDF that a xacro file makes, and all its arguments; those that are not given are at their defaults.
+
+    Raises: ValueError when the package xacro is missing or does not understand the file, and for an argument that the file does not have.
     """
-    mend = f"run: xacro {file.name} > {file.name.split('.')[0]}.urdf"
     try:
         import xacro
         from xacro import substitution_args
     except ImportError:
-        raise ValueError(f"{file}: this is xacro, and the package xacro is not installed: pip install xacro; or {mend}") from None
+        mend = f"pip install xacro; or run: xacro {file.name} > {file.name.split('.')[0]}.urdf"
+        raise ValueError(f"{file}: this is xacro, and the package xacro is not installed: {mend}") from None
+    known = _Arguments(arguments)
     try:
         with _finding_packages(substitution_args, file):
-            return bytes(xacro.process_file(str(file)).toxml(encoding="utf-8"))
+            text = bytes(xacro.process_file(str(file), mappings=known).toxml(encoding="utf-8"))
     except Exception as e:  # xacro raises many kinds, all of them "this is no xacro"
         why = " ".join(str(e).split()) or type(e).__name__
-        raise ValueError(f"{file}: xacro does not understand it: {why}; where it needs arguments, {mend}, with NAME:=VALUE for each") from e
+        mend = "where it needs arguments: retrieve robots FILE --xacro-arg NAME:=VALUE … --urdf OUT.urdf"
+        raise ValueError(f"{file}: xacro does not understand it: {why}; {mend}") from e
+    for name in set(arguments) - known.asked:
+        has = sorted(set(known) - set(arguments))
+        raise ValueError(f"{file}: there is no xacro argument {name!r}{did_you_mean(name, has)}: it has {', '.join(has) or 'none'}")
+    return text, dict(known)
 
 
 @contextmanager

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from lxml import etree
@@ -14,13 +16,16 @@ FLANGE = re.compile(r"(^|_)(tool0|flange|ee|eef|tcp|attachment)($|_)", re.IGNORE
 """What the link that tools are screwed to is often called."""
 
 
-def with_tool(arm: Path, tool: Path, at: str | None = None) -> tuple[etree._Element, str]:
+def with_tool(
+    arm: Path, tool: Path, at: str | None = None, arguments: Mapping[str, str] = MappingProxyType({})
+) -> tuple[etree._Element, str]:
     """An arm with a gripper of another URDF or xacro: its root link is at the link `at`, turned as that is; by default the arm's flange.
 
+    arguments: of the arm's xacro, by name.
     Returns the URDF's root element, mesh names absolute, and the link. The gripper's names that the arm has too get `tool_` before them.
     Raises: ValueError for a file that is no URDF, a link that the arm does not have, and an arm that ends in several places.
     """
-    root, _ = urdf.read(arm)
+    root, _ = urdf.read(arm, arguments)
     links = [link.get("name", "") for link in root.iter("link")]
     if at is None:
         at = _flange(root, arm)

@@ -6,8 +6,9 @@ capsules); what leaves this module is plain URDF that all of them read.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from lxml import etree
@@ -23,17 +24,20 @@ _KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
 _MISPLACED = {("link", "origin"), ("collision", "material")}  # pytorch-kinematics prints a line for each
 
 
-def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
+def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tuple[etree._Element, tuple[str, ...]]:
     """Read and clean a URDF or xacro file: only kinematics, inertia and geometry stay, mesh names become absolute paths.
 
+    arguments: of a xacro file, by name; the others are at their defaults.
     Returns the root element and notes: what was changed or left out, a line each.
     Raises: ValueError when the file is missing, is no URDF, says what can't be meant, or names a collision mesh that does not exist.
     """
     if not file.is_file():
         raise ValueError(f"URDF file {file} does not exist")
-    text = file.read_bytes()
+    text, said = file.read_bytes(), dict[str, str]()
     if is_xacro(file, text):
-        text = expand_xacro(file)
+        text, said = expand_xacro(file, arguments)
+    elif arguments:
+        raise ValueError(f"{file}: arguments are for xacro, and this is none")
     try:
         root = etree.fromstring(text, etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
     except etree.XMLSyntaxError as e:
@@ -45,7 +49,8 @@ def read(file: Path) -> tuple[etree._Element, tuple[str, ...]]:
         raise ValueError(f"{file} has no links{macros}")
     try:
         check_numbers(root)
-        notes = [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
+        notes = [f"xacro arguments: {' '.join(f'{name}:={value}' for name, value in said.items())} (others: --xacro-arg)"] if said else []
+        notes += [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
         notes += [f"joint {name} keeps to the soft limits of its safety_controller" for name in apply_soft_limits(root)]
         check_joints(root)
         if frozen := frozen_mimics(root):

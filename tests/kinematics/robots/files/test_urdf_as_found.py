@@ -185,8 +185,27 @@ def test_xacro_is_expanded_with_packages_found_nearby(tmp_path: Path) -> None:
     )
     root, _ = read(tmp_path, text, "a.urdf.xacro")
     assert root.find("link[@name='tip']/collision/geometry/sphere").get("radius") == "0.25"
-    with pytest.raises(ValueError, match=r"xacro does not understand it: .*no package 'nowhere'.*; where it needs arguments, run: xacro a"):
+    with pytest.raises(ValueError, match=r"xacro does not understand it: .*no package 'nowhere'.*; where it needs arguments: retrieve"):
         read(tmp_path, text.replace("my_parts", "nowhere"), "a.urdf.xacro")
+
+
+def test_xacro_takes_arguments_that_it_has(tmp_path: Path) -> None:
+    names = '<xacro:arg name="radius" default="0.25"/><xacro:arg name="side" default="1"/>'
+    declared = f'<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro">{names}'
+    file = tmp_path / "a.urdf.xacro"
+    file.write_text(arm('<sphere radius="$(arg radius)"/>').replace('<robot name="a">', declared))
+
+    def radius(**arguments: str) -> str:
+        root, notes = urdf.read(file, arguments)
+        assert notes[0] == f"xacro arguments: radius:={arguments.get('radius', '0.25')} side:=1 (others: --xacro-arg)"
+        return str(root.find("link[@name='tip']/collision/geometry/sphere").get("radius"))
+
+    assert (radius(), radius(radius="0.5")) == ("0.25", "0.5")
+    with pytest.raises(ValueError, match=r"no xacro argument 'raduis' \(did you mean 'radius'\?\): it has radius, side$"):
+        urdf.read(file, {"raduis": "1"})
+    file.with_suffix("").write_text(arm('<sphere radius="1"/>'))
+    with pytest.raises(ValueError, match=r"a.urdf: arguments are for xacro, and this is none$"):
+        urdf.read(file.with_suffix(""), {"radius": "1"})
 
 
 def test_a_package_may_be_a_folder_without_a_package_xml(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from kinematics.transforms import Array, transform
 from planning.grasping.finger_grasps import sample_grasps
 from planning.grasping.hand_poses import Lowest, hand_looking, lowest_of, usual_lowest
 from planning.grasping.marginal_grasps import marginal_grasps
-from planning.grasping.pads import pad_of
+from planning.grasping.pads import inner_pad_of, pad_of
 from planning.grasping.sampling import USUAL, Headings, Sampling
 
 EDGE_M = 0.001  # what a cup keeps from the edges of what it holds
@@ -51,7 +51,8 @@ def grasps_on(
     if robot.opening.cup_m:
         return cup_grasps(body, robot.opening, approaches, floor_z, toward, sampling, headings, lowest_of(robot))
     natural = sample_grasps(body, robot.opening, approaches, floor_z, toward, sampling, pad_of(robot), headings, lowest_of(robot))
-    return chain(natural, marginal_grasps(body, robot.opening, approaches, toward, sampling, pad_of(robot), headings))
+    pad = pad_of(robot) if sampling.beyond_m else inner_pad_of(robot)  # a proof takes all that may hold, others what does
+    return chain(natural, marginal_grasps(body, robot.opening, approaches, toward, sampling, pad, headings))
 
 
 def cup_grasps(

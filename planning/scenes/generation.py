@@ -161,7 +161,7 @@ def generate(
         thrown[verdict if verdict in ("free", "unsolvable") else "with no good grasp"] += 1
         on_step(verdict)
     said = ", ".join(f"{n} {what}" for what, n in thrown.most_common())
-    why = f"robot {robot.name} can't reach into this cabinet, or nothing ever blocks the target"
+    why = f"robot {robot.name} can't reach into this cabinet, level as x_g is, or nothing ever blocks the target"
     raise NoScene(f"no valid scene in {MOST_SAMPLES} samples ({said}): {why}")
 
 

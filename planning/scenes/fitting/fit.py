@@ -94,9 +94,10 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
             break
         why = found.why or why
     if found.share < LEAST_SHARE:
+        level = "; it may only take them level: --spec paper-any lets it from above and aslant, too"
         raise NoScene(
             f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {100 * found.share:.0f} % of it at "
-            f"most{f' ({why})' if why else ''}"
+            f"most{f' ({why})' if why else ''}{level if spec.moves_approaches == ('horizontal',) else ''}"
         )
     found = _at_held_heights(found, robot, turned, cup)
     others = share(found.spec, robot, turned, boxes=not cup).share >= BOX_SHARE

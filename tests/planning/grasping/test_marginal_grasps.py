@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
@@ -14,7 +15,7 @@ from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.hand_poses import level_across, level_hand
 from planning.grasping.marginal_grasps import LEAST_M, SURELY_M, _Outline, _overlapping, lacks_m, marginal_grasps
-from planning.grasping.pads import Pad, pad_of
+from planning.grasping.pads import Pad, inner_pad_of, pad_of
 from planning.grasping.sampling import DENSEST, USUAL, Sampling
 from planning.motion.handling.finest_look import SAMPLING
 from planning.verdict import Settings, judge_grasp, judge_hold
@@ -29,12 +30,14 @@ def on_floor(shape: Shape, height_m: float = 0.14, yaw: float = 0.3) -> Body:
 
 
 @pytest.mark.parametrize("shape", [BOX, CAN], ids=["box", "can"])
-def test_the_verdict_calls_it_held(shape: Shape, ur5e: Robot) -> None:
-    """Whatever it says against some is that something other than the pads is in the way: that is not asked here, but by the planner."""
-    body = on_floor(shape)
-    scene = Scene("s", RobotRef(np.eye(4), name="ur5e"), CABINET, (body,), "it", None, 5)
-    grasps = list(marginal_grasps(body, ur5e.opening, APPROACHES, 0.2, DENSEST, pad_of(ur5e)))
-    said = [judge_grasp(ur5e, scene, grasp) or "held" for grasp in grasps[:: len(grasps) // 150]]
+@pytest.mark.parametrize("arm", ["ur5e", "gen3"])
+def test_the_verdict_calls_it_held(shape: Shape, arm: str) -> None:
+    """Whatever it says against some is that something other than the pads is in the way: that is not asked here, but by the planner. The
+    pads of the one are rectangles, those of the other have round corners."""
+    body, robot = on_floor(shape), load(arm)
+    scene = Scene("s", RobotRef(np.eye(4), name=arm), CABINET, (body,), "it", None, 5)
+    grasps = list(marginal_grasps(body, robot.opening, APPROACHES, 0.2, DENSEST, inner_pad_of(robot)))
+    said = [judge_grasp(robot, scene, grasp) or "held" for grasp in grasps[:: len(grasps) // 150]]
     assert {words for words in said if " would " not in words} == {"held"}
     assert said.count("held") > 30
 

@@ -11,7 +11,7 @@ import pytest
 from kinematics.robots.hands.opening import Opening
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, rotation_about, transform
-from planning.grasping.pads import PAD_FACE_M, PAD_REACH_M, Pad, pad_of
+from planning.grasping.pads import PAD_FACE_M, PAD_REACH_M, ROUND_M, Pad, inner_pad_of, pad_of
 
 T_BASE_HAND = transform(rotation_about((0.0, 1.0, 0.0), 0.3), [0.4, 0.1, 0.2])
 
@@ -134,3 +134,18 @@ def test_of_two_links_as_far_inside_the_first_is_the_pad() -> None:
     wide, slim = finger(0.025, (-0.02, 0.02), (-0.01, 0.01)), finger(0.025, (-0.01, 0.01), (-0.02, 0.02))
     assert unrounded(wide=wide, slim=slim) == (0.02, -0.01, 0.01)
     assert unrounded(slim=slim, wide=wide) == (0.01, -0.02, 0.02)
+
+
+def test_of_a_round_pad_the_largest_square_counts_for_holding_and_all_of_it_for_proofs() -> None:
+    angles, radius = np.arange(96) * np.pi / 48, 0.009
+    near = np.stack([radius * np.cos(angles), np.full(96, 0.02), 0.02 + radius * np.sin(angles)], -1)
+    hand = cast("Robot", Hand(left=np.concatenate([near, near + np.array([0.0, 0.01, 0.0])])))
+    assert numbers(pad_of(hand)) == approximately(radius, -radius, radius)
+    side = (radius + ROUND_M) * np.sqrt(0.5)
+    assert numbers(inner_pad_of(hand)) == pytest.approx((side, -side, side), rel=0.03)
+
+
+@pytest.mark.parametrize("z", [(0.01, 0.03), (-0.02, 0.028)])
+def test_a_pad_that_is_a_rectangle_stays_as_it_is(z: tuple[float, float]) -> None:
+    hand = cast("Robot", Hand(left=finger(0.02, (-0.01, 0.01), z)))
+    assert inner_pad_of(hand) == pad_of(hand)

@@ -13,7 +13,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,10 @@ class Cabinet:
 
     def walls(self) -> tuple[Body, ...]:
         """The five walls as boxes: floor, ceiling, left, right, back. Floor and ceiling reach under and over the others."""
+        return self._walls
+
+    @cached_property
+    def _walls(self) -> tuple[Body, ...]:
         (dx, dy, dz), w = self.size_m, self.wall_m
         boxes = {
             "floor": ([dx + w, dy + 2 * w, w], [(dx + w) / 2, 0, -w / 2]),

@@ -34,6 +34,12 @@ def inverse(T: Array) -> Array:
     return out
 
 
+def cross(a: Array, b: Array) -> Array:
+    """The cross product (3,) of two vectors (3,); numpy's is made for many at once, and takes ten times as long for two."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
 def apply(T: Array, points: Array) -> Array:
     """Points (N, 3) in b to points (N, 3) in a, by one transform T_a_b (4, 4)."""
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])

@@ -7,11 +7,12 @@ Camera frame as in OpenCV: z forward, x right, y down. Pixel (u, v) is column u,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.transforms import Array, apply
+from kinematics.transforms import Array, apply, cross
 
 Depth = NDArray[np.float32]
 D435I_WIDTH, D435I_F = 1280, 910.0  # the colour stream of a RealSense D435i, to which its depth is aligned
@@ -68,17 +69,18 @@ def look_at(eye: Array, target: Array, up: Array | tuple[float, float, float] = 
 
     When the view runs along `up`, the world's x axis takes its place. Raises: ValueError when eye and target coincide.
     """
-    eye, forward = np.asarray(eye, float), np.asarray(target, float) - np.asarray(eye, float)
-    distance = np.linalg.norm(forward)
+    eye, up = np.asarray(eye, float), np.asarray(up, float)
+    forward = np.asarray(target, float) - eye
+    distance = sqrt(forward.dot(forward))
     if not distance > 1e-9:
         raise ValueError("a camera can't look at the point where it stands")
     z = forward / distance
-    x = np.cross(z, np.asarray(up, float))
-    if np.linalg.norm(x) < 1e-6 * np.linalg.norm(up):
-        x = np.cross(z, [1.0, 0.0, 0.0])
-    x = x / np.linalg.norm(x)
+    x = cross(z, up)
+    if sqrt(x.dot(x)) < 1e-6 * sqrt(up.dot(up)):
+        x = cross(z, np.array([1.0, 0.0, 0.0]))
+    x = x / sqrt(x.dot(x))
     T = np.eye(4)
-    T[:3, 0], T[:3, 1], T[:3, 2], T[:3, 3] = x, np.cross(z, x), z, eye
+    T[:3, 0], T[:3, 1], T[:3, 2], T[:3, 3] = x, cross(z, x), z, eye
     return T
 
 

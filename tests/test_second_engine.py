@@ -306,7 +306,7 @@ def test_pairs_that_matter_are_found_alike(ur5e: Robot, ur5e_urdf: Path) -> None
     """Which links may never touch each other: sampled here by coal, there by FCL."""
     arm = Arm(ur5e_urdf.read_text())
     theirs = {frozenset((arm.solids[i].name, arm.solids[j].name)) for i, j in arm.pairs}
-    assert theirs == {frozenset((ur5e.hulls[i].link, ur5e.hulls[j].link)) for i, j in ur5e.self_pairs()}
+    assert theirs == {frozenset((ur5e.hulls[i].link, ur5e.hulls[j].link)) for i, j in ur5e.self_pairs}
     assert arm.fingers == ur5e.fingers
 
 

@@ -100,4 +100,4 @@ def _others(robot: Robot) -> Int:
 
 @lru_cache(maxsize=16)
 def _self_pairs(robot: Robot) -> Int:
-    return robot.self_pairs()
+    return robot.self_pairs

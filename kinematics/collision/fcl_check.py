@@ -306,7 +306,7 @@ def _link_solids(robot: Robot) -> tuple[Solid, ...]:
 
 @lru_cache(maxsize=8)
 def _self_pairs(robot: Robot) -> Int:
-    return robot.self_pairs()
+    return robot.self_pairs
 
 
 @lru_cache(maxsize=8)

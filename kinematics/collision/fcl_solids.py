@@ -231,11 +231,17 @@ def _boxes_apart(a: Body, b: Body, gap_m: float) -> bool:
         between = math.dist(a.T_world_body[:3, 3], b.T_world_body[:3, 3])
         if between >= math.hypot(*a.shape.half) + math.hypot(*b.shape.half) + gap_m:
             return True
-    for T in (np.eye(4), inverse(b.T_world_body)):
-        (low, high), (low_b, high_b) = bounds(a.shape, T @ a.T_world_body), bounds(b.shape, T @ b.T_world_body)
-        if max(float((low_b - high).max()), float((low - high_b).max())) >= gap_m:
-            return True
-    return False
+    (low, high), (low_b, high_b) = bounds(a.shape, a.T_world_body), bounds(b.shape, b.T_world_body)
+    if _furthest_apart(low, high, low_b, high_b) >= gap_m:
+        return True
+    (low, high), (low_b, high_b) = bounds(a.shape, inverse(b.T_world_body) @ a.T_world_body), bounds(b.shape, np.eye(4))
+    return _furthest_apart(low, high, low_b, high_b) >= gap_m
+
+
+def _furthest_apart(low: Array, high: Array, low_b: Array, high_b: Array) -> float:
+    """How far two boxes are apart along the axis along which they are furthest; below 0 when they meet. Corners (3,)."""
+    (a, b, c), (d, e, f) = (low_b - high).tolist(), (low - high_b).tolist()
+    return float(max(a, b, c, d, e, f))
 
 
 def gap(a: Solid, b: Solid, cap_m: float) -> float:

@@ -99,13 +99,13 @@ class Robot:
     @cached_property
     def hand_links(self) -> frozenset[str]:
         """The links that the arm's last joint moves: palm and fingers, and what is fixed to them."""
-        return frozenset(self.tree.names[i] for i in self.tree.below(self._movers()[-1]))
+        return frozenset(self.tree.names[i] for i in self.tree.below(self._movers[-1]))
 
     def pivot(self, T_world_base: Array) -> Array:
         """Where (2,) the arm's first joint turns about the vertical, in the world's x and y; the base's origin where it does not turn so,
         or turns there."""
-        first = self._movers()[0]
-        joint = T_world_base @ self.tree.poses(self.home)[first]
+        first = self._movers[0]
+        joint = T_world_base @ self._poses_at_home[first]
         upright = self.tree.kind[first] == TURNS and abs(joint[2, :3] @ self.tree.axis[first]) > np.cos(0.01)
         there, base = joint[:2, 3], T_world_base[:2, 3]
         return np.asarray(there if upright and np.hypot(*(there - base)) > PIVOT_M else base)
@@ -125,14 +125,14 @@ class Robot:
 
     def chain(self, T_world_base: Array) -> Chain:
         """The arm as arrays for compiled code, standing at T_world_base (4, 4)."""
-        movers = self._movers()
+        movers = self._movers
         T_prev, at = [], T_world_base
         column = {j: i for i, j in enumerate(self.arm_joints)}
         rest = self.home
         for link in self.tree.path(self.tree.index["hand"]):
             T_joint = self.tree.local(link, rest) if link not in movers else self.tree.T_joint[link]
             if link in movers:
-                align = _align_z(self.tree.axis[link])
+                align = self._aligned[link]
                 T_prev.append(at @ T_joint @ align)
                 at = inverse(align)
             else:
@@ -152,11 +152,11 @@ class Robot:
 
     def carriers(self, T_world_base: Array) -> tuple[Int, Array]:
         """The links that are fixed to the chain's frames, as `tree.carried` takes them: the root (frame 0: the world), the moving ones."""
-        n, movers = len(self.tree.names), self._movers()
+        n, movers = len(self.tree.names), self._movers
         frame, T = np.full(n, -1, np.int64), np.zeros((n, 4, 4))
         roots = [i for i, parent in enumerate(self.tree.parent) if parent < 0]
         frame[roots], T[roots] = 0, [T_world_base @ self.tree.local(i, self.home) for i in roots]
-        frame[movers], T[movers] = np.arange(len(movers)) + 1, [inverse(_align_z(self.tree.axis[i])) for i in movers]
+        frame[movers], T[movers] = np.arange(len(movers)) + 1, [inverse(self._aligned[i]) for i in movers]
         return frame, T
 
     def frame_of_links(self, gripper: float, T_world_base: Array) -> dict[str, tuple[int, Array]]:
@@ -175,6 +175,7 @@ class Robot:
             hulls.append(hull.vertices @ T[:3, :3].T + T[:3, 3])
         return make_parts(frames, hulls), tuple(h.link for h in self.hulls)
 
+    @cached_property
     def self_pairs(self) -> Int:
         """Pairs (S, 2) of parts that may not touch each other: on different chain frames, not neighbours, not always touching."""
         carried = self.frame_of_links(float(self.home[self.gripper_joint]), np.eye(4))
@@ -186,11 +187,22 @@ class Robot:
         ]
         return np.array(pairs, np.int64).reshape(-1, 2)
 
+    @cached_property
     def _movers(self) -> list[int]:
         """Links on the way to the hand whose joint moves."""
         return [
             i for i in self.tree.path(self.tree.index["hand"]) if self.tree.kind[i] != FIXED and self.tree.q_index[i] in self.arm_joints
         ]
+
+    @cached_property
+    def _aligned(self) -> dict[int, Array]:
+        """For each of these links a rotation (4, 4) that takes z to its joint's axis."""
+        return {link: _align_z(self.tree.axis[link]) for link in self._movers}
+
+    @cached_property
+    def _poses_at_home(self) -> Array:
+        """All links' poses (·, 4, 4) at home, the base at the origin."""
+        return self.tree.poses(self.home)
 
     def _mover(self, joint: int) -> int:
         return next(i for i in range(len(self.tree.names)) if self.tree.q_index[i] == joint and self.tree.scale[i] == 1.0)

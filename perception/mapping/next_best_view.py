@@ -24,13 +24,14 @@ FINE, COARSE = 4, 3  # pixels of the camera, in each direction, for one of the p
 SPARSE = 5  # one voxel in so many is counted
 STALE = 0.5  # what a voxel still counts when a view that should have shown it did not
 ROLLS = ((0.0, 0.6), (np.pi, 0.2), (np.pi / 2, 0.1), (-np.pi / 2, 0.1))
+_ROLLED = [rotation_about((0.0, 0.0, 1.0), turn) for turn, _ in ROLLS]
+_UP_TO = np.cumsum([chance for _, chance in ROLLS])
 
 
 def sample_poses(cabinet: Cabinet, n: int, rng: np.random.Generator) -> Array:
     """Camera poses T_world_camera (n, 4, 4) before and inside the cabinet, looking into it, most of them upright."""
     depth, width, height = cabinet.size_m
     out = np.empty((n, 4, 4))
-    turns, chances = zip(*ROLLS)
     for i in range(n):
         x = rng.uniform(-0.35, 0.6 * depth)
         inside = x > 0
@@ -38,7 +39,7 @@ def sample_poses(cabinet: Cabinet, n: int, rng: np.random.Generator) -> Array:
         z = rng.uniform(0.3, 0.95) * height if inside else rng.uniform(0.15, 1.25) * height
         at = np.array([rng.uniform(max(x + 0.05, 0.0), depth), rng.uniform(-0.5, 0.5) * width, rng.uniform(0.0, 0.7) * height])
         T = look_at(np.array([x, y, z]), at)
-        T[:3, :3] = T[:3, :3] @ rotation_about((0.0, 0.0, 1.0), float(rng.choice(turns, p=chances)))
+        T[:3, :3] = T[:3, :3] @ _ROLLED[int((_UP_TO / _UP_TO[-1]).searchsorted(rng.random(), side="right"))]
         out[i] = cabinet.T_world_cabinet @ T
     return out
 

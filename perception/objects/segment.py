@@ -20,6 +20,7 @@ from perception.frames import Frame
 from perception.mapping.grid import hidden_layers
 from perception.objects.clustering import CELL_M, cluster_instances
 from perception.objects.fit import standing_solids
+from perception.objects.instance_points import count_instances, take_points
 from perception.objects.prepared_frames import PreparedFrames, prepare
 from perception.objects.supports import base_heights
 
@@ -64,24 +65,27 @@ def object_points(views: PreparedFrames) -> dict[str, Array]:
 
 def object_pixels(views: PreparedFrames) -> dict[str, tuple[Array, Int]]:
     """The same, and for each point the frame and the pixel (N, 2) that show it; pixels are counted row by row."""
-    found: dict[str, list[tuple[Array, Int]]] = {}
-    for i, (frame, inside, points) in enumerate(zip(views.frames, views.inside, views.points)):
+    sizes, instances = dict[str, int](), []
+    for i, (frame, inside) in enumerate(zip(views.frames, views.inside)):
         if frame.instance is None:
             raise ValueError(f"frame {i} has no mask: objects can't be told apart by masks, only by geometry")
-        mine = np.flatnonzero(inside & (frame.instance >= 0))
-        shown = frame.instance.reshape(-1)[mine]
-        order = np.argsort(shown, kind="stable")
-        ids, starts = np.unique(shown[order], return_index=True)
-        for k, rows in zip(ids, np.split(mine[order], starts[1:])):
-            if k < len(frame.names):
-                source = np.stack([np.full(len(rows), i), rows], -1)
-                found.setdefault(frame.names[k], []).append((points.reshape(-1, 3)[rows].astype(float), source))
+        instances.append(np.ascontiguousarray(frame.instance, np.int32))
+        counts = np.zeros(len(frame.names), np.int64)
+        count_instances(inside, instances[-1], counts)
+        for name, n in zip(frame.names, counts.tolist()):
+            if n:
+                sizes[name] = sizes.get(name, 0) + n
+    ends = np.cumsum([0, *sizes.values()])
+    free, number = ends[:-1].copy(), {name: k for k, name in enumerate(sizes)}
+    cloud, pixels = np.empty((ends[-1], 3)), np.empty((ends[-1], 2), np.int64)
+    for i, (frame, inside, points, instance) in enumerate(zip(views.frames, views.inside, views.points, instances)):
+        places = np.array([number.get(name, -1) for name in frame.names], np.int64)
+        take_points(i, inside, instance, points, places, free, cloud, pixels)
     out = {}
-    for name, parts in found.items():
-        cloud, pixels = (np.concatenate(column) for column in zip(*parts))
-        dense = lie_densely(cloud)
+    for name, first, end in zip(sizes, ends, ends[1:]):
+        dense = lie_densely(cloud[first:end])
         if np.count_nonzero(dense) >= FEWEST_PIXELS:
-            out[name] = (cloud[dense], pixels[dense])
+            out[name] = (cloud[first:end][dense], pixels[first:end][dense])
     return out
 
 

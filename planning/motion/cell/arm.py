@@ -54,7 +54,7 @@ class Arm(RobotCollisionModel):
         self.backing = self.chain._replace(heading=0.0) if self.few_joints else self.chain
         self._posed = robot_collision_model(robot, T_world_base)._posed  # what the final check packs is what the planner has packed
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
-        self.self_pairs: Int = robot.self_pairs()
+        self.self_pairs: Int = robot.self_pairs
         by_fingers = np.isin(self.self_pairs, self.fingers).any(1)
         self._finger_pairs, self._own_pairs = self.self_pairs[by_fingers], self.self_pairs[~by_fingers]
         self._moving: dict[tuple[float, float], tuple[PosedGeometry, tuple[str, ...], Int, NDArray[np.bool_]]] = {}

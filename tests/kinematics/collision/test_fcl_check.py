@@ -225,7 +225,7 @@ def test_named_robots_skip_their_neighbours(robot: Robot) -> None:
         solid = {h.link for h in robot.hulls}
         if i and {name, above} <= solid:
             assert frozenset((name, above)) in robot.skip
-    pairs = {frozenset((robot.hulls[i].link, robot.hulls[j].link)) for i, j in robot.self_pairs()}
+    pairs = {frozenset((robot.hulls[i].link, robot.hulls[j].link)) for i, j in robot.self_pairs}
     assert not pairs & robot.skip
     assert not any(pair <= robot.fingers for pair in pairs)
 

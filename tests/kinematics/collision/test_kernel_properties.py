@@ -44,7 +44,7 @@ class Cell:
         model = posed_sphere_model(self.chain, robot_collision_model(robot, base).posed(robot.opening.value_at(0.06)))
         solids, _ = make_solids(bodies)
         check = np.repeat((parts.frame > 0)[:, None], len(bodies), 1).astype(np.uint8)
-        query = Query(check, robot.self_pairs())
+        query = Query(check, robot.self_pairs)
         self.task: Task = make_task(make_problem(self.chain, parts, solids, query), model, make_sphere_world(solids, query))
         self.memory: Memory = make_memory(self.task)
         hulls = [parts.vertices[a:b] for a, b in zip(parts.start[:-1], parts.start[1:])]

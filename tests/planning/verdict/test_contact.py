@@ -97,7 +97,7 @@ def test_pairs_are_those_that_the_robot_lists(robot: Robot) -> None:
     names = [h.link for h in robot.hulls]
     pairs = pairs_of(robot)
     ours = {frozenset((names[i], names[j])) for i, j in pairs.checked}
-    theirs = {frozenset((names[i], names[j])) for i, j in robot.self_pairs()}
+    theirs = {frozenset((names[i], names[j])) for i, j in robot.self_pairs}
     hand = hand_of(robot).links
     assert ours == {p for p in theirs if not p <= hand}
     assert (len(pairs.switched_off) > 0) == (robot.name == "panda")

@@ -200,7 +200,7 @@ def test_robots_among_walls(robot: Robot) -> None:
     solids, _ = make_solids(walls)
     check = np.ones((len(parts.frame), 2), np.uint8)
     check[parts.frame == 0] = 0
-    problem = make_problem(chain, parts, solids, Query(check, robot.self_pairs()))
+    problem = make_problem(chain, parts, solids, Query(check, robot.self_pairs))
     scratch, task = make_scratch(problem), make_task(problem)
     memory = make_memory(task)
     rng = np.random.default_rng(0)

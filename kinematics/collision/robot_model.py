@@ -103,8 +103,9 @@ class RobotCollisionModel:
         self.hand_frame, self.T_frame_hand = int(frames[hand]), T[hand].copy()
         self.fingers: Int = np.flatnonzero(np.isin(self.links, sorted(robot.fingers)))  # nothing else moves with the gripper's joint
         self._home: PosedGeometry | None = None
-        self._home_model: SphereModel | None = None
-        self._posed: dict[float, tuple[PosedGeometry, SphereModel]] = {}
+        self._model: SphereModel | None = None
+        self._posed: dict[float, PosedGeometry] = {}
+        self._packed: dict[float, tuple[PosedGeometry, SphereModel]] = {}
 
     def _carried(self, gripper: float) -> tuple[Int, Array]:
         q = self.robot.with_arm(np.zeros(len(self.robot.arm_joints)), gripper)
@@ -112,19 +113,24 @@ class RobotCollisionModel:
 
     def posed(self, gripper: float) -> PosedGeometry:
         """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
-        return self.packed(gripper)[0]
-
-    def packed(self, gripper: float) -> tuple[PosedGeometry, SphereModel]:
-        """The same, and packed for the sphere check."""
         known = self._posed
         if gripper not in known:
             forget_oldest(known, OPENINGS)
             frames, T = self._carried(gripper)
             if self._home is None:
                 self._home = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
-                self._home_model = posed_sphere_model(self.chain, self._home)
-            posed = pose_others(self.chain, self.pieces, self._home, self.fingers, T[self._link])
-            known[gripper] = posed, posed_sphere_model(self.chain, posed, self._home_model, self.fingers)
+            known[gripper] = pose_others(self.chain, self.pieces, self._home, self.fingers, T[self._link])
+        return known[gripper]
+
+    def packed(self, gripper: float) -> tuple[PosedGeometry, SphereModel]:
+        """The same, and packed for the sphere check."""
+        known = self._packed
+        if gripper not in known:
+            forget_oldest(known, OPENINGS)
+            posed = self.posed(gripper)
+            if self._model is None:
+                self._model = posed_sphere_model(self.chain, posed)
+            known[gripper] = posed, posed_sphere_model(self.chain, posed, self._model, self.fingers)
         return known[gripper]
 
     def posed_fingers(self, openings: Sequence[float], *, covered: bool = True) -> PosedGeometry:

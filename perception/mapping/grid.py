@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from kinematics.chain import Int
 from kinematics.jit.decorators import jit_entry, jit_inline, njit
+from kinematics.jit.simd import WIDTH, largest, load, store
 from kinematics.transforms import Array
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 States = NDArray[np.uint8]
 Image = NDArray[np.float32]
-_FAR = np.float32(1e9)
+Row = tuple[float, float, float, float]
+Rows = tuple[Row, Row, Row]
+_FAR, _MINUS, _U = np.float32(1e9), np.float32(-1), np.uint64
 _NEAR = 0.02  # a voxel nearer than this to the camera's plane is not judged
 _SLACK = 5e-4  # m that a ray must go on behind a voxel
 LEVELS = 7  # windows of 1 to 64 pixels
@@ -42,6 +45,17 @@ def way_through(x: float, y: float, R: Array, eye: Array, size: Array) -> tuple[
     return enter, leave
 
 
+@jit_inline
+def _between(d: float, eye: float, size: float, enter: float, leave: float) -> tuple[float, float]:
+    """The depths at which a ray that was inside from `enter` to `leave` is so along one more axis, where it starts at `eye` and moves by d
+    per metre of depth; the inner space is from 0 to size there. See `way_through`."""
+    along = abs(d) > 1e-12
+    t0, t1 = -eye / d, (size - eye) / d
+    later, sooner = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+    beside = -1.0 if eye < 0.0 or eye > size else leave
+    return later if along else enter, sooner if along else beside
+
+
 @jit_entry
 def clear_depth(
     depth: Image, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, size: Array, slack_m: float, noise: float, out: Image
@@ -51,32 +65,41 @@ def clear_depth(
     R (3, 3), eye (3,): the camera in the grid's frame; size (3,): of the inner space, whose walls are known to be there. A depth that comes
     to within slack_m + noise · z² of the wall is the wall's, and the ray is clear all the way: far. 0 where nothing was measured.
     """
-    height, width = depth.shape
-    for v in range(height):
-        y = (v - cy) / fy
-        for u in range(width):
-            z = depth[v, u]
-            enter, leave = way_through((u - cx) / fx, y, R, eye, size)
-            if leave <= enter:
-                out[v, u] = _FAR  # this ray never meets the inner space
-            elif z <= 0.0:
-                out[v, u] = 0.0
-            elif z >= leave - slack_m - noise * z * z:
-                out[v, u] = _FAR
-            else:
-                out[v, u] = z
+    for v in range(np.uint64(depth.shape[0])):  # unsigned: no look for negative indices, and many pixels at once
+        y, a, b = (float(v) - cy) / fy, depth[v], out[v]
+        for u in range(np.uint64(depth.shape[1])):
+            x, z, enter, leave = (float(np.int64(u)) - cx) / fx, float(a[u]), 0.0, 1e9
+            for r in range(3):
+                enter, leave = _between(R[r, 0] * x + R[r, 1] * y + R[r, 2], eye[r], size[r], enter, leave)
+            never = leave <= enter  # this ray never meets the inner space
+            wall = z > 0.0 and z >= leave - slack_m - noise * z * z
+            b[u] = _FAR if never or wall else np.float32(max(z, 0.0))
+
+
+def pyramid(levels: Image) -> None:
+    """Fill levels (LEVELS, H, W) from the first one on: level l holds the least of the 2^l × 2^l pixels to the right of and below each."""
+    _pyramid(levels.reshape(-1), *levels.shape)
 
 
 @jit_entry
-def pyramid(levels: Image) -> None:
-    """Fill levels (LEVELS, H, W) from the first one on: level l holds the least of the 2^l × 2^l pixels to the right of and below each."""
-    _, height, width = levels.shape
-    for k in range(1, levels.shape[0]):
+def _pyramid(levels: Image, n_levels: int, height: int, width: int) -> None:
+    """See `pyramid`, of the flat array; `WIDTH` pixels at once."""
+    for k in range(1, n_levels):
         half = 1 << (k - 1)
+        count = width - 2 * half + 1
         for v in range(height - 2 * half + 1):
-            a, b, out = levels[k - 1, v], levels[k - 1, v + half], levels[k, v]
-            for u in range(width - 2 * half + 1):
-                out[u] = min(min(a[u], a[u + half]), min(b[u], b[u + half]))
+            a, out = ((k - 1) * height + v) * width, (k * height + v) * width
+            for u in range(0, count, WIDTH):
+                if count >= WIDTH:
+                    i, o = _U(a + min(u, count - WIDTH)), _U(out + min(u, count - WIDTH))
+                    x, y = load(levels, i) * _MINUS, load(levels, i + _U(half)) * _MINUS
+                    z, t = load(levels, i + _U(half * width)) * _MINUS, load(levels, i + _U(half * width + half)) * _MINUS
+                    store(levels, o, largest(largest(x, y), largest(z, t)) * _MINUS)
+                else:
+                    for w in range(u, count):
+                        i = _U(a + w)
+                        above = min(levels[i], levels[i + _U(half)])
+                        levels[_U(out + w)] = min(above, min(levels[i + _U(half * width)], levels[i + _U(half * width + half)]))
 
 
 @jit_inline
@@ -136,18 +159,20 @@ def _wholly_clear(a: float, b: float, c: float, half: Array, T: Array, levels: I
 
 
 @jit_inline
-def _hidden(a: float, b: float, c: float, half: Array, T: Array, levels: Image, fx: float, fy: float, cx: float, cy: float) -> bool:
-    """Whether the ray through a voxel's centre alone says that it is not wholly clear: a quicker look than `_wholly_clear`."""
+def _hidden(a: float, b: float, c: float, deep: float, P: Rows, levels: Image, fx: float, fy: float, cx: float, cy: float) -> bool:
+    """Whether the ray through a voxel's centre alone says that it is not wholly clear: a quicker look than `_wholly_clear`. deep: half of
+    how far a voxel reaches along the camera's z; P: the rows of T."""
     _, height, width = levels.shape
-    z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
-    if z - half[2] < _NEAR:
+    (x0, x1, x2, x3), (y0, y1, y2, y3), (z0, z1, z2, z3) = P
+    z = z0 * a + z1 * b + z2 * c + z3
+    if z - deep < _NEAR:
         return True
-    x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
-    y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+    x = x0 * a + x1 * b + x2 * c + x3
+    y = y0 * a + y1 * b + y2 * c + y3
     u, v = fx * x / z + cx, fy * y / z + cy
     if not (0.0 <= u < width and 0.0 <= v < height):
         return True
-    return bool(levels[0, int(v), int(u)] <= z + half[2] + _SLACK)
+    return bool(levels[_U(0), _U(int(v)), _U(int(u))] <= z + deep + _SLACK)
 
 
 @jit_inline
@@ -174,47 +199,61 @@ def _block(
 
 
 @jit_inline
-def _asked(state: States, i0: int, j0: int, k0: int) -> bool:
-    """Whether any voxel of the block that begins at (i0, j0, k0) is not FREE yet."""
-    X, Y, Z = state.shape
-    for i in range(i0, min(i0 + BLOCK, X)):
-        for j in range(j0, min(j0 + BLOCK, Y)):
-            for k in range(k0, min(k0 + BLOCK, Z)):
-                if state[i, j, k] != FREE:
-                    return True
-    return False
+def _look_up(state: States, i0: int, j0: int, column: States) -> None:
+    """Whether any voxel of the column of blocks that begins at (i0, j0) is not FREE yet, layer by layer: column (Z,), 0 where all are."""
+    for k in range(_U(column.shape[0])):
+        column[k] = 0
+    for i in range(_U(i0), _U(min(i0 + BLOCK, state.shape[0]))):
+        for j in range(_U(j0), _U(min(j0 + BLOCK, state.shape[1]))):
+            row = state[i, j]
+            for k in range(_U(column.shape[0])):
+                column[k] |= row[k] ^ np.uint8(FREE)
+
+
+@jit_inline
+def _asked(column: States, k0: int) -> bool:
+    """Whether any voxel of the block that begins in layer k0 of a column is not FREE yet."""
+    asked = False
+    for k in range(_U(k0), _U(min(k0 + BLOCK, column.shape[0]))):
+        asked = asked or column[k] != 0
+    return asked
 
 
 @jit_entry
 def mark_free(
-    state: States, step: Array, T: Array, levels: Image, negated: Image, fx: float, fy: float, cx: float, cy: float, work: Array
-) -> None:
-    """Mark every voxel FREE that is wholly clear in a picture; levels: its `pyramid`; negated: that of the negated picture; work (2, 3):
-    scratch."""
+    state: States, step: Array, T: Array, levels: Image, negated: Image, fx: float, fy: float, cx: float, cy: float, work: Array,
+    column: States,
+) -> None:  # fmt: skip
+    """Mark every voxel FREE that is wholly clear in a picture; levels: its `pyramid`; negated: that of the negated picture; work (2, 3),
+    column (Z,): scratch."""
     half, block = work[0], work[1]
     _half_extents(step, T, half)
     for r in range(3):
         block[r] = BLOCK * half[r]
     X, Y, Z = state.shape
+    (sx, sy, sz), deep = (step[0], step[1], step[2]), half[2]
+    P = ((T[0, 0], T[0, 1], T[0, 2], T[0, 3]), (T[1, 0], T[1, 1], T[1, 2], T[1, 3]), (T[2, 0], T[2, 1], T[2, 2], T[2, 3]))
     for i0 in range(0, X, BLOCK):
         for j0 in range(0, Y, BLOCK):
+            _look_up(state, i0, j0, column)
             for k0 in range(0, Z, BLOCK):
-                if not _asked(state, i0, j0, k0):
+                if not _asked(column, k0):
                     continue
                 a, b, c = (i0 + 0.5 * BLOCK) * step[0], (j0 + 0.5 * BLOCK) * step[1], (k0 + 0.5 * BLOCK) * step[2]
                 said = _block(a, b, c, block, T, levels, negated, fx, fy, cx, cy)
                 if said == HIDDEN:
                     continue
-                for i in range(i0, min(i0 + BLOCK, X)):
-                    for j in range(j0, min(j0 + BLOCK, Y)):
-                        for k in range(k0, min(k0 + BLOCK, Z)):
-                            if said == UNDECIDED and state[i, j, k] != FREE:
-                                a, b, c = (i + 0.5) * step[0], (j + 0.5) * step[1], (k + 0.5) * step[2]
-                                hidden = _hidden(a, b, c, half, T, levels, fx, fy, cx, cy)
+                for i in range(_U(i0), _U(min(i0 + BLOCK, X))):
+                    for j in range(_U(j0), _U(min(j0 + BLOCK, Y))):
+                        row, a, b = state[i, j], (float(np.int64(i)) + 0.5) * sx, (float(np.int64(j)) + 0.5) * sy
+                        for k in range(_U(k0), _U(min(k0 + BLOCK, Z))):
+                            if said == CLEAR:
+                                row[k] = FREE
+                            elif row[k] != FREE:
+                                c = (float(np.int64(k)) + 0.5) * sz
+                                hidden = _hidden(a, b, c, deep, P, levels, fx, fy, cx, cy)
                                 if not hidden and _wholly_clear(a, b, c, half, T, levels, fx, fy, cx, cy):
-                                    state[i, j, k] = FREE
-                            elif said == CLEAR:
-                                state[i, j, k] = FREE
+                                    row[k] = FREE
 
 
 @jit_entry

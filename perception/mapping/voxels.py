@@ -133,7 +133,7 @@ class Voxels:
         grid.pyramid(levels)
         grid.pyramid(negated)
         T = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3])
-        grid.mark_free(state, self.step, T, levels, negated, *rays.camera, np.empty((2, 3)))
+        grid.mark_free(state, self.step, T, levels, negated, *rays.camera, np.empty((2, 3)), np.empty(state.shape[2], np.uint8))
         grid.mark_occupied(state, self.step, rays.ends, *rays.camera, R, eye)
         return replace(self, state=state)
 

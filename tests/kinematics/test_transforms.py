@@ -12,6 +12,7 @@ from kinematics.transforms import (
     Array,
     angle_between,
     apply,
+    cross,
     inverse,
     rotation_about,
     rotation_from_wxyz,
@@ -31,6 +32,13 @@ def random_T(seed: int, n: int | None = None) -> Array:
     q = rng.normal(size=(n or 1, 4))
     T = np.array([transform(rotation_from_wxyz(x), rng.normal(size=3)) for x in q])
     return T if n else T[0]
+
+
+@given(seeds)
+def test_the_cross_product_is_numpys_to_the_last_bit(seed: int) -> None:
+    a, b = np.random.default_rng(seed).normal(size=(2, 3))
+    assert np.array_equal(cross(a, b), np.cross(a, b))
+    np.testing.assert_allclose([cross(a, b) @ a, cross(a, b) @ b], 0.0, atol=1e-12)
 
 
 @given(seeds)

@@ -82,7 +82,7 @@ class Opening:
         """Where (3,) the middle between the pads is in the hand that comes to close on an object of a width, after `beside`."""
         return np.array([0.0, self.pad_y_at(width_m), self.pad_z_at(width_m)]) - BESIDE_M * self._draws
 
-    @property
+    @cached_property
     def _draws(self) -> Array:
         """Which way (3,) the hand draws an object that it closes on, in its own frame; 0 where it closes from both sides."""
         return np.array([0.0, -float(self.jaw), -1.0 if self.cup_m else 0.0])
@@ -90,7 +90,7 @@ class Opening:
     def beside(self, T_world_hand: Array) -> Array:
         """Where the hand is (4, 4) to close as at T_world_hand: with a jaw that moves alone BESIDE_M further, so that the pad that stands
         still passes the object, and as far before it with a cup; with any other hand just there."""
-        return _moved(T_world_hand, BESIDE_M * (T_world_hand[:3, :3] @ self._draws))
+        return T_world_hand if not self._draws.any() else _moved(T_world_hand, BESIDE_M * (T_world_hand[:3, :3] @ self._draws))
 
     def held(self, T_hand_body: Array) -> Array:
         """Where an object is in the hand (4, 4) once it is closed: a jaw that moves alone pushes it by PUSH_M, and a cup draws it."""

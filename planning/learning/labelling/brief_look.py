@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,26 @@ PICKS, AMONG_GRASPS = 4, 12
 """With so many picks of an object, found among so many grasps and more if need be, its regions are looked at."""
 
 
+class _Carrying(NamedTuple):
+    """An object in the hand, whichever way the arm has taken hold of it; lifting: while it may touch the floor."""
+
+    held: Held
+    carrying: PlanningQuery
+    lifting: PlanningQuery
+
+
+class _Put(NamedTuple):
+    """Picks by one of which an object can be carried to a region, where the way down begins at `end` (A,)."""
+
+    picks: Sequence[Pick]
+    end: Array
+
+    @property
+    def pick(self) -> Pick:
+        """The one after which the arm turns least."""
+        return min(self.picks, key=lambda pick: float(np.abs(pick.lift[-1] - self.end).max()))
+
+
 class BriefLook:
     """What can be done in a state. view: its obstructions; rng: decides where searches look."""
 
@@ -44,7 +65,7 @@ class BriefLook:
         self.names = frozenset(state.poses)
         self._picks: dict[str, list[FreeWay]] = {}
         self._reached: dict[FreeWay, bool] = {}
-        self._put: dict[tuple[str, int], Pick] = {}
+        self._put: dict[tuple[str, int], _Put] = {}
 
     def pickable(self, name: str) -> bool:
         """Whether an object can be picked now: some way holds up to the static checks, and the arm gets there from where it is.
@@ -70,7 +91,7 @@ class BriefLook:
         for ways in _by_grasp(self._ways(name)):
             if not len(left):
                 break
-            carrying: dict[int, PlanningQuery] = {}
+            carrying: dict[int, _Carrying] = {}
             picks = [self._pick(name, rest, way, carrying) for way in ways if self._reachable(way)]
             if picks:
                 self._carry(picks, rest, regions, left, releases, out)
@@ -89,9 +110,8 @@ class BriefLook:
             left = left[down]
             if len(left):
                 out[left] = cell.reached(picks[0].carrying, starts, ends, self.rng, BRIEFLY)
-            for i, end in zip(left, ends):
-                if out[i]:
-                    self._put[name, int(regions[i])] = picks[int(np.abs(lifts - end).max(1).argmin())]
+                for i in np.flatnonzero(out[left]).tolist():
+                    self._put[name, int(regions[left[i]])] = _Put(picks, ends[i])
             left = left[~out[left]]
 
     def after(self, name: str, region: int) -> State | None:
@@ -99,7 +119,7 @@ class BriefLook:
         key, motions = (name, region), self.motions
         if key not in self._put and not self.placeable(name, [region])[0]:
             return None
-        pick = self._put[key]
+        pick = self._put[key].pick
         place = motions.placing(self.state, pick).place(motions.scene.regions()[region])
         if isinstance(place, Blocked):
             return None
@@ -114,7 +134,7 @@ class BriefLook:
             return False
         poses = {name: T for name, T in self.state.poses.items() if name in standing} if gone else self.state.poses
         rest = {name: T for name, T in poses.items() if name != target}
-        carrying: dict[int, PlanningQuery] = {}
+        carrying: dict[int, _Carrying] = {}
         for way in _by_turn(ways, q)[:MAX_TRIES]:
             if not self._leads(motions.cell.problem(poses, way.opened), q, way.approach[:1]):
                 continue
@@ -148,14 +168,14 @@ class BriefLook:
         """Whether there is a path from start (A,), or from one of several (S, A), to one of goals (G, A)."""
         return len(goals) > 0 and self.motions.cell.way(query, start, goals, self.rng, PATIENTLY) is not None
 
-    def _pick(self, name: str, rest: Mapping[str, Array], way: FreeWay, carrying: dict[int, PlanningQuery]) -> Pick:
-        """A way as a pick. carrying: the queries of the object in the hand, by the grasp, which grows."""
-        cell, T_hand_body = self.motions.cell, inverse(way.grasp.T_world_hand) @ self.state.poses[name]
-        held = Held(name, cell.robot.opening.held(T_hand_body))
+    def _pick(self, name: str, rest: Mapping[str, Array], way: FreeWay, carrying: dict[int, _Carrying]) -> Pick:
+        """A way as a pick. carrying: the object in the hand, by the grasp, which grows."""
+        cell = self.motions.cell
         if id(way.grasp) not in carrying:
-            carrying[id(way.grasp)] = cell.problem(rest, way.closed, held=held)
-        query = carrying[id(way.grasp)]
-        return Pick(way.grasp, way.approach, way.lift, way.opened, way.closed, held, query, query.allowing(name, "floor"))
+            held = Held(name, cell.robot.opening.held(inverse(way.grasp.T_world_hand) @ self.state.poses[name]))
+            query = cell.problem(rest, way.closed, held=held)
+            carrying[id(way.grasp)] = _Carrying(held, query, query.allowing(name, "floor"))
+        return Pick(way.grasp, way.approach, way.lift, way.opened, way.closed, *carrying[id(way.grasp)])
 
     def _placing(self, pick: Pick, rest: Mapping[str, Array], releases: dict[float, ReleaseQuery]) -> Placing:
         """The ways to put down what a pick takes hold of. releases: the queries of the hand once the object stands, by how far it opens,

@@ -52,7 +52,8 @@ class Arm(RobotCollisionModel):
         super().__init__(robot, T_world_base)
         self.few_joints = len(robot.arm_joints) < FEW_JOINTS
         self.backing = self.chain._replace(heading=0.0) if self.few_joints else self.chain
-        self._posed = robot_collision_model(robot, T_world_base)._posed  # what the final check packs is what the planner has packed
+        known = robot_collision_model(robot, T_world_base)  # what the final check packs is what the planner has packed
+        self._posed, self._packed = known._posed, known._packed
         self.seeds = inverse.make_seeds(self.chain, self.T_frame_hand)
         self.self_pairs: Int = robot.self_pairs
         by_fingers = np.isin(self.self_pairs, self.fingers).any(1)

@@ -108,7 +108,8 @@ class Reach:
         cell, opening = self.cell, self.cell.robot.opening
         hands = dict[float, tuple[float, float, PlanningQuery]]()
         for number, asked in enumerate(self.grasps_on(self.name, self.T)):
-            grasp = replace(asked, T_world_hand=opening.beside(asked.T_world_hand))
+            T_hand = opening.beside(asked.T_world_hand)
+            grasp = asked if T_hand is asked.T_world_hand else replace(asked, T_world_hand=T_hand)
             width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
             if width not in hands:
                 opened = opening.value_at(open_width(width, opening))

@@ -40,6 +40,15 @@ def test_poses_are_rigid_and_look_at_the_cabinet() -> None:
     np.testing.assert_allclose(np.linalg.det(poses), 1)
 
 
+def test_rolls_come_as_often_as_they_should() -> None:
+    poses = sample_poses(CABINET, 2000, np.random.default_rng(1))
+    rightwards = poses[:, 2, 0]  # how far the picture's x points up: 0 where the camera is upright or upside down
+    turned = np.abs(rightwards) > 0.5
+    upside_down = ~turned & (poses[:, 2, 1] > 0)
+    assert abs(turned.mean() - 0.2) < 0.03
+    assert abs(upside_down.mean() - 0.2) < 0.03
+
+
 def test_the_frame_shows_objects_by_name_and_the_robot_apart(ur5e: Robot) -> None:
     camera = synthetic_camera(ur5e, SCENE, SCENE.poses())
     frame = camera(FRONT, ur5e.home)

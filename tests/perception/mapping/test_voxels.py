@@ -76,6 +76,45 @@ def test_no_free_voxel_holds_any_part_of_an_object(seed: int, n: int, views: int
         assert depth_inside(body, free).max(initial=-1.0) < DEEPEST_M
 
 
+@given(seed=st.integers(0, 2**32 - 1), height=st.integers(1, 70), width=st.integers(1, 90))
+def test_levels_hold_the_least_of_their_windows(seed: int, height: int, width: int) -> None:
+    """Of pictures of any width, be it less than a vector's or no multiple of it."""
+    levels = np.full((grid.LEVELS, height, width), -7, np.float32)
+    levels[0] = image = np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)
+    grid.pyramid(levels)
+    for k, level in enumerate(levels[1:], 1):
+        size = 2**k
+        if height < size or width < size:
+            assert (level == -7).all()
+            continue
+        windows = np.lib.stride_tricks.sliding_window_view(image, (size, size)).min((2, 3))
+        assert np.array_equal(level[: height - size + 1, : width - size + 1], windows)
+        assert (level[height - size + 1 :] == -7).all()
+        assert (level[:, width - size + 1 :] == -7).all()
+
+
+@given(seed=st.integers(0, 2**32 - 1), along_an_axis=st.booleans())
+def test_a_ray_is_clear_up_to_what_it_meets(seed: int, along_an_axis: bool) -> None:
+    """Ray by ray, from where it enters and leaves the inner space."""
+    rng = np.random.default_rng(seed)
+    R = np.eye(3)[rng.permutation(3)] if along_an_axis else np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    eye, size, (slack, noise) = rng.uniform(-0.4, 0.6, 3), rng.uniform(0.3, 0.8, 3), rng.uniform(0, 0.02, 2)
+    depth = np.where(rng.random((20, 35)) < 0.1, 0.0, rng.uniform(-0.1, 1.5, (20, 35))).astype(np.float32)
+    clear = np.empty_like(depth)
+    grid.clear_depth(depth, 30.0, 28.0, 17.0, 9.0, R, eye, size, slack, noise, clear)
+    for (v, u), z in np.ndenumerate(depth.astype(float)):
+        enter, leave = 0.0, 1e9
+        for d, at, most in zip(R @ [(u - 17.0) / 30.0, (v - 9.0) / 28.0, 1.0], eye, size):
+            if abs(d) > 1e-12:
+                enter, leave = max(enter, min(-at / d, (most - at) / d)), min(leave, max(-at / d, (most - at) / d))
+            elif not 0.0 <= at <= most:
+                leave = -1.0
+        wall = leave - slack - noise * z * z
+        if abs(leave - enter) > 1e-9 and abs(z - wall) > 1e-9:  # but for rounding
+            far = leave <= enter or (z > 0 and z >= wall)
+            assert clear[v, u] == (np.float32(1e9) if far else np.float32(max(z, 0.0)))
+
+
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), voxel_m=st.floats(0.008, 0.03))
 def test_a_block_of_voxels_is_judged_as_each_of_them_would_be(seed: int, voxel_m: float) -> None:
@@ -87,7 +126,7 @@ def test_a_block_of_voxels_is_judged_as_each_of_them_would_be(seed: int, voxel_m
     for levels in pyramids:
         grid.pyramid(levels)
     T_camera_grid, together = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), voxels.state.copy()
-    grid.mark_free(together, voxels.step, T_camera_grid, *pyramids, *rays.camera, np.empty((2, 3)))
+    grid.mark_free(together, voxels.step, T_camera_grid, *pyramids, *rays.camera, np.empty((2, 3)), np.empty(together.shape[2], np.uint8))
     rows, alone = np.arange(voxels.state.size), np.ones(voxels.state.size, np.uint8)
     middles = (np.argwhere(voxels.state == UNKNOWN) + 0.5) * voxels.step
     grid.revealed(rows, middles, voxels.step, T_camera_grid, pyramids[0], *rays.camera, alone)

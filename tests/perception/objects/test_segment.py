@@ -16,7 +16,7 @@ from perception.frames import Frame
 from perception.mapping.voxels import FREE, unknown_voxels
 from perception.objects.clustering import cluster_instances
 from perception.objects.prepared_frames import axial_noise, prepare
-from perception.objects.segment import grown, iou, match, segment, standing_box
+from perception.objects.segment import grown, iou, lie_densely, match, object_pixels, segment, standing_box
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
 
@@ -180,6 +180,26 @@ def test_pixels_between_an_object_and_what_is_behind_it_are_dropped() -> None:
         flying.append(replace(f, depth=depth))
     assert np.abs(segment(flying, CABINET)["can"] - clean).max() < 0.015  # they lie up to 20 cm behind
     assert len(segment(without_masks(flying), CABINET, by="geometry")) == 1
+
+
+def test_the_points_of_an_object_are_those_of_its_pixels_frame_by_frame() -> None:
+    """Also where a frame has other names, or in another order, and where a mask has numbers that are nobody's."""
+    frames = photograph(placed(SHELF, CABINET), eyes=EYES[:3])
+    assert frames[1].instance is not None
+    assert frames[2].instance is not None
+    frames[1] = replace(frames[1], instance=np.where(frames[1].instance == 4, 99, frames[1].instance), names=frames[1].names[:4])
+    swapped = np.array([1, 0, 2, 3, 4, -1])[frames[2].instance].astype(np.int32)
+    frames[2] = replace(frames[2], instance=swapped, names=tuple(frames[2].names[i] for i in (1, 0, 2, 3, 4)))
+    views = prepare(frames, CABINET)
+    found = object_pixels(views)
+    assert sorted(found) == sorted(b.name for b in SHELF)
+    for name, (points, pixels) in found.items():
+        own = [i & (f.instance == f.names.index(name)) if name in f.names else i & False for f, i in zip(frames, views.inside)]
+        cloud = np.concatenate([p[mine] for p, mine in zip(views.points, own)]).astype(float)
+        source = [(k, pixel) for k, mine in enumerate(own) for pixel in np.flatnonzero(mine)]
+        dense = lie_densely(cloud)
+        assert np.array_equal(points, cloud[dense])
+        assert np.array_equal(pixels, np.array(source)[dense])
 
 
 def test_the_robots_own_pixels_are_no_object() -> None:

@@ -26,7 +26,7 @@ TRAIN_SEED ?= 0
 THREADS ?= 1
 DEVICE ?= auto
 
-# The table. TABLE_SCENES=1000 gives tighter intervals. Times are truest with WORKERS=1.
+# The table, of own policies, too: POLICIES='local examples/07_own_policy.py:side'. TABLE_SCENES=1000 gives tighter intervals. Times are truest with WORKERS=1.
 TABLE_SEED ?= 20261122
 TABLE_SCENES ?= 100
 TABLE_SPECS ?= paper paper-any shelf hard hard-any lab-s lab-l
@@ -93,10 +93,13 @@ $(MADE)/%/model-paper/config.json: $(MADE)/%/labelled
 
 TABLE := out/table
 PLANNED := $(TABLE)/$(TABLE_SEED)-$(TABLE_SCENES)
-SOURCES := $(shell find kinematics perception planning -name '*.py' -o -name '*.toml' -o -path '$(SHIPPED)/*' -type f)
+# A policy in a file's name: MODULE:FUNCTION without what make and folders mean something by.
+coded = $(subst :,@,$(subst /,+,$(subst .,~,$(1))))
+decoded = $(subst @,:,$(subst +,/,$(subst ~,.,$(1))))
+SOURCES := $(wildcard $(filter %.py,$(subst :, ,$(POLICIES)))) $(shell find kinematics perception planning -name '*.py' -o -name '*.toml' -o -path '$(SHIPPED)/*' -type f)
 SCENES := $(TABLE_SPECS:%=$(PLANNED)/%/scenes.jsonl)
-PLANS := $(foreach spec,$(TABLE_SPECS),$(foreach rule,$(RULES),$(POLICIES:%=$(PLANNED)/$(spec)/%.$(rule).jsonl)))
-SENSED := $(foreach spec,$(filter $(SENSED_SPECS),$(TABLE_SPECS)),$(SENSED_POLICIES:%=$(PLANNED)/$(spec)/%.sensed.jsonl))
+PLANS := $(foreach spec,$(TABLE_SPECS),$(foreach rule,$(RULES),$(foreach p,$(POLICIES),$(PLANNED)/$(spec)/$(call coded,$(p)).$(rule).jsonl)))
+SENSED := $(foreach spec,$(filter $(SENSED_SPECS),$(TABLE_SPECS)),$(foreach p,$(SENSED_POLICIES),$(PLANNED)/$(spec)/$(call coded,$(p)).sensed.jsonl))
 
 table: $(PLANS) $(SENSED)
 	for spec in $(TABLE_SPECS); do \
@@ -110,11 +113,11 @@ $(SCENES): $(PLANNED)/%/scenes.jsonl: $(SOURCES) | $(VENV)/ready
 	$(RETRIEVE) gen -n $(TABLE_SCENES) --seed $(TABLE_SEED) --spec $* --workers $(WORKERS) -o $@
 
 $(PLANS): $(SOURCES) | $(SCENES)
-	$(RETRIEVE) plan $(@D)/scenes.jsonl --policy $(word 1,$(subst ., ,$(@F))) --rule $(word 2,$(subst ., ,$(@F))) \
+	$(RETRIEVE) plan $(@D)/scenes.jsonl --policy $(call decoded,$(word 1,$(subst ., ,$(@F)))) --rule $(word 2,$(subst ., ,$(@F))) \
 		--workers $(WORKERS) -o $@
 
 $(SENSED): $(SOURCES) | $(SCENES)
-	$(RETRIEVE) plan $(@D)/scenes.jsonl --sense --policy $(word 1,$(subst ., ,$(@F))) --workers $(WORKERS) -o $@
+	$(RETRIEVE) plan $(@D)/scenes.jsonl --sense --policy $(call decoded,$(word 1,$(subst ., ,$(@F)))) --workers $(WORKERS) -o $@
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
 import sys
@@ -29,11 +30,31 @@ def own_function(option: str, spec: str) -> Callable[..., Any]:
     return found  # type: ignore[no-any-return]
 
 
+def code_digest(spec: str | None) -> str | None:
+    """A hash of the file of MODULE, which is not run for it: what tells this code from other code of its name. None where there is none."""
+    name = (spec or "").rpartition(":")[0]
+    if name.endswith(".py"):
+        file = Path(name)
+    else:
+        _look_here()
+        try:
+            found = importlib.util.find_spec(name) if name else None
+        except (ImportError, ValueError):  # what is wrong is told when it is asked for
+            found = None
+        file = Path((found and found.origin) or "")
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else None
+
+
 def _by_name(name: str) -> Any:
+    _look_here()
+    return importlib.import_module(name)
+
+
+def _look_here() -> None:
+    """Let modules be found in the working folder, too."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)
-    return importlib.import_module(name)
 
 
 def _from_file(option: str, file: Path) -> Any:

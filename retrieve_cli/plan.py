@@ -18,7 +18,9 @@ from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
 from retrieve_cli.other_robot import overridden
+from retrieve_cli.own_code import code_digest
 from retrieve_cli.own_limits import digest
+from retrieve_cli.own_policy import is_own
 from retrieve_cli.plan_job import Job, check
 from retrieve_cli.plan_line import Answer, plan_line
 from retrieve_cli.story import story
@@ -63,6 +65,8 @@ def run(
         "robot": override,
         "networks": _digest(job.model),
         "limits": digest(job.limits),
+        "code of --policy": code_digest(job.policy) if is_own(job.policy) else None,
+        "code of --world": code_digest(job.world),
         "pose_noise_mm": pose_noise_mm,
     }
     tell, picture = not quiet and on_terminal(out), _Picture(html)

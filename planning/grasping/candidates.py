@@ -76,7 +76,7 @@ class Candidate(NamedTuple):
             return fit_round(shape.radius_m, *self.extent[1:], opening, self.room_m)
         if isinstance(shape, Cylinder) and not is_level(T):
             return STAY
-        if isinstance(shape, Cylinder) and abs(self.u @ T[:3, 2]) < 0.5 and self.extent[2] > 0.0:
+        if isinstance(shape, Cylinder) and _lies_across(body, self.u, self.extent[2]):
             return fit_lying(shape.radius_m, *self.extent, opening, self.room_m)
         return fit_box(*self.extent, width_m, opening, self.back_m, self.room_m)
 
@@ -142,8 +142,8 @@ class Candidates:
         least_z = self.tips_z if pitch > STEEP else -np.inf
         for back in self.sampling.backs_m if isinstance(self.body.shape, Box) and pitch == 0.0 else (0.0,):
             yield Candidate(rank, point, u, R, (reach, above, pitch), back, self.room_m, least_z)
-        axis = self.body.T_world_body[:3, 2]
-        if isinstance(self.body.shape, Cylinder) and pitch > 0.0 and is_level(self.body.T_world_body) and abs(u @ axis) < 0.5:
+        if isinstance(self.body.shape, Cylinder) and _lies_across(self.body, u, pitch):
+            axis = self.body.T_world_body[:3, 2]
             for by in (share * self.body.shape.height_m for share in BESIDE):
                 yield Candidate(rank + 0.3, point + by * axis, u, R, (reach + abs(by), above, pitch), 0.0, self.room_m, least_z)
 
@@ -171,9 +171,8 @@ class Candidates:
         shape, (low, high) = self.body.shape, self.bounds
         least, floor = -np.inf, self.floor_z + self.lowest(kind, pitch)
         if isinstance(shape, Cylinder) and is_level(self.body.T_world_body):
-            axis_z = float(low[2] + high[2]) / 2
-            z = max(axis_z, floor)
-            return [z] if z <= axis_z + SQUARELY * shape.radius_m else []
+            z = height_over_lying(float(low[2] + high[2]) / 2, shape.radius_m, floor)
+            return [] if z is None else [z]
         if isinstance(shape, Cylinder) and pitch > 0.0 and is_upright(self.body.T_world_body):
             least = high[2] - most_above(shape.radius_m, pitch, self.opening, self.room_m)
         usual = (height_of(kind, low[2], high[2], floor, share, least) for share in self.sampling.heights)
@@ -185,6 +184,19 @@ class Candidates:
             if pitch > STEEP and (middle := float(low[2] + high[2]) / 2) < self.tips_z:
                 heights.append(middle)  # what is low is held by the pads' ends
         return heights
+
+
+def _lies_across(body: Body, u: Array, pitch: float) -> bool:
+    """Whether a body is a cylinder that lies, across the line along u (3,) in which the fingers of a hand close that looks down at it."""
+    T = body.T_world_body
+    return isinstance(body.shape, Cylinder) and is_level(T) and bool(abs(u @ T[:3, 2]) < 0.5) and pitch > 0.0
+
+
+def height_over_lying(axis_z: float, radius_m: float, lowest_z: float) -> float | None:
+    """How high the pads' middle is that close on a cylinder that lies, when it may be no lower than lowest_z; None where that is too far
+    over the axis."""
+    z = max(axis_z, lowest_z)
+    return z if z <= axis_z + SQUARELY * radius_m else None
 
 
 def half_along(body: Body, direction: Array | Sequence[float]) -> float:

@@ -10,7 +10,8 @@ from itertools import chain
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
-from kinematics.shapes import ConvexMesh, Cylinder, bounds
+from kinematics.shapes import ConvexMesh, Cylinder, bounds, is_level
+from planning.grasping.candidates import height_over_lying
 from planning.grasping.hand_poses import height_of, lowest_of
 from planning.grasping.sampling import USUAL, Sampling
 from planning.motion.handling.object_grasps import sampled_grasps
@@ -99,9 +100,14 @@ def _why_none(robot: Robot, scene: Scene) -> str:
 def lies_flat(robot: Robot, scene: Scene) -> str | None:
     """That the target is too low for the fingers as it lies, in words, for the hand meets the floor first; None where it is not."""
     floor_z, lowest = float(scene.cabinet.T_world_cabinet[2, 3]), lowest_of(robot)
-    low, high = (float(corner[2]) for corner in bounds(scene.target_body.shape, scene.target_body.T_world_body))
+    shape, T = scene.target_body.shape, scene.target_body.T_world_body
+    low, high = (float(corner[2]) for corner in bounds(shape, T))
     rooms = [(kind, lowest(kind, pitch)) for kind in scene.approaches for pitch in USUAL.pitches[kind]]
-    if robot.opening.cup_m or any(height_of(kind, low, high, floor_z + room, 0.5) is not None for kind, room in rooms):
+    if isinstance(shape, Cylinder) and is_level(T):
+        heights = [height_over_lying((low + high) / 2, shape.radius_m, floor_z + room) for _, room in rooms]
+    else:
+        heights = [height_of(kind, low, high, floor_z + room, 0.5) for kind, room in rooms]
+    if robot.opening.cup_m or any(z is not None for z in heights):
         return None
     least = 1000 * min(room for _, room in rooms)
     return f"it lies {1000 * (high - low):.0f} mm high, and the middle of the pads stays {least:.0f} mm above the floor: stand it up"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from planning import Policy, plan_scene, read_scenes
+from planning.io.results import Results
 from planning.policies.random import random_object, random_region
 from retrieve_cli.__main__ import main
 
@@ -47,6 +49,32 @@ def planned(*args: str | Path) -> dict[str, Any]:
     assert main(["plan", str(TRIAL), *map(str, args), "-o", "plans.jsonl"]) == 0
     (line,) = Path("plans.jsonl").read_text().splitlines()
     return {name: value for name, value in json.loads(line).items() if name not in ("planning_time_s", "motion_time_s")}
+
+
+@pytest.mark.parametrize("spec", ["ways_of_mine:mine", "ways_of_mine.py:mine"])
+def test_resume_compares_its_code(module: Path, spec: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    scenes, call = Path("scenes.jsonl"), ["plan", "scenes.jsonl", "--policy", spec, "--rule", "strict", "-o", "plans.jsonl"]
+    shutil.copy(TRIAL.with_name("plum.obj"), module)
+    scenes.write_text(TRIAL.read_text() + TRIAL.read_text().replace('"id": "', '"id": "again-', 1))
+    write, calls = Results.__call__, list[object]()
+
+    def once(self: Results[Any], value: object) -> None:
+        calls.append(value)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        write(self, value)
+
+    with monkeypatch.context() as stopped:
+        stopped.setattr(Results, "__call__", once)
+        assert main(call) == 130
+    file = Path("ways_of_mine.py")
+    file.write_text(OWN + "# other code\n")
+    capsys.readouterr()
+    assert main([*call, "--resume"]) == 2
+    assert "plans.part.jsonl: was made otherwise: code of --policy was '" in capsys.readouterr().err
+    file.write_text(OWN)
+    assert main([*call, "--resume"]) == 0
+    assert len(Path("plans.jsonl").read_text().splitlines()) == 2
 
 
 @pytest.mark.parametrize("spec", ["ways_of_mine:mine", "ways_of_mine.py:mine"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -87,21 +87,12 @@ class PackedCell:
         """The walls and the scene's objects, packed where they stand at the beginning, and the name behind each solid."""
         return self._stock, self._rows
 
-    def problem(
-        self,
-        poses: Mapping[str, Array],
-        gripper: float,
-        *,
-        held: Held | None = None,
-        ignore: Collection[tuple[str, str]] = (),
-    ) -> PlanningQuery:
-        """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand, pairs of names that may touch.
+    def problem(self, poses: Mapping[str, Array], gripper: float, *, held: Held | None = None) -> PlanningQuery:
+        """Pack a query: objects standing at poses, fingers at a gripper value, an object in the hand.
 
         The held object may touch the pads, which hold it, and is checked against the rest of the robot.
         """
         _, solids, bodies, known, _ = self._standing(poses)
-        if ignore:
-            return self._pack(solids, bodies, gripper, held, ignore)
         if (gripper, held) not in known:
             forget_oldest(known, KNOWN_KEPT)
             known[gripper, held] = self._packed_among(solids, bodies, gripper, held)
@@ -117,9 +108,7 @@ class PackedCell:
         query = self._elsewhere[key] = self._pack(solids, bodies, gripper, held)
         return query
 
-    def _pack(
-        self, solids: Solids, bodies: tuple[str, ...], gripper: float, held: Held | None, ignore: Collection[tuple[str, str]] = ()
-    ) -> PlanningQuery:
+    def _pack(self, solids: Solids, bodies: tuple[str, ...], gripper: float, held: Held | None) -> PlanningQuery:
         """See `problem`; of bodies that stand as these solids do."""
         (posed, model), links = self.arm.packed(gripper), self.arm.links
         pairs = self.arm.self_pairs
@@ -132,8 +121,6 @@ class PackedCell:
             pairs = np.concatenate([pairs, np.array([(h, i) for h in range(first, len(links)) for i in others], np.int64).reshape(-1, 2)])
         check = np.ones((len(links), len(bodies)), np.uint8)
         check[posed.frame == 0] = 0  # the base stands still: the final check judges it
-        for a, b in ignore:
-            check[np.ix_([i for i, n in enumerate(links) if n == a], [i for i, n in enumerate(bodies) if n == b])] = 0
         task = pose_task(self.arm.chain, posed, model, solids, Query(check, pairs), MARGIN_M)
         if self.settings.clearance.least_m > 0:
             task = self._with_clearance(task, bodies, self.settings.clearance.least_m)

@@ -11,7 +11,7 @@ import pytest
 
 from kinematics.errors import InputError
 from kinematics.robots.robot import Robot
-from kinematics.scene import Grasp, RobotRef, Scene
+from kinematics.scene import APPROACHES, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
@@ -22,7 +22,7 @@ from planning.plan import SCENE
 from planning.policies.unsolvable import Finding, Prover
 from planning.scenes.generation import generate, load_spec
 from planning.target_grasps import allowed
-from planning.target_grasps.allowed import GraspChoice, TargetGrasps, target_grasps
+from planning.target_grasps.allowed import GraspChoice, TargetGrasps, lies_flat, target_grasps
 from planning.target_grasps.proposals import propose, rank
 from planning.verdict import judge_grasp
 from retrieve_cli.__main__ import main
@@ -101,6 +101,19 @@ def test_a_target_that_no_sampled_grasp_holds_says_how_large_it_is(ur5e: Robot, 
     wrong = target_grasps(ur5e, other, GraspChoice.ANY)
     assert isinstance(wrong, str)
     assert re.match(f"no grasp that is sampled on {alone.target} can be meant: {why}", wrong)
+
+
+def test_a_can_that_lies_is_too_low_where_the_pads_stay_above_its_axis(ur5e: Robot, alone: Scene) -> None:
+    """Though its top is high enough for pads that close on flat sides."""
+    can, floor_z = Cylinder(0.03, 0.12), float(alone.cabinet.T_world_cabinet[2, 3])
+    middle = [*alone.target_body.T_world_body[:2, 3], floor_z + can.radius_m]
+    lying = replace(alone.target_body, shape=can, T_world_body=transform(rotation_about((1.0, 0.0, 0.0), np.pi / 2), middle))
+    other = replace(alone, objects=(lying,), grasp=None, grasps=(), approaches=("horizontal",))
+    said = "it lies 60 mm high, and the middle of the pads stays 40 mm above the floor: stand it up"
+    assert lies_flat(ur5e, other) == said
+    assert lies_flat(ur5e, replace(other, objects=(replace(lying, shape=Box(2 * can.half)),))) is None
+    from_above = replace(other, approaches=APPROACHES)
+    assert (lies_flat(ur5e, from_above) is None) == isinstance(target_grasps(ur5e, from_above, GraspChoice.ANY), TargetGrasps)
 
 
 def test_without_a_grasp_or_a_list_there_is_nothing_to_choose(ur5e: Robot, alone: Scene) -> None:

@@ -70,7 +70,7 @@ class Prover:
         if not stuck:
             return {}, None
         if self.motions.finest is None:
-            what = "meshes, what is not upright, pads that are askew, and anything thinner than 8 mm"
+            what = "meshes, what is not upright, pads that are askew, and anything thinner than 10 mm"
             return {}, f"nothing is proved where there are {what}: hands among these can't be looked at densely enough"
         view, doubt = self.motions.finest.at(state.poses), None
         for name in sorted(stuck):

@@ -114,8 +114,8 @@ class FinestLook:
         return sampled_grasps(self.robot, self.scene, name, T, sampling=sampling)
 
     def levels(self, name: str) -> tuple[Around, ...]:
-        """What hands on an object stand for, at first and after each halving. Round what is round they can be turned, but not by an arm of few
-        joints, which can't choose where its hand looks."""
+        """What hands on an object stand for, at first and after each halving. Round what is round they can be turned; an arm of few joints
+        can't choose where its hand looks."""
         if name not in self._levels:
             shape, coarsest = self.scene.body(name).shape, SQUARE
             if isinstance(shape, Cylinder) and not self.cell_as_it_is.arm.few_joints:

@@ -17,10 +17,11 @@ from planning.grasping.hand_poses import level_across, level_hand
 from planning.grasping.marginal_grasps import LEAST_M, SURELY_M, _Outline, _overlapping, lacks_m, marginal_grasps
 from planning.grasping.pads import Pad, inner_pad_of, pad_of
 from planning.grasping.sampling import DENSEST, USUAL, Sampling
-from planning.motion.handling.finest_look import SAMPLING
+from planning.motion.handling.finest_look import SQUARE, STEPS_M
 from planning.verdict import Settings, judge_grasp, judge_hold
 
 CABINET = Cabinet(np.array([3.0, 3.0, 3.0]), transform(p=[-1.0, 0.0, 0.0]), 0.02)
+FINEST = replace(DENSEST, steps_m=STEPS_M, beyond_m=SQUARE.moved_m)
 PAD = Pad(0.010, -0.012, 0.020)
 BOX, CAN = Box(np.array([0.05, 0.07, 0.14])), Cylinder(0.03, 0.14)
 
@@ -75,7 +76,7 @@ def test_pads_overlap_by_a_square_just_where_they_are_said_to(pitch: float) -> N
         assert np.abs(said - at).max(1).min() <= 0.004 + 1e-9
 
 
-@pytest.mark.parametrize("sampling", [DENSEST, SAMPLING])
+@pytest.mark.parametrize("sampling", [DENSEST, FINEST])
 def test_steps_are_as_fine_as_is_asked(sampling: Sampling) -> None:
     steps = sampling.steps_m
     assert steps is not None
@@ -113,7 +114,7 @@ def test_an_arm_of_few_joints_looks_as_it_has_to(ur5e: Robot) -> None:
         assert R[:2, 2] @ middle[:2] == pytest.approx(np.linalg.norm(middle[:2]), abs=1e-12)
 
 
-@pytest.mark.parametrize(("sampling", "beyond"), [(DENSEST, False), (SAMPLING, True)])
+@pytest.mark.parametrize(("sampling", "beyond"), [(DENSEST, False), (FINEST, True)])
 @pytest.mark.parametrize("kind", APPROACHES)
 def test_pads_meet_a_can_with_their_faces_but_for_proofs(ur5e: Robot, kind: str, sampling: Sampling, beyond: bool) -> None:
     """A line beyond the pads' ends is held, but by friction alone: plans don't rely on it, and proofs have to."""

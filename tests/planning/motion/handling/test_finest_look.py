@@ -10,21 +10,24 @@ import pytest
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder
-from kinematics.transforms import Array, inverse, rotation_about, transform
+from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.grasping.hand_poses import level_hand
 from planning.motion.handling import finest_look
 from planning.motion.handling.finest_look import (
-    HALVINGS,
-    SAMPLING,
-    STEPS_M,
+    LEAST_ROOM_M,
+    SQUARE,
+    THINNEST_M,
+    TURN_M,
+    Around,
     FinestLook,
     can_have_more_room,
-    quartered,
-    room_m,
+    divided,
+    levels_of,
     with_more_room,
 )
 from planning.motion.pick_place import Motions
-from planning.motion.settings import DEFAULTS
+from planning.motion.search.reaching import APPROACH_M
+from planning.motion.settings import DEFAULTS, UNCONSTRAINED
 from planning.scenes.generation import generate, load_spec
 from planning.verdict import judge_hold
 
@@ -139,15 +142,79 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
     assert access.between // 2 <= doubtful.between < access.between
 
 
-@pytest.mark.parametrize("level", range(HALVINGS))
-def test_four_hands_stand_for_all_around_one(level: int) -> None:
-    """Whoever is within half a step of a hand is within half of the next steps of one of its four, and within that level's room."""
-    R, rng = level_hand(np.array([0.6, 0.8, 0.0]), 0.4), np.random.default_rng(level)
-    hand = Grasp(transform(R, [0.5, 0.1, 0.3]), 0.05)
-    ahead, half = np.array([0.6, 0.8, 0.0]), np.array(STEPS_M) / 2 ** (level + 1)
-    four = np.array([part.T_world_hand[:3, 3] - hand.T_world_hand[:3, 3] for part in quartered(hand, level)])
-    for share in rng.uniform(-1, 1, (50, 2)):
-        along, up = share * half
-        off = np.abs(four - (along * ahead + up * np.array(UP, float)))
-        assert np.linalg.norm(off, axis=1).min() <= room_m(level + 1) + 1e-12
-    assert room_m(0) == pytest.approx(SAMPLING.beyond_m)
+TURNED = replace(SQUARE, turn=TURN_M / 0.3, reach_m=0.3)
+
+
+@pytest.mark.parametrize("coarsest", [SQUARE, TURNED], ids=["square", "turned"])
+def test_some_hands_stand_together_for_all_around_one(coarsest: Around) -> None:
+    """Whatever hand one stands for, each point of it is no further than the next room from where one of the next hands has it."""
+    middle, rng = np.array([0.51, 0.12, 0.3]), np.random.default_rng(0)
+    hand = Grasp(transform(level_hand(np.array([0.6, 0.8, 0.0]), 0.4), [0.35, -0.1, 0.3]), 0.05)
+    for around in levels_of(coarsest)[:-1]:
+        finer = around.halved()
+        parts = np.array([part.T_world_hand for part in divided(hand, around, middle)])
+        points = middle + rng.normal(size=(60, 3)) * [0.1, 0.1, 0.05]
+        points = points[np.hypot(*(points - middle)[:, :2].T) + around.moved_m <= 0.3]
+        in_hand = np.c_[points, np.ones(len(points))] @ inverse(hand.T_world_hand).T
+        for share in rng.uniform(-1, 1, (30, 3)):
+            moved = transform(p=share[0] * around.ahead_m * np.array([0.6, 0.8, 0.0]) + share[1] * around.up_m * np.array(UP, float))
+            turned = transform(p=middle) @ transform(rotation_about(UP, share[2] * around.turn)) @ transform(p=-middle)
+            there = in_hand @ (turned @ moved @ hand.T_world_hand).T
+            apart = np.linalg.norm(in_hand @ parts.transpose(0, 2, 1) - there, axis=2).max(1)
+            assert apart.min() <= finer.room_m + 1e-12
+    assert levels_of(coarsest)[-1].room_m <= LEAST_ROOM_M
+
+
+def test_no_point_of_a_hand_on_its_way_is_further_off_than_is_reckoned_with(ur5e: Robot) -> None:
+    """Of all hands that are looked at first on a can: from its middle, level, before the hand goes ahead."""
+    can = Body("can", Cylinder(0.028, 0.12), transform(p=[0.5, 0.1, 0.26]))
+    scene = replace(scene_of(can), approaches=("horizontal", "diagonal", "downward"))
+    look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
+    q = ur5e.home.copy()
+    q[ur5e.gripper_joint] = ur5e.opening.value_at(ur5e.opening.max_m)
+    poses = ur5e.link_poses(q)
+    hulls = [apply(inverse(poses["hand"]) @ poses[h.link], h.vertices) for h in ur5e.hulls if h.link in ur5e.hand_links]
+    hands, around = list(look.sampled("can", can.T_world_body)), look.levels("can")[0]
+    assert around.reach_m < 0.35  # or proofs would take long
+    for hand in hands[::997]:
+        back = hand.T_world_hand @ transform(p=[0.0, 0.0, -APPROACH_M])
+        level = np.concatenate([apply(back, hull) for hull in hulls])[:, :2] - can.T_world_body[:2, 3]
+        assert np.hypot(*level.T).max() <= around.reach_m
+
+
+def test_hands_on_what_is_round_are_turned_less_where_walls_are_thin(ur5e: Robot) -> None:
+    """So much that something is left of the walls with the most room."""
+    can = Body("can", Cylinder(0.028, 0.12), CABINET.T_world_cabinet @ transform(p=[0.25, 0.0, 0.06]))
+    box = Body("box", Box(np.array([0.05, 0.05, 0.12])), CABINET.T_world_cabinet @ transform(p=[0.25, 0.1, 0.06]))
+    for wall_m, turn_m in ((0.03, TURN_M), (0.012, 0.005 - SQUARE.room_m), (THINNEST_M, 0.001)):
+        scene = scene_of(can, box)
+        scene = replace(scene, cabinet=replace(scene.cabinet, wall_m=wall_m))
+        look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
+        around = look.levels("can")[0]
+        assert around.turn * around.reach_m == pytest.approx(turn_m)
+        assert with_more_room(scene, around.room_m).cabinet.wall_m >= 0.00199
+        assert look.levels("box")[0] == SQUARE
+        yaws = {round(float(np.arctan2(*hand.T_world_hand[:2, 1])), 6) for hand in look.sampled("can", can.T_world_body)}
+        assert np.diff(sorted(yaws)).max() <= 2 * around.turn + 1e-5
+
+
+def test_a_hand_between_two_that_look_other_ways_is_found(ur5e: Robot) -> None:
+    """The can of a scene whose proof was attacked: hands 5° apart all met the box before it or the wall beside it, one at 8.2° did not."""
+    cabinet = Cabinet(np.array([0.5, 0.5, 0.34]), transform(p=[0.3, 0.0, 0.1]), 0.03)
+    can = Body(
+        "can", Cylinder(0.02793179768631479, 0.10463574820296503), transform(p=[0.5178734479188796, -0.16133661066071814, 0.15231787])
+    )
+    box = Body("box", Box(np.array([0.0621069492504935, 0.06551186276054585, 0.09078891632331366])),
+               transform(rotation_about(UP, -0.0275087), [0.5128293146425514, -0.06325981982006029, 0.14539445816165683]))  # fmt: skip
+    before = Body("before", Box(np.array([0.058609763026097494, 0.05999850461071113, 0.15583526004155146])),
+                  transform(rotation_about(UP, -1.45538), [0.3855111845458461, -0.07737486998861734, 0.17791763002077574]))  # fmt: skip
+    target = Body("target", Box(np.array([0.04, 0.05, 0.15])), transform(p=[0.63, 0.1, 0.175]))
+    scene = Scene(
+        "s", RobotRef(transform(p=ur5e.base_p), "ur5e"), cabinet, (can, box, before, target), "target", None, approaches=("horizontal",)
+    )
+    motions, standing = Motions(ur5e, scene, settings=UNCONSTRAINED), frozenset({"box", "before"})
+    assert not motions.exhaustive.obstructions(scene.poses()).free("can", standing)
+    assert motions.finest is not None
+    hand = motions.finest.at(scene.poses()).access("can", standing).hand
+    assert hand is not None
+    assert judge_hold(ur5e, can, hand) is None

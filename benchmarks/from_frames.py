@@ -6,8 +6,9 @@ plans among them. A plan is carried out on the truth, the fingers closing on wha
 `verify` says whether anything touches that must not, the verdict whether everything is held and stands. Truth and plans are written for a
 stranger's replay: benchmarks/replay.py OUT/truth.jsonl OUT/carried_out_solid.jsonl URDF.
 
-Usage: PYTHONPATH=. python benchmarks/from_frames.py [-n 50] [--seed 61] [--spec paper] [--policy local] -o OUT. The last line is one JSON
-object. A second run into the same folder keeps the recorded frames.
+Usage: PYTHONPATH=. python benchmarks/from_frames.py [-n 50] [--seed 61] [--spec paper | --scenes FILE] [--policy local] -o OUT. The last line
+is one JSON object. A second run into the same folder keeps the recorded frames. Scenes of a file, with cans that lie, say, need an x_g
+(`retrieve grasp` finds one), for it tells which object is the target. The robot is UR5e.
 """
 
 from __future__ import annotations
@@ -98,12 +99,16 @@ def main() -> None:
     parser.add_argument("-n", type=int, default=50)
     parser.add_argument("--seed", type=int, default=61)
     parser.add_argument("--spec", default="paper")
+    parser.add_argument("--scenes", type=Path, help="a file of scenes with an x_g each, instead of generated ones")
     parser.add_argument("--policy", default="local")
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     truth, views, blank, out = (args.out / name for name in ("truth.jsonl", "views", "blank.jsonl", "seen.jsonl"))
-    gen(n=args.n, seed=args.seed, robot=None, hand_frame=None, gripper_joint=None, spec=args.spec, out=truth)
+    if args.scenes:
+        truth.write_bytes(args.scenes.read_bytes())
+    else:
+        gen(n=args.n, seed=args.seed, robot=None, hand_frame=None, gripper_joint=None, spec=args.spec, out=truth)
     views.mkdir(exist_ok=True)
     record(truth, views)
     forget(truth, blank)

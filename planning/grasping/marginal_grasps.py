@@ -99,8 +99,9 @@ def _all_round(
         for u, side in product(closing, (1.0, -1.0)):
             ahead = side * level_across(u) / np.hypot(u[0], u[1])
             R = level_hand(ahead, pitch)
-            for middle in body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * UP:
-                yield Grasp(transform(R, opening.hand_position(middle, R, width_m)), width_m)
+            middles = body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * UP
+            for p in opening.hand_position(middles, R, width_m):
+                yield Grasp(transform(R, p), width_m)
 
 
 def _headed(

@@ -46,7 +46,7 @@ TURN_M = 0.005
 LEAST_TURN_M = 0.001  # or less, where something is so thin that nothing of it would be left; but not less than this
 LEAST_ROOM_M = 0.00005
 """The room is halved till it is no more than this."""
-AT_ONCE = 16  # so many hands are looked at together
+AT_ONCE = 128  # so many hands are looked at together
 MOST_BETWEEN = 5000
 """So many hands between those of the first level are looked at for one object."""
 LEFT_M = 0.002

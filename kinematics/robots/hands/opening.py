@@ -73,7 +73,7 @@ class Opening:
         return 0.0 if self.jaw == 0 and not self.round_only else float(np.interp(width_m, self.width_m, self.pad_y_m))
 
     def hand_position(self, middle: Array, R: Array, width_m: float) -> Array:
-        """Where the hand frame (..., 3) is when it is turned by R (3, 3) and the middle between its pads is at points (..., 3), at a width."""
+        """Where the hand frame (..., 3) is when R (3, 3) turns it and the middle between its pads is at points (..., 3), at a width."""
         if self.jaw == 0 and not self.round_only:
             return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2])
         return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2] - self.pad_y_at(width_m) * R[:, 1])

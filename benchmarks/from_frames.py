@@ -6,8 +6,8 @@ plans among them. A plan is carried out on the truth, the fingers closing on wha
 `verify` says whether anything touches that must not, the verdict whether everything is held and stands. Truth and plans are written for a
 stranger's replay: benchmarks/replay.py OUT/truth.jsonl OUT/carried_out_solid.jsonl URDF.
 
-Usage: PYTHONPATH=. python benchmarks/from_frames.py [-n 50] [--seed 61] [--spec paper | --scenes FILE] [--policy local] -o OUT. The last line
-is one JSON object. A second run into the same folder keeps the recorded frames. Scenes of a file, with cans that lie, say, need an x_g
+Usage: PYTHONPATH=. python benchmarks/from_frames.py [-n 50] [--seed 61] [--spec paper | --scenes FILE] [--policy local] -o OUT. The last
+line is one JSON object. A second run into the same folder keeps the recorded frames. Scenes of a file, with cans that lie, say, need an x_g
 (`retrieve grasp` finds one), for it tells which object is the target. The robot is UR5e.
 """
 

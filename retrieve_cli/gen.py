@@ -52,7 +52,7 @@ def run(
         link_covers(arm, say)
     ref = robot_ref(arm, hand_frame)
     if fit:
-        wanted, ref = _fitted(wanted, arm, ref)
+        wanted, ref = fitted(wanted, arm, ref, "gen")
     make = partial(make_scene, wanted, ref, seed)
     robots = (arm.name, hand_frame, gripper_joint)
     asked = {"command": "gen", "version": version(), "seed": seed, "spec": spec_hash(wanted), "robot": robots}
@@ -62,15 +62,15 @@ def run(
             advance()
 
 
-def _fitted(spec: Spec, arm: Robot, ref: RobotRef) -> tuple[Spec, RobotRef]:
-    """The spec and the robot's place that go together. Raises: InputError where the arm reaches into no such cabinet."""
+def fitted(spec: Spec, arm: Robot, ref: RobotRef, command: str) -> tuple[Spec, RobotRef]:
+    """The spec and the robot's place that go together. Raises: InputError, of a command, where the arm reaches into no such cabinet."""
     from planning.scenes.fitting.fit import fit
     from planning.scenes.generation import NoScene
 
-    with blame("gen", NoScene):
-        fitted = fit(spec, arm, ref, say)
-    say(f"fitted: {fitted}")
-    return fitted.spec, fitted.ref
+    with blame(command, NoScene):
+        found = fit(spec, arm, ref, say)
+    say(f"fitted: {found}")
+    return found.spec, found.ref
 
 
 def make_scene(spec: Spec, ref: RobotRef, seed: int, index: int) -> Scene:

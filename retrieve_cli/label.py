@@ -18,7 +18,7 @@ from planning.io.outputs import alone_in
 from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import Ended
-from retrieve_cli.gen import robot_ref, spec_hash
+from retrieve_cli.gen import fitted, robot_ref, spec_hash
 from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_settled
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ class Job:
     moves: int
     objects: int | None
     partly_seen: float = 0.0
-    specs: tuple[Spec, ...] = ()
-    robot: RobotRef | None = None
+    specs: tuple[tuple[Spec, RobotRef], ...] = ()  # of scenes that are to be made, each with where the robot stands
     variety: Variety | None = None
 
 
@@ -74,6 +73,7 @@ def run(
     workers: int | None,
     engine: str,
     address: str | None,
+    fit: bool = False,
 ) -> None:
     """Label scenes of a file, or generated ones, shard by shard; go on where an earlier call of the same kind stopped."""
     from planning.learning.labelling import shards
@@ -81,6 +81,9 @@ def run(
 
     if scenes is not None and n is not None:
         raise InputError(f"label: {scenes} and -n exclude each other: label the scenes of a file, or generated ones")
+    ours = {"--robot": robot, "--hand-frame": hand_frame, "--gripper-joint": gripper_joint, "--fit": fit}
+    if scenes is not None and (asked := next((option for option, value in ours.items() if value), None)):
+        raise InputError(f"label: {asked} is for scenes that are generated, with -n: those of {scenes} say it themselves")
     announce_first_run()
     job = Job(seed, paths, moves, objects, partly_seen)
     if n is None and (scenes is not None or not sys.stdin.isatty()):
@@ -88,8 +91,8 @@ def run(
         total = len(given)
     else:
         given, total = None, n or SCENES
-        about, specs, ref, variety = _made(spec, robot, hand_frame, gripper_joint, vary)
-        job = replace(job, specs=specs, robot=ref, variety=variety)
+        about, specs, variety = _made(spec, robot, hand_frame, gripper_joint, vary, fit)
+        job = replace(job, specs=specs, variety=variety)
     settings = {"seed": seed, "paths": paths, "moves": moves, "objects": objects, **about, "scenes": total, "scenes_a_shard": SHARD}
     settings["motions"] = {"clearance_m": DEFAULTS.clearance.wanted_m, "max_tilt_deg": DEFAULTS.max_tilt_deg}
     if partly_seen:
@@ -140,10 +143,9 @@ def label_item(job: Job, item: Item) -> list[Row]:
         if scene is not None:
             index = scene.random_word  # its place in the file is nobody's business
         else:
-            assert job.robot is not None
             assert job.variety is not None
-            spec = job.specs[index % len(job.specs)]
-            scene = varied_scene(spec, from_ref(job.robot), job.robot, job.seed, index, job.variety)
+            spec, ref = job.specs[index % len(job.specs)]
+            scene = varied_scene(spec, from_ref(ref), ref, job.seed, index, job.variety)
         found = rows(
             from_ref(scene.robot), scene, job.seed, index,
             paths=job.paths, moves=job.moves, objects=job.objects, partly_seen=job.partly_seen,
@@ -163,22 +165,25 @@ def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
 
 
 def _made(
-    spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool
-) -> tuple[dict[str, Any], tuple[Spec, ...], RobotRef, Variety]:
-    """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn."""
+    spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool, fit: bool
+) -> tuple[dict[str, Any], tuple[tuple[Spec, RobotRef], ...], Variety]:
+    """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn, fitted to the arm if
+    asked."""
     from kinematics.robots.load import load
     from planning.learning.labelling.states import Variety
     from planning.scenes.generation import load_spec
 
     with blame("label"):
-        specs = tuple(load_spec(which) for which in spec)
+        plain = [load_spec(which) for which in spec]
         arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
+    ref = robot_ref(arm, hand_frame)
+    specs = tuple(fitted(s, arm, ref, "label") if fit else (s, ref) for s in plain)
     variety = Variety() if vary else Variety(0.0, 0.0, None)
     source = {
-        "specs": [{"name": Path(which).name, "sha256": spec_hash(s)} for which, s in zip(spec, specs)],
+        "specs": [{"name": Path(which).name, "sha256": spec_hash(s)} for which, (s, _) in zip(spec, specs)],
         "variety": vars(variety),
     }
-    return {"robot": arm.name, "source": source}, specs, robot_ref(arm, hand_frame), variety
+    return {"robot": arm.name, "source": source}, specs, variety
 
 
 def _folder(out: Path) -> None:

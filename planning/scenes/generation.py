@@ -162,6 +162,8 @@ def generate(
         on_step(verdict)
     said = ", ".join(f"{n} {what}" for what, n in thrown.most_common())
     why = f"robot {robot.name} can't reach into this cabinet, level as x_g is, or nothing ever blocks the target"
+    if ref.urdf is not None and ref.home is None:
+        why += "; --fit puts the cabinet where it reaches"
     raise NoScene(f"no valid scene in {MOST_SAMPLES} samples ({said}): {why}")
 
 

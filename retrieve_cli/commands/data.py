@@ -14,6 +14,7 @@ from retrieve_cli.commands.options import (
     By,
     Device,
     Engine,
+    Fit,
     Form,
     GripperJoint,
     HandFrame,
@@ -34,7 +35,7 @@ def gen(
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
     spec: Annotated[str, typer.Option("--spec", help=f"What the scenes are like: {_SPECS}.", metavar="NAME|FILE.toml")] = "paper",
-    fit: Annotated[bool, typer.Option("--fit", help="Place and scale the cabinet for this arm's reach and gripper.")] = False,
+    fit: Fit = False,
     workers: Workers = None,
     engine: At = Engine.local,
     address: Address = None,
@@ -130,6 +131,7 @@ def label(
     robot: Robot = None,
     hand_frame: HandFrame = None,
     gripper_joint: GripperJoint = None,
+    fit: Fit = False,
     vary: Annotated[
         bool, typer.Option("--vary/--no-vary", help="Generate with the robot's place, the cabinet's size and the grid a little different.")
     ] = True,
@@ -158,6 +160,7 @@ def label(
         robot=robot,
         hand_frame=hand_frame,
         gripper_joint=gripper_joint,
+        fit=fit,
         vary=vary,
         seed=seed,
         paths=paths,

@@ -70,6 +70,7 @@ HandFrame = Annotated[
 GripperJoint = Annotated[
     str | None, typer.Option("--gripper-joint", help="Joint that opens the gripper, for a URDF of one's own.", metavar="JOINT")
 ]
+Fit = Annotated[bool, typer.Option("--fit", help="Place and scale the cabinet for this arm's reach and gripper.")]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.", min=0)]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Processes at a time; by default 1 here, and all cores of a Ray cluster.", min=1)

@@ -214,9 +214,12 @@ def test_a_spec_that_is_never_valid_is_given_up(ur5e: Robot, monkeypatch: pytest
     """After a number of samples, not of seconds; each is told. (The judge is a stand-in: the real one would take half a minute.)"""
     told: list[str] = []
     monkeypatch.setattr("planning.scenes.generation._judge", lambda *_: "unsolvable")
-    with pytest.raises(NoScene, match="robot ur5e can't reach into this cabinet, level as x_g is, or nothing ever blocks the target"):
-        generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 0, 0, on_step=told.append)
+    says, at = "robot ur5e can't reach into this cabinet, level as x_g is, or nothing ever blocks the target", transform(p=ur5e.base_p)
+    with pytest.raises(NoScene, match=f"{says}$"):
+        generate(load_spec("paper"), ur5e, RobotRef(at, "ur5e"), 0, 0, on_step=told.append)
     assert set(told) == {"unsolvable"}
+    with pytest.raises(NoScene, match=f"{says}; --fit puts the cabinet where it reaches$"):
+        generate(load_spec("paper"), ur5e, RobotRef(at, urdf="my.urdf"), 0, 0)
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.relaxed_plan import relaxed_plan
-from planning.scenes.generation import generate, load_spec
+from planning.scenes.generation import Spec, generate, load_spec
 from retrieve_cli import label as command
 from retrieve_cli.__main__ import main
 
@@ -468,6 +468,32 @@ def test_two_runs_are_not_in_one_folder_at_once(quick: Quick, tmp_path: Path, ca
     assert main(["label", "-n", "11", "-o", str(out)]) == 0, "the lock goes with the run"
 
 
+def test_the_scenes_of_each_spec_are_fitted_to_the_arm(quick: Quick, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `gen --fit` does it: with the place of its base, and where it waits."""
+    made: list[tuple[tuple[Spec, RobotRef], ...]] = []
+
+    def fitted(spec: Spec, arm: Robot, ref: RobotRef, command: str) -> tuple[Spec, RobotRef]:
+        return replace(spec, cabinet_front_m=0.2), replace(ref, home={"elbow_joint": float(spec.objects_box_share)})
+
+    def label_item(job: command.Job, item: command.Item) -> list[Row]:
+        made.append(job.specs)
+        return []
+
+    monkeypatch.setattr(command, "fitted", fitted)
+    monkeypatch.setattr(command, "label_item", label_item)
+    plain, out = tmp_path / "plain", tmp_path / "fitted"
+    specs = ["--spec", "paper", "--spec", "shelf"]
+    assert main(["label", "-n", "2", *specs, "-o", str(plain)]) == 0
+    assert main(["label", "-n", "2", *specs, "--fit", "-o", str(out)]) == 0
+    (usual, _), fit = made[0], made[-1]
+    assert usual[1].home is None
+    assert [(spec.cabinet_front_m, ref.home) for spec, ref in fit] == [
+        (0.2, {"elbow_joint": load_spec(name).objects_box_share}) for name in ("paper", "shelf")
+    ]
+    hashes = [read_manifest(folder).settings["source"]["specs"][0]["sha256"] for folder in (plain, out)]
+    assert hashes[0] != hashes[1], "neither goes on with the other's labels"
+
+
 def test_more_scenes_are_added_to_a_folder(quick: Quick, tmp_path: Path) -> None:
     whole, grown = tmp_path / "whole", tmp_path / "grown"
     assert main(["label", "-n", "11", "-o", str(whole)]) == 0
@@ -523,6 +549,7 @@ def test_folders_and_calls_that_will_not_do(quick: Quick, scene: Scene, tmp_path
         (["-n", "1", "-o", str(tmp_path / "file")], "is a file, not a folder"),
         (["-n", "1", "-o", str(tmp_path / "no" / "labels")], "does not exist; make it first"),
         ([str(tmp_path / "scenes.jsonl"), "-n", "1", "-o", str(tmp_path / "a")], "and -n exclude each other"),
+        ([str(tmp_path / "scenes.jsonl"), "--fit", "-o", str(tmp_path / "a")], "--fit is for scenes that are generated, with -n: those of"),
         (["-n", "1", "--spec", "papr", "-o", str(tmp_path / "b")], "unknown spec 'papr'"),
         (["-n", "1", "--address", "h:1", "-o", str(tmp_path / "c")], "--address h:1 is for --engine ray"),
     ):

@@ -24,7 +24,7 @@ def checked(name: str, value: Any, *shape: int, finite: bool = True) -> Array:
     if array.shape != shape and (array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape))):
         wanted = ", ".join("any" if n < 0 else str(n) for n in shape)
         raise ValueError(f"{name} {np.shape(value)} must be ({wanted})")
-    if finite and not (isfinite(np.vdot(array, array)) or np.isfinite(array).all()):  # the first is faster, and may overflow
+    if finite and not (isfinite((flat := array.ravel()).dot(flat)) or np.isfinite(array).all()):  # the first is faster, and may overflow
         raise ValueError(f"{name} holds what is no finite number")
     return array
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from kinematics.scene import Body, Scene
 from kinematics.shapes import Box
-from kinematics.transforms import transform
+from kinematics.transforms import cross, transform
 
 MOUNT = "mount"
 REACH_M, THICK_M = 3.0, 0.5
@@ -43,6 +43,6 @@ def mount(scene: Scene) -> Body | None:
         most = float(min(most, (seen @ x).min()))
     if most - least < 1e-3:
         return None
-    R = np.stack([x, np.cross(up, x), up], -1)
+    R = np.stack([x, cross(up, x), up], -1)
     centre = T_base[:3, 3] + (least + most) / 2 * x - THICK_M / 2 * up
     return Body(MOUNT, Box(np.array([most - least, 2 * REACH_M, THICK_M])), transform(R, centre))

@@ -98,7 +98,8 @@ def plan_scene(
     grasps = target_grasps(robot, scene, GraspChoice(grasp))
     if isinstance(grasps, str):
         return failed(scene.id, f"grasp: {grasps}", name=name, rule=rule)
-    scene = replace(scene, grasp=grasps.representative())
+    if (grasp_of_all := grasps.representative()) is not scene.grasp:
+        scene = replace(scene, grasp=grasp_of_all)
     unseen = unseen_space(scene) if is_seen(scene) and unseen_is_solid else ()
     motions = Motions(
         robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen, settings=settings,

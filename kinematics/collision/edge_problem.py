@@ -227,7 +227,8 @@ def _first_of(posed: PosedGeometry, p: int, pair: Int) -> None:
 
 def some_pairs(problem: Problem, kept: NDArray[np.bool_]) -> Problem:
     """The same problem with some of its pairs alone, kept (M,)."""
-    return problem._replace(pairs=problem.pairs[kept], reach=problem.reach[kept], clearance=problem.clearance[kept])
+    pairs, reach, clearance = (of_each.compress(kept, 0) for of_each in (problem.pairs, problem.reach, problem.clearance))
+    return problem._replace(pairs=pairs, reach=reach, clearance=clearance)
 
 
 def make_scratch(problem: Problem, at_once: int | None = None) -> Scratch:

@@ -90,11 +90,14 @@ class Robot:
 
     def arm_q(self, q: Array) -> Array:
         """The arm's joints (A,) of a full q (J,), or (K, A) of (K, J)."""
-        return np.asarray(q[..., self._arm])
+        return np.array(q[..., self._arm])
 
     @cached_property
-    def _arm(self) -> Int:
-        return np.array(self.arm_joints, np.int64)
+    def _arm(self) -> Int | slice:
+        """The arm's joints among all; a slice where they follow one another, which is quicker."""
+        first, count = self.arm_joints[0], len(self.arm_joints)
+        in_turn = self.arm_joints == tuple(range(first, first + count))
+        return slice(first, first + count) if in_turn else np.array(self.arm_joints, np.int64)
 
     @cached_property
     def hand_links(self) -> frozenset[str]:

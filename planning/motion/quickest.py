@@ -100,7 +100,7 @@ class _Layer:
         """Node n's way down is known, and counts so many seconds more than it takes."""
         self.places[n], self.ends[n], self.leaves[n] = place, place.lower[0], place.retreat[-1]
         at, cost = place.lower[-1], self.cost
-        self.ending[n], self.exit[n] = cost.points(np.stack([self.ends[n], self.leaves[n]]))
+        self.ending[n], self.exit[n] = cost.points(np.array([self.ends[n], self.leaves[n]]))
         self.put_s[n] = cost.straight(self.ends[n] - at) + cost.straight(self.leaves[n] - at) + more_s
         self.across_s[n] = cost.hoped(*self.across_by(n))
 
@@ -230,7 +230,7 @@ class _Graph:
         """The straight way from a to b (A,) if it is free and clear enough, and what it counts more than it takes."""
         for ends_m, more_s in ((self.ends_m, 0.0), (self.cell.settings.clearance.least_m, self.settings.tight_s)):
             if self.cell.straight(query, a, b, ends_m):
-                return np.stack([a, b]), more_s
+                return np.array([a, b]), more_s
         return None, 0.0
 
     def _moving(self, layer: _Layer, p: int) -> PlanningQuery:

@@ -94,11 +94,11 @@ class _Drive:
 
     def trajectory(self, poses: Mapping[str, Array], motion: Motion) -> Motion:
         """One motion's trajectory. poses: of the objects that stand meanwhile."""
-        robot, arm = self.cell.robot, list(self.cell.robot.arm_joints)
+        robot, arm, gripper = self.cell.robot, list(self.cell.robot.arm_joints), _gripper(self.cell, motion)
         q = _without_repeats(motion.q)
         if len(q) == 1:  # nothing moves
             still = np.zeros((2, q.shape[1]))
-            return replace(motion, q=np.repeat(q, 2, 0), t_s=np.array([0.0, LEAST_S]), qd=still, qdd=still)
+            return replace(motion, q=np.repeat(q, 2, 0), t_s=np.array([0.0, LEAST_S]), qd=still, qdd=still, gripper=gripper)
         way = _without_repeats(np.ascontiguousarray(q[:, arm]))  # rows may differ in the gripper's value alone
         if len(way) == 1:
             t, rows = _from_stop_to_stop(q, robot.velocity, robot.acceleration, robot.jerk)
@@ -116,7 +116,7 @@ class _Drive:
             slower *= self._slower(poses, motion, t, rows)
         if slower > 1:
             slow_down(slower, len(t), t, rows)
-        return replace(motion, q=rows[:, 0].copy(), t_s=t, qd=rows[:, 1].copy(), qdd=rows[:, 2].copy())
+        return replace(motion, q=rows[:, 0].copy(), t_s=t, qd=rows[:, 1].copy(), qdd=rows[:, 2].copy(), gripper=gripper)
 
     def _slower(self, poses: Mapping[str, Array], motion: Motion, t: Array, rows: Array) -> float:
         """So many times slower a motion with times t (R,) and rows (R, 3, J) is for what it comes near to."""
@@ -238,7 +238,7 @@ def timed(cell: Workcell, poses: Mapping[str, Array], motions: Sequence[Motion],
             poses = {**poses, before.held.body: at}
         if motion.held and motion.held.body in poses:
             poses = cell.without(poses, motion.held.body)
-        out.append(replace(drive.trajectory(poses, motion), gripper=_gripper(cell, motion)))
+        out.append(drive.trajectory(poses, motion))
         before = motion
     return tuple(out)
 

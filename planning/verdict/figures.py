@@ -177,7 +177,8 @@ def width_faults(motions: Sequence[Motion], opening: Opening) -> list[Fault]:
         if motion.gripper is None:
             continue
         for when, state in (("before", motion.gripper.before), ("after", motion.gripper.after)):
-            at, told = (opening.width_at(value) for value in (state.value, state.value if state.command is None else state.command))
+            at = opening.width_at(state.value)
+            told = at if state.command is None else opening.width_at(state.command)
             said = max(state.width_m, float(opening.width_m[0]))  # what it can't close further
             off = max(abs(said - told), told - at)
             if not off <= WIDTH_M:

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.transforms import Array, inverse
+from kinematics.transforms import Array, cross, inverse
 from planning.verdict import polygons
 from planning.verdict.cup import cup_faults
 from planning.verdict.faults import Fault, Settings
@@ -162,4 +162,4 @@ def _across(z: Array) -> tuple[Array, Array]:
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
-    return x, np.cross(z, x)
+    return x, cross(z, x)

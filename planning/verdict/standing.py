@@ -14,7 +14,7 @@ import numpy as np
 from kinematics.collision.fcl_solids import hull_solid
 from kinematics.scene import Cabinet
 from kinematics.shapes import Shape
-from kinematics.transforms import Array, inverse
+from kinematics.transforms import Array, cross, inverse
 from planning.verdict import polygons
 from planning.verdict.polyhedra import FEW_SIDES, Polyhedron, centre_of_mass, polyhedra, section_below
 
@@ -139,7 +139,7 @@ def _common(a: Polyhedron, b: Polyhedron, u: Array, within_m: float) -> Array:
     x = np.eye(3)[int(np.argmin(np.abs(u)))]
     x = x - (x @ u) * u
     x /= np.linalg.norm(x)
-    y = np.cross(u, x)
+    y = cross(u, x)
     ahead, behind = a.vertices @ u, b.vertices @ u
     caps = [a.vertices[ahead >= ahead.max() - within_m], b.vertices[behind <= behind.min() + within_m]]
     flat = sorted((polygons.hull(np.stack([c @ x, c @ y], -1)) for c in caps), key=len)

@@ -80,25 +80,26 @@ class Opening:
 
     def middle(self, width_m: float) -> Array:
         """Where (3,) the middle between the pads is in the hand that comes to close on an object of a width, after `beside`."""
-        return np.array([0.0, self.pad_y_at(width_m), self.pad_z_at(width_m)]) - BESIDE_M * self._draws
+        closed = np.array([0.0, self.pad_y_at(width_m), self.pad_z_at(width_m)])
+        return closed if self._draws is None else closed - BESIDE_M * self._draws
 
     @cached_property
-    def _draws(self) -> Array:
-        """Which way (3,) the hand draws an object that it closes on, in its own frame; 0 where it closes from both sides."""
-        return np.array([0.0, -float(self.jaw), -1.0 if self.cup_m else 0.0])
+    def _draws(self) -> Array | None:
+        """Which way (3,) the hand draws an object that it closes on, in its own frame; None where it closes from both sides."""
+        return np.array([0.0, -float(self.jaw), -1.0 if self.cup_m else 0.0]) if self.jaw or self.cup_m else None
 
     def beside(self, T_world_hand: Array) -> Array:
         """Where the hand is (4, 4) to close as at T_world_hand: with a jaw that moves alone BESIDE_M further, so that the pad that stands
         still passes the object, and as far before it with a cup; with any other hand just there."""
-        return T_world_hand if not self._draws.any() else _moved(T_world_hand, BESIDE_M * (T_world_hand[:3, :3] @ self._draws))
+        return T_world_hand if self._draws is None else _moved(T_world_hand, BESIDE_M * (T_world_hand[:3, :3] @ self._draws))
 
     def held(self, T_hand_body: Array) -> Array:
         """Where an object is in the hand (4, 4) once it is closed: a jaw that moves alone pushes it by PUSH_M, and a cup draws it."""
-        return _moved(T_hand_body, PUSH_M * self._draws)
+        return T_hand_body if self._draws is None else _moved(T_hand_body, PUSH_M * self._draws)
 
     def let_go(self, T_hand_body: Array) -> Array:
         """The inverse of `held`: where it is when the hand opens."""
-        return _moved(T_hand_body, -PUSH_M * self._draws)
+        return T_hand_body if self._draws is None else _moved(T_hand_body, -PUSH_M * self._draws)
 
     def closing_value(self, width_m: float) -> float:
         """The joint's value at which the pads hold an object of a width, after `beside` and `held`."""
@@ -119,9 +120,7 @@ class Opening:
 
 
 def _moved(T: Array, by_m: Array) -> Array:
-    """A pose (4, 4) moved by a vector (3,); itself where that is 0."""
-    if not by_m.any():
-        return T
+    """A pose (4, 4) moved by a vector (3,)."""
     out = T.copy()
     out[:3, 3] += by_m
     return out

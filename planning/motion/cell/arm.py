@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,6 +116,11 @@ class Arm(RobotCollisionModel):
                 pairs.append(copies[pairs[0]])
             self._known_times[more] = links, np.concatenate(pairs), np.isin(links, sorted(self.robot.fingers))
         return self._known_times[more]
+
+    @cached_property
+    def pivot(self) -> Array:
+        """Where (2,) its first joint turns about the vertical, see `Robot.pivot`."""
+        return self.robot.pivot(self.T_world_base)
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""

@@ -61,7 +61,7 @@ def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], car
     motions = [
         *out,
         motion(cell, "approach", pick.approach, pick.gripper_open),
-        motion(cell, "grasp", np.stack([at, at]), pick.gripper_open, to_gripper=pick.gripper_closed, touching=name),
+        motion(cell, "grasp", np.array([at, at]), pick.gripper_open, to_gripper=pick.gripper_closed, touching=name),
         motion(cell, "lift", lifted, pick.gripper_closed, pick.held, on_floor=True),
         motion(cell, "transfer", carry.across, pick.gripper_closed, pick.held),
     ]
@@ -70,7 +70,7 @@ def carried(cell: Workcell, state: State, name: str, rest: dict[str, Array], car
     at = place.lower[-1]
     motions += [
         motion(cell, "lower", place.lower, pick.gripper_closed, pick.held, on_floor=True),
-        motion(cell, "release", np.stack([at, at]), pick.gripper_closed, to_gripper=pick.gripper_open, touching=name),
+        motion(cell, "release", np.array([at, at]), pick.gripper_closed, to_gripper=pick.gripper_open, touching=name),
         motion(cell, "retreat", place.retreat, pick.gripper_open),
     ]
     return Done(tuple(motions), State(motions[-1].q[-1], {**rest, name: place.T_world_object}), pick.grasp, carry)
@@ -93,7 +93,7 @@ def setting_out(cell: Workcell, state: State, pick: Pick, path: Array, *, beside
             motion(cell, "transit", path[[-1, -1]], gripper, to_gripper=pick.gripper_open),
         ]
     return [
-        motion(cell, "transit", np.stack([q, q]), gripper, to_gripper=pick.gripper_open),
+        motion(cell, "transit", np.array([q, q]), gripper, to_gripper=pick.gripper_open),
         motion(cell, "transit", path, pick.gripper_open),
     ]
 
@@ -107,7 +107,7 @@ def opening_blocked(cell: Workcell, state: State, q: Array, pick: Pick) -> Block
     """What touches while the fingers move to a pick's opening, the arm being at q (A,); None when nothing does."""
     gripper = float(state.q[cell.robot.gripper_joint])
     opens = abs(gripper - pick.gripper_open) > SAME
-    if opens and cell.free_however_open(state.poses, np.stack([q, q]), gripper, pick.gripper_open):
+    if opens and cell.free_however_open(state.poses, np.array([q, q]), gripper, pick.gripper_open):
         return None  # as a rule, and what was packed for it is asked again when the arm sets out
     for value in np.linspace(gripper, pick.gripper_open, 4)[1:]:
         if touch := cell.touch(cell.problem(state.poses, float(value)), q):

@@ -42,10 +42,11 @@ def sampled_grasps(
     On a mesh, where pads may meet an edge, or the palm what is beside them, and of a hand of one's own whose pads are askew, those that the
     verdict accepts in the empty cabinet; on what is round such a hand's are accepted wherever the walls are, which a pick keeps clear of.
     """
-    to_body = T[:2, 3] - robot.pivot(scene.robot.T_world_base)
+    arm = arm_at(robot, scene.robot.T_world_base)
+    to_body = T[:2, 3] - arm.pivot
     toward = float(np.arctan2(to_body[1], to_body[0]))
     kinds = [a for a in APPROACHES if a in (scene.approaches if approaches is None else approaches)]
-    body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm_at(robot, scene.robot.T_world_base))
+    body, headings = replace(scene.body(name), T_world_body=T), headings_of(arm)
     floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
     most = None if sampling is USUAL else MOST_JUDGED
     alone = replace(scene, objects=(body,), target=name, grasp=None, grasps=())

@@ -149,7 +149,7 @@ class Placing:
         ahead = self.pick.grasp.T_world_hand[:3, 2]
         if np.hypot(ahead[0], ahead[1]) <= 0.3:
             return np.zeros(centres.shape[:-1])
-        bearing = centres[..., :2] - self.cell.robot.pivot(self.cell.scene.robot.T_world_base)
+        bearing = centres[..., :2] - self.cell.arm.pivot
         return np.asarray(np.arctan2(bearing[..., 1], bearing[..., 0]) - np.arctan2(ahead[1], ahead[0]))
 
     def _seen_at(self, code: int) -> PlanningQuery | ContactQuery:

@@ -19,10 +19,10 @@ MOST = 4
 def whole_turns(way: Array, lower: Array, upper: Array, most: int = MOST) -> Array:
     """By what waypoints (K, A) may be moved (T, A), in whole turns of joints, all of them staying within limits (A,); T is 1 to `most`, and
     those come first that turn the fewest joints, none of all."""
-    least, largest = way.min(0), way.max(0)
+    ranges = zip(way.min(0).tolist(), way.max(0).tolist(), lower.tolist(), upper.tolist())
     fits = [
-        [s for s in (0, 1, -1) if s == 0 or (lower[j] <= least[j] + s * 2 * np.pi and largest[j] + s * 2 * np.pi <= upper[j])]
-        for j in range(way.shape[1])
+        [s for s in (0, 1, -1) if s == 0 or (low <= least + s * 2 * np.pi and largest + s * 2 * np.pi <= high)]
+        for least, largest, low, high in ranges
     ]
     turns = sorted(product(*fits), key=lambda by: sum(map(abs, by)))
     return 2 * np.pi * np.array(list(islice(turns, most)), float)

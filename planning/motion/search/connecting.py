@@ -7,7 +7,6 @@ a motion that can't be had costs little more than one search, and one that can k
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -53,7 +52,7 @@ def connect(
     )
     if found.path is None:
         return found
-    closely = replace(found, path=shorten(task, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path)
+    closely = found._replace(path=shorten(task, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path)
     clear = (connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings) for level in wider[1:])
     return next((route for route in clear if route is not None), closely)
 
@@ -76,7 +75,7 @@ def connect_clear(
     short = shorten(clear, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path
     assert short is not None
     (start, begin), (goal, end) = begins[found.start], ends[found.goal]
-    return replace(found, path=np.concatenate([begin[:-1], short, end[-2::-1]]), start=start, goal=goal)
+    return found._replace(path=np.concatenate([begin[:-1], short, end[-2::-1]]), start=start, goal=goal)
 
 
 def ways_out(task: Task, clear: Task, Q: Array, memory: Memory) -> list[tuple[int, Array]]:

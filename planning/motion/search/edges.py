@@ -78,13 +78,12 @@ def with_clearance(task: Task, solids_m: Array, own_m: float) -> Task:
     """
     problem, world = task.exact, task.world
     B = len(problem.solid_T)
-    from_body = np.full(len(problem.boxes), own_m)
-    if solids_m.shape == (B,):
-        from_body[len(from_body) - B :] = solids_m
-    if solids_m.shape != (B,) or not (from_body.min(initial=own_m) >= 0 and from_body.max(initial=own_m) < LARGEST_CLEARANCE_M):
+    if solids_m.shape != (B,) or not all(0 <= m < LARGEST_CLEARANCE_M for m in (own_m, *solids_m.tolist())):
         raise ValueError(f"clearances must be {B} lengths from 0 to {LARGEST_CLEARANCE_M} m, and one between the parts")
+    from_body = np.full(len(problem.boxes), own_m)
+    from_body[len(from_body) - B :] = solids_m
     world = world._replace(clearance=solids_m.astype(np.float32), own_clearance=float(own_m)) if task.covered else world
-    return task._replace(exact=problem._replace(clearance=from_body[problem.pairs[:, 1]]), world=world)
+    return task._replace(exact=problem._replace(clearance=from_body.take(problem.pairs[:, 1])), world=world)
 
 
 def without_still(task: Task, memory: Memory) -> Task:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import count
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +59,7 @@ class RRTConnectSettings:
 DEFAULTS = RRTConnectSettings()
 
 
-@dataclass(frozen=True, eq=False)
-class Route:
+class Route(NamedTuple):
     """What came out: the path (K, J) or None, and why not: all of `start` or `goals` in contact, `tilt` where what is carried leans too far
     at all starts or at all goals, or the `budget` spent.
 

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -342,3 +343,19 @@ def test_one_link_is_where_it_is_among_all(ur5e: Robot) -> None:
         assert np.allclose(ur5e.tree.link(name, q), at[..., i, :, :], atol=1e-12)
     with pytest.raises(ValueError, match="actuated joint"):
         ur5e.tree.link("hand", q[..., :-1])
+
+
+@pytest.mark.parametrize("arm_joints", [(0, 1, 2), (0, 2, 1), (1, 3, 4)])
+def test_the_arms_joints_may_stand_anywhere_among_all(ur5e: Robot, arm_joints: tuple[int, ...]) -> None:
+    robot = replace(ur5e, arm_joints=arm_joints)
+    rows = np.arange(3.0 * len(robot.joint_names)).reshape(3, -1)
+    for q in (rows, rows[1]):
+        before, arm = q.copy(), robot.arm_q(q)
+        assert np.array_equal(arm, q[..., list(arm_joints)])
+        arm += 1.0
+        assert np.array_equal(q, before)  # a copy
+        full = robot.with_arm(arm, 0.25)
+        others = [j for j in range(q.shape[-1]) if j not in (*arm_joints, robot.gripper_joint)]
+        assert np.array_equal(robot.arm_q(full), arm)
+        assert (full[..., robot.gripper_joint] == 0.25).all()
+        assert np.array_equal(full[..., others], np.broadcast_to(robot.home[others], (*q.shape[:-1], len(others))))

@@ -2,7 +2,7 @@
 planning.compiling.make_list`, or `make ahead`.
 
 A process of its own, with an empty cache, generates and plans a few scenes, the last one with a mesh, too; the list is what it called, in
-its order. Then it draws, whose functions ship, too.
+its order. Then it draws and labels, whose functions ship, too, and are made machine code of when they are called.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from kinematics.jit.shipped import FILE
 from perception.rendering.tiny_still import tiny_still
 from planning.compiling.ahead import LIST, Ahead, describe, entry_of, example, loop_s
 
-SCENES, SEED = 6, 5
+SCENES, LABELLED, SEED = 6, 3, 5
 
 
 def recorded() -> tuple[list[Ahead], list[Ahead]]:
-    """The entries that generating and planning a few scenes calls, and those that drawing calls."""
+    """The entries that generating and planning a few scenes calls, and those that drawing and labels call."""
     rows: list[Ahead] = []
     usual = Entry.bring
 
@@ -42,6 +42,7 @@ def recorded() -> tuple[list[Ahead], list[Ahead]]:
         _plan_some()
         planned = len(rows)
         tiny_still()
+        _label_some()
     finally:
         Entry.bring = usual  # type: ignore[method-assign]
     return rows[:planned], rows[planned:]
@@ -65,6 +66,19 @@ def _plan_some() -> None:
     plan_scene(among, robot=robot, policy="local", grasp="any")
 
 
+def _label_some() -> None:
+    from kinematics.robots.load import load
+    from kinematics.scene import RobotRef
+    from kinematics.transforms import transform
+    from planning.learning.labelling.states import Variety, rows, varied_scene
+    from planning.scenes.generation import load_spec
+
+    robot = load("ur5e")
+    for index in range(LABELLED):
+        scene = varied_scene(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index, Variety())
+        list(rows(robot, scene, SEED, index, paths=8, objects=2, partly_seen=1.0))
+
+
 def main() -> None:
     """Write the list, and what ships."""
     from kinematics.jit.ship import CPU, ship
@@ -74,10 +88,10 @@ def main() -> None:
             again = [sys.executable, "-m", "planning.compiling.make_list", "--record"]
             subprocess.run(again, env=os.environ | CPU | {"NUMBA_CACHE_DIR": folder}, check=True)
         return
-    rows, drawing = recorded()
+    rows, others = recorded()
     LIST.write_text("[\n" + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows) + "\n]\n", encoding="utf-8")
     print(f"{LIST}: {len(rows)} entries, {sum(row.loops for row in rows) * loop_s():.0f} s", file=sys.stderr)
-    ship([(entry_of(row), [example(words) for words in row.arguments], row.symbol) for row in rows + drawing])
+    ship([(entry_of(row), [example(words) for words in row.arguments], row.symbol) for row in rows + others])
     print(f"{FILE}: {FILE.stat().st_size / 1e6:.1f} MB", file=sys.stderr)
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
     from planning.learning.labelling.label_file import Manifest
     from planning.learning.labelling.labels import Row
-    from planning.learning.labelling.states import Variety
+    from planning.learning.labelling.variety import Variety
     from planning.scenes.generation import Spec
 
 SHARD = 25  # scenes
@@ -170,7 +170,7 @@ def _made(
     """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn, fitted to the arm if
     asked."""
     from kinematics.robots.load import load
-    from planning.learning.labelling.states import Variety
+    from planning.learning.labelling.variety import Variety
     from planning.scenes.generation import load_spec
 
     with blame("label"):

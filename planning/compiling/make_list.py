@@ -70,7 +70,8 @@ def _label_some() -> None:
     from kinematics.robots.load import load
     from kinematics.scene import RobotRef
     from kinematics.transforms import transform
-    from planning.learning.labelling.states import Variety, rows, varied_scene
+    from planning.learning.labelling.states import rows, varied_scene
+    from planning.learning.labelling.variety import Variety
     from planning.scenes.generation import load_spec
 
     robot = load("ur5e")

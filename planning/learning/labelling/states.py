@@ -6,7 +6,7 @@ Everything about scene `index` of a seed comes from that seed, this stage's word
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from kinematics.transforms import transform
 from planning.learning.labelling.brief_look import BriefLook
 from planning.learning.labelling.labels import ENOUGH_PATHS, PATHS, Row, label, movable, paths_to_target
 from planning.learning.labelling.partial_views import glimpsed
+from planning.learning.labelling.variety import Variety
 from planning.motion.pick_place import Motions
 from planning.scenes.generation import Spec, generate
 
@@ -23,19 +24,6 @@ STAGE = 3  # this stage's word in the seeds of random generators
 MOVES = 3
 _TRIES = 5  # moves tried before a state is left as it is
 _TOWARDS_THE_TARGET = 0.5  # how often a blocking object is moved, where one can be; else any
-
-
-@dataclass(frozen=True)
-class Variety:
-    """How much scenes differ beyond their spec: so that l_r and the cabinet's size mean something to a network.
-
-    base_m: the base stands up to this far from its place, along each axis. cabinet_share: the cabinet's inner sizes are up to this share
-    larger or smaller. regions_n: least and most rows of cells; None leaves them to the spec.
-    """
-
-    base_m: float = 0.05
-    cabinet_share: float = 0.15
-    regions_n: tuple[int, int] | None = (8, 12)
 
 
 def varied_scene(spec: Spec, robot: Robot, ref: RobotRef, seed: int, index: int, variety: Variety) -> Scene:

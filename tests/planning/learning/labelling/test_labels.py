@@ -25,8 +25,9 @@ from planning.learning.labelling import partial_views, shards
 from planning.learning.labelling.brief_look import BriefLook
 from planning.learning.labelling.label_file import UNKNOWN, Manifest, read_manifest
 from planning.learning.labelling.labels import NOT_ASKED, Row, label, movable, paths_to_target
-from planning.learning.labelling.states import MOVES, Variety, next_state, rows, varied_scene
+from planning.learning.labelling.states import MOVES, next_state, rows, varied_scene
 from planning.learning.labelling.swept import CELL_M, SAMPLE_M, arm_balls, footprint, meets
+from planning.learning.labelling.variety import Variety
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Done

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 _SIZE = hashlib.sha256().digest_size
+_UNWRITTEN: dict[str, bytes] = {}
+"""What there was no room for, by its file: machine code goes by way of files, and would be compiled again for each that calls it."""
 
 
 def folder() -> Path:
@@ -58,6 +60,8 @@ def key(*parts: bytes | str) -> str:
 
 def read(path: str | Path) -> bytes | None:
     """A file's data as it was written, or None; a file that is not as it was written is removed."""
+    if str(path) in _UNWRITTEN:
+        return _UNWRITTEN[str(path)]
     try:
         with open(path, "rb") as stream:
             content = stream.read()
@@ -72,7 +76,8 @@ def read(path: str | Path) -> bytes | None:
 
 
 def write(path: str | Path, data: bytes, *, synced: bool = True) -> None:
-    """Write data with its checksum beside the file's name, then rename it. A disk that is full, or a folder that is gone, is no error.
+    """Write data with its checksum beside the file's name, then rename it. A disk that is full, or a folder that is gone, is no error: this
+    process remembers what it could not write.
 
     synced: wait until it is on the disk. What is not may be gone after a power cut, which the checksum tells.
     """
@@ -87,6 +92,9 @@ def write(path: str | Path, data: bytes, *, synced: bool = True) -> None:
     except OSError:
         with suppress(OSError):
             os.unlink(part)
+        _UNWRITTEN[str(path)] = data
+    else:
+        _UNWRITTEN.pop(str(path), None)
 
 
 def load(name: str) -> dict[str, NDArray[np.generic]] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +40,8 @@ def run(*, out: Path, seed: int) -> None:
     _draw(film, folder)
     say(f"  {folder / 'plan.html'}: the whole plan in 3D, with play controls; open it in a browser")
     say(f"  {folder / 'before.png'}, during.png, after.png; hand.png is what the camera on the hand sees")
-    say(f"\nagain, from the scene alone: retrieve plan {folder / 'scene.jsonl'} --policy {POLICY} --seed {seed} | retrieve report")
+    file = shlex.quote(str(folder / "scene.jsonl"))
+    say(f"\nagain, from the scene alone: retrieve plan {file} --policy {POLICY} --seed {seed} | retrieve report")
 
 
 def _folder(out: Path) -> Path:
@@ -67,7 +69,7 @@ def _hard_scene(seed: int, file: Path) -> Film:
 
     arm = load(ROBOT, on_step=say)
     spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.base_p), name=arm.name)
-    say("looking for a scene in which two objects are in the way")
+    say("looking for a scene in which two objects or more are in the way")
     kept = None
     with progress("scenes", LOOKS, out=file) as step:
         for index in range(MOST_LOOKS):

@@ -43,14 +43,14 @@ def mesh_progress(file: str, share: float) -> None:
 def announce_first_run(*, drawing: bool = False) -> None:
     """Say why the first run takes long, lest anybody stare at a silent terminal, and let a second process compile meanwhile; or why every
     run takes long, if compiled code can't be kept. drawing: the command draws stills, too."""
-    from kinematics.jit.cache_folder import WRONG, compiled_before
+    from kinematics.jit.cache_folder import WRONG, compiled_before, lacks_room
     from planning.compiling.ahead import known, loop_s, loops, start_beside, waiting
 
     if left := waiting():
         seconds = max(1.0, loops(left) * loop_s() / (2 if start_beside(drawing=drawing) else 1))
         what = f"{len(left)} functions are compiled, which takes about {seconds:.0f} s"
-        if WRONG:
-            say(f"getting ready: {what}, in every run, for they can't be kept: {WRONG}; XDG_CACHE_HOME names another folder")
+        if wrong := WRONG or lacks_room():
+            say(f"getting ready: {what}, in every run, for they can't be kept: {wrong}; XDG_CACHE_HOME names another folder")
         else:
             say(f"getting ready: this once {what}; later runs start at once")
     elif WRONG:

@@ -19,6 +19,8 @@ from pathlib import Path
 
 from kinematics import cache
 
+ROOM_B = 8_000_000  # more than what is compiled takes
+
 
 def sources() -> bytes:
     """The text of every module that has compiled code, and where they all lie, which numba's cache goes by."""
@@ -59,6 +61,15 @@ def settle() -> tuple[Path, str]:
 
 
 FOLDER, WRONG = settle()
+
+
+def lacks_room() -> str:
+    """That the disk has no room for compiled code, in words; nothing where it has, or nobody knows."""
+    try:
+        free = shutil.disk_usage(FOLDER).free
+    except OSError:
+        return ""
+    return f"there is no room in {FOLDER}" if free < ROOM_B else ""
 
 
 def compiled_before() -> bool:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics import cache
+from kinematics.jit import cache_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 ARRAYS = {"a": np.arange(12.0).reshape(3, 4), "names": np.array(["hand", "ü"]), "none": np.zeros((0, 3), np.int64)}
@@ -83,6 +87,31 @@ def test_no_folder_is_no_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError("no home")))
     assert cache.folder() == Path("/nonexistent/retrieve")
+
+
+def test_on_a_full_disk_what_was_made_lasts_for_the_process(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left on device")
+
+    home.mkdir(parents=True)
+    file = home / "code"
+    with monkeypatch.context() as no_room:
+        no_room.setattr(os, "replace", full)
+        cache.write(file, b"first")
+        cache.store("robot-1", ARRAYS)
+    assert list(home.iterdir()) == []
+    assert cache.read(file) == b"first"
+    assert set(cache.load("robot-1") or ()) == set(ARRAYS)
+    cache.write(file, b"second")
+    assert (cache.read(file), [f.name for f in home.iterdir()]) == (b"second", ["code"])
+    file.unlink()
+    assert cache.read(file) is None, "what was written is not remembered"
+
+
+def test_a_folder_without_room_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    for free, told in ((10**6, f"there is no room in {cache_folder.FOLDER}"), (10**9, "")):
+        monkeypatch.setattr(shutil, "disk_usage", lambda _, free=free: SimpleNamespace(free=free))
+        assert cache_folder.lacks_room() == told
 
 
 def test_a_relative_folder_in_the_environment_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,7 +34,7 @@ def mesh_files(folder: Path) -> list[Path]:
     """The meshes in a folder, by name. Raises: ValueError when there is none."""
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in MESHES)
     if not files:
-        raise ValueError(f"{folder}: there is no mesh in it ({', '.join(MESHES)})")
+        raise ValueError(f"there is no mesh in it ({', '.join(MESHES)})")
     return files
 
 

@@ -20,6 +20,7 @@ from kinematics.names import free_name
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, bounds
 from kinematics.transforms import Array, rotation_about, transform
+from planning.io.checked import LARGEST_M, SMALLEST_M
 from planning.io.scene_documents import LoadMesh
 from planning.scenes.right_way_up import AXES, turned_up, upright_axis
 
@@ -160,13 +161,17 @@ def _place_words(text: str, where: str) -> tuple[list[float], dict[str, str]]:
 
 
 def _lengths(text: str, n: int, where: str) -> list[float]:
-    """n positive lengths with x between them."""
+    """n lengths with x between them, in the bounds of what a scene file may say."""
     parts = text.split("x")
     if len(parts) != n:
         raise InputError(f"{where} {text}: {n} lengths in metres with x between them are needed, e.g. {'x'.join(['0.1'] * n)}")
     lengths = [_number(part, f"{where} {text}") for part in parts]
     if min(lengths) <= 0:
         raise InputError(f"{where} {text}: {min(lengths):g} is not positive")
+    if max(lengths) > LARGEST_M:
+        raise InputError(f"{where} {text}: {max(lengths):g} is beyond {LARGEST_M:g} m; are these millimetres?")
+    if min(lengths) < SMALLEST_M:
+        raise InputError(f"{where} {text}: {min(lengths):g} is below {SMALLEST_M:g} m")
     return lengths
 
 

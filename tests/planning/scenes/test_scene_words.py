@@ -108,6 +108,8 @@ WRONG = [
     ({"objects": ["box:0.1x0.1x0.1"]}, "say where it stands: box:0.1x0.1x0.1@x,y"),
     ({"objects": ["box:0.1x0.1x0.1@0.5"]}, "its place is x,y or x,y,z"),
     ({"objects": ["box:0.1x0.1x-1@0.5,0"]}, "-1 is not positive"),
+    ({"objects": ["box:0.1x0.1x1e-5@0.5,0"]}, "1e-05 is below 0.0001 m"),
+    ({"cabinet": "560x860x500"}, "--cabinet 560x860x500: 860 is beyond 100 m; are these millimetres?"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,a"]}, "'a' is no number"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0,jaw=3"]}, "unknown key 'jaw' (did you mean 'yaw'?)"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0,name=floor"]}, "the name 'floor' is taken"),

@@ -56,6 +56,7 @@ def _judged(job: Callable[[], int | None], debug: bool, came: Sequence[int]) -> 
     except KeyboardInterrupt:
         if debug:
             raise
+        exec("")  # with python -m, CPython remembers an interrupt in code of a string, of which imports are full, and would end by signal
         return INTERRUPTED
     except BrokenPipeError:
         return DONE

@@ -262,6 +262,15 @@ def test_an_import_that_is_broken_off_counts_as_interrupted_whatever_it_says(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_an_interrupt_in_code_of_a_string_has_the_same_exit_code(tmp_path: Path) -> None:
+    """As dataclasses and named tuples are made: `python -m` would end by SIGINT, which callers other than shells see as -2."""
+    program = 'import sys\nfrom retrieve_cli.errors import guarded\nsys.exit(guarded(lambda: exec("raise KeyboardInterrupt")))\n'
+    (tmp_path / "interrupted.py").write_text(program)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    done = subprocess.run([sys.executable, "-m", "interrupted"], env=env, capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, b"")
+
+
 # The first run --------------------------------------------------------------------------------------------------------------------------
 
 

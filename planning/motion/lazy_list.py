@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class LazyList(Generic[T]):
-    """An iterable that may be gone through again and again, though what it stands for is dear: it goes only as far as somebody asked."""
+    """An iterable that may be gone through again and again, though what it stands for is costly: it goes only as far as somebody asked."""
 
     def __init__(self, rest: Iterable[T]) -> None:
         self._rest, self._found = iter(rest), list[T]()

@@ -7,7 +7,7 @@ little room is left that a way is taken to be there. That holds for hands moved 
 of a box it holds for hands that close square on its faces, and everywhere for the pitches that are sampled.
 
 Whatever meets nothing with more room is looked at in the cabinet as it is, too: a hand that meets nothing there either is one to pick with,
-though it stands between all that are sampled otherwise. Dear is a gap that is just too narrow all along a finger: all hands in it meet
+though it stands between all that are sampled otherwise. Expensive is a gap that is just too narrow all along a finger: all hands in it meet
 nothing till little room is left. So no more than MOST_BETWEEN are looked at for an object, and then nothing is said.
 """
 

@@ -1,7 +1,7 @@
 """The grasps that are sampled on an object where it stands; those on meshes are remembered in a frame of the object's own.
 
-Which hands hold a mesh hangs on how it stands, not on where, nor on its yaw: it is asked about at its *home*, as it would stand about the
-world's vertical axis on a floor at height 0. What hangs on the place is asked there: which grasps are natural, and which a wall is in the
+Which hands hold a mesh depends on how it stands, not on where, nor on its yaw: it is asked about at its *home*, as it would stand about the
+world's vertical axis on a floor at height 0. What depends on the place is asked there: which grasps are natural, and which a wall is in the
 way of.
 """
 
@@ -112,7 +112,7 @@ def _home(T_world_body: Array, floor_z: float) -> tuple[Array, float]:
 
 @lru_cache(maxsize=64)
 def _known(robot: Robot, shape: Shape, T_home_body: bytes) -> dict[tuple[bytes, float], bool | None]:
-    """Which hands hold a body at its home, by their poses and widths, as far as they were asked about; None where it hangs on more."""
+    """Which hands hold a body at its home, by their poses and widths, as far as they were asked about; None where it depends on more."""
     return {}
 
 

@@ -18,7 +18,7 @@ from planning.motion.search.reaching import APPROACH_STEPS, LIFT_STEPS
 from planning.plan import Blocked
 
 TRIES = 12  # starts of inverse kinematics where an object is put down
-BRIEF_DOWN, BRIEF_BACK = 1, 2  # pieces of the straight ways down and back where only labels hang on the answer
+BRIEF_DOWN, BRIEF_BACK = 1, 2  # pieces of the straight ways down and back where only labels depend on the answer
 SETTLING, SETTLED = 4, 1e-7
 """An object's middle moves as it turns, so an arm of few joints is asked again, until it turns by less than that."""
 STAGES = {

@@ -1,6 +1,6 @@
 """The straight ways to an object: a grasp, an arm configuration for it, the approach, the closing fingers and the lift.
 
-Ways are found lazily, and judged from cheap to dear: the hand alone on its way in, the arm at the grasp, the arm on its way in, and at last
+Ways are found lazily, and judged from cheap to costly: the hand alone on its way in, the arm at the grasp, the arm on its way in, at last
 the closing fingers and the lift. A way that is blocked at one stage is not looked at any further.
 """
 

@@ -67,7 +67,7 @@ def test_what_is_held_keeps_its_distance_from_knuckles_and_palm(name: str) -> No
 
 
 def test_a_thorough_look_has_tighter_grasps_too_last(ur5e: Robot) -> None:
-    """Where nothing else does, what is held may be nearer to the knuckles: a proof that nothing can be picked must not hang on that."""
+    """Where nothing else does, what is held may be nearer to the knuckles: a proof that nothing can be picked must not depend on that."""
     solids = [(h.link, convex(h.vertices)) for h in ur5e.hulls if h.link in ur5e.hand_links - ur5e.pads - {"camera"}]
     for shape in (Box(np.array([0.05, 0.06, 0.15])), Cylinder(0.034, 0.15)):
         body = Body("it", shape, transform(p=[0.6, 0.0, 0.075]))

@@ -183,17 +183,17 @@ def test_ways_that_are_planned_for_quickness_keep_the_wanted_clearance(found: tu
 def test_a_metre_of_the_hand_counts(found: tuple[Motions, Found], ur5e: Robot) -> None:
     """The hand's way by compiled chords is that of many small steps, and what is hoped for costs no more than a detour."""
     arm, rng = found[0].cell.arm, np.random.default_rng(2)
-    plain, dear = (WayCost(arm, ur5e.arm_limits, metre_s) for metre_s in (0.0, 2.0))
+    plain, by_path = (WayCost(arm, ur5e.arm_limits, metre_s) for metre_s in (0.0, 2.0))
     for _ in range(5):
         q = np.cumsum(rng.normal(size=(4, 6)) * 0.4, axis=0)
         fine = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(q)])
         steps = np.linalg.norm(np.diff([arm.hand_pose(x)[:3, 3] for x in fine], axis=0), axis=1).sum()
-        assert dear.path(q) - plain.path(q) == pytest.approx(2.0 * steps, rel=0.02)
+        assert by_path.path(q) - plain.path(q) == pytest.approx(2.0 * steps, rel=0.02)
         assert plain.path(q) == polyline_s(q, ur5e.arm_limits)
-        assert np.allclose(dear.points(q), [arm.hand_pose(x)[:3, 3] for x in q])
-        by, way = np.diff(q, axis=0), np.diff(dear.points(q), axis=0)
-        assert (dear.straight(by) <= dear.hoped(by, way)).all()
-        assert (dear.hoped(by, way) <= dear.detour(by, way)).all()
+        assert np.allclose(by_path.points(q), [arm.hand_pose(x)[:3, 3] for x in q])
+        by, way = np.diff(q, axis=0), np.diff(by_path.points(q), axis=0)
+        assert (by_path.straight(by) <= by_path.hoped(by, way)).all()
+        assert (by_path.hoped(by, way) <= by_path.detour(by, way)).all()
 
 
 def test_grades_of_clearance_fall() -> None:

@@ -53,8 +53,8 @@ def test_where_unseen_space_is_in_every_way_that_is_proposed_which_would_help_if
     assert asked(look(WrittenWorld("abc", stuck)), WrittenWorld("abc", stuck)) == []
     world = WrittenWorld("abc", stuck, seen=at_first({"t": ["ab"], "a": [""], "b": [""], "c": [""]}))
     assert [name for name, _ in asked(look(world), world)] == [*"a" * 12, *"b" * 12]
-    dear = Preferences(lambda seen: {"a": 2.0, "b": 1.0, "c": 0.0}.__getitem__, IN_ORDER.regions)
-    assert [name for name, _ in asked(Lookahead(world, dear, SOME, no_proof, most=5), world)] == [*"b" * 12, *"a" * 12]
+    expensive = Preferences(lambda seen: {"a": 2.0, "b": 1.0, "c": 0.0}.__getitem__, IN_ORDER.regions)
+    assert [name for name, _ in asked(Lookahead(world, expensive, SOME, no_proof, most=5), world)] == [*"b" * 12, *"a" * 12]
     one_first = WrittenWorld("abc", stuck, seen=at_first({"t": ["a"], "a": ["b"], "b": [""], "c": [""]}))
     assert {name for name, _ in asked(look(one_first), one_first)} == {"b"}
 

@@ -134,14 +134,14 @@ def test_every_object_that_can_be_picked_may_make_room_the_cheapest_first() -> N
 
 
 def test_what_can_go_first_in_a_plan_makes_room_before_all_others() -> None:
-    """Where the plan's first object finds no place at which the plan gets on, it still goes anywhere before others, though it is dear."""
+    """Where the plan's first object finds no place at which the plan gets on, it still goes anywhere before others, though it is costly."""
 
     def blocking(name: str, regions: Mapping[str, int]) -> Sequence[str]:
         return ["b"] if name == "t" else [""]
 
-    dear = Preferences(lambda seen: {"a": 0.0, "b": 1.0}.__getitem__, IN_ORDER.regions)
+    expensive = Preferences(lambda seen: {"a": 0.0, "b": 1.0}.__getitem__, IN_ORDER.regions)
     world = WrittenWorld("ab", blocking, can=lambda choice: False)
-    assert solve(world, preferences=dear) == []
+    assert solve(world, preferences=expensive) == []
     assert world.tried == [(name, region) for region in range(16) for name in "ba"]
 
 

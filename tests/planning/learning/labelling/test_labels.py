@@ -334,7 +334,7 @@ def test_states_end_when_the_target_is_free(ur5e: Robot, scene: Scene) -> None:
 
 def test_what_a_few_views_show_of_a_state(ur5e: Robot, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """The rows of the truth are as they would be alone; those beside them leave out what is hidden, and never show a box too small. Nothing
-    of them hangs on what the map is not asked."""
+    of them depends on what the map is not asked."""
     plain = list(rows(ur5e, scene, SEED, 0, paths=2, objects=0))
     found = list(rows(ur5e, scene, SEED, 0, paths=2, objects=0, partly_seen=1.0))
     with monkeypatch.context() as patch:

@@ -66,7 +66,7 @@ def broad_phase(packed: PackedStretches) -> list[BroadPhaseResult]:
 
 def _judgeable(packed: PackedStretches, frame: Int, bodies: int) -> NDArray[np.bool_]:
     """The pairs (P, P + B) of parts on frames (P,) that the covers can be asked about if no contact is allowed."""
-    P, own, pairs = len(frame), len(packed.links), _self_pairs(packed.robot)
+    P, own, pairs = len(frame), len(packed.links), packed.robot.self_pairs
     table = np.zeros((P, P + bodies), np.bool_)
     table[:, P:] = (frame > 0)[:, None]
     table[pairs[:, 0], pairs[:, 1]] = True
@@ -96,8 +96,3 @@ def elsewhere(robot: Robot, q: Array) -> bool:
 def _others(robot: Robot) -> Int:
     """The joints that are neither the arm's nor the gripper's."""
     return np.setdiff1d(np.arange(len(robot.joint_names)), [*robot.arm_joints, robot.gripper_joint])
-
-
-@lru_cache(maxsize=16)
-def _self_pairs(robot: Robot) -> Int:
-    return robot.self_pairs

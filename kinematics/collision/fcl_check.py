@@ -71,7 +71,7 @@ class Verdict:
             self._solids += parts
         self._boxes = np.array([s.box for s in self._solids])
         self._obstacles = {MOUNT, *(b.name for b in scene.obstacles)}
-        self._pairs = _self_pairs(robot)
+        self._pairs = robot.self_pairs
         self._carriers, self._on_way = _ways(robot)
         self._known_movers: dict[tuple[bytes, int, int], Int] = {}
         self._layouts: dict[tuple[str | None, tuple[str, ...]], _Layout] = {}
@@ -302,11 +302,6 @@ def _mover_poses(
 def _link_solids(robot: Robot) -> tuple[Solid, ...]:
     """The link hulls, which take long to make; each Verdict moves twins of its own."""
     return tuple(hull_solid(h.link, h.vertices, h.faces) for h in robot.hulls)
-
-
-@lru_cache(maxsize=8)
-def _self_pairs(robot: Robot) -> Int:
-    return robot.self_pairs
 
 
 @lru_cache(maxsize=8)

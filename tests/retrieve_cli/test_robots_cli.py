@@ -33,6 +33,8 @@ def test_what_was_understood_of_a_urdf_is_told_drawn_and_written(tmp_path: Path,
     assert main(["robots", str(OWN)]) == 0
     told = capsys.readouterr().out
     assert all(words in told for words in ("opening: 0 to 90 mm", "hand frame (measured): p [", "gripper: two fingers, by grip"))
+    assert main(["robots", str(OWN), "--hand-frame", "tcp"]) == 0
+    assert "hand frame (given): p [0, 0, 0.12], q_wxyz [0, 0, 0, 1] in palm" in capsys.readouterr().out, "not -1, as its rpy gives it"
     assert main(["robots", str(OWN), "--urdf", str(urdf)]) == 0
     assert '<link name="hand"' in urdf.read_text()
 

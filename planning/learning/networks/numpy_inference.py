@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from planning.learning.networks.tokens import F32, Tokens, box_features, pair_features, placed_boxes, token_kinds, with_base_and_hand
 
 Weights = Mapping[str, F32]
+_UNFLAGGED = np.errstate(invalid="ignore")
+"""BLAS's kernels work on more than an array's own numbers, and once in some hundred runs leave the flag of an invalid operation behind that
+is none of the result's; numpy would warn of it."""
 
 
 def turned(weights: Mapping[str, NDArray[np.float32]]) -> dict[str, F32]:
@@ -32,24 +35,28 @@ class Encoding:
     keys: tuple[tuple[F32, F32], ...]
 
 
+@_UNFLAGGED
 def osnet(w: Weights, t: Tokens, heads: int) -> F32:
     """Logits of p̂, pickable, opens, first (m, 4); older weights don't know the last."""
     z, _ = _encode(w, t, heads)
     return _mlp(w, "head", z[3:])
 
 
+@_UNFLAGGED
 def paper_osnet(w: Weights, t: Tokens, heads: int) -> F32:
     """Logits of p̂ (m, 1)."""
     x = np.concatenate([_mlp(w, "gamma", t.grasp[None, :9]), _mlp(w, "alpha", np.concatenate([_base(t), t.boxes]))])
     return _mlp(w, "head", _norm(_blocks(w, "encoder", x, heads)[3:]))
 
 
+@_UNFLAGGED
 def rpnet_encode(w: Weights, t: Tokens, heads: int) -> Encoding:
     """The part of RPNet that is the same for every object o' of a state."""
     z, places = _encode(w, t, heads)
     return Encoding(t, z, places, _all_keys(w, z, heads))
 
 
+@_UNFLAGGED
 def rpnet(w: Weights, known: Encoding, moved: int, regions: NDArray[np.intp], heads: int) -> F32:
     """Logits of ĉ, feasible, hits, shorter (I, 4) for the object `moved` (index in the boxes, the target is 0) in some of the regions (I,);
     older weights don't know the last."""
@@ -66,6 +73,7 @@ def rpnet(w: Weights, known: Encoding, moved: int, regions: NDArray[np.intp], he
     return _mlp(w, "head", _norm(x))
 
 
+@_UNFLAGGED
 def paper_rpnet_encode(w: Weights, t: Tokens, heads: int) -> Encoding:
     """As `rpnet_encode`, of the printed form; `places` holds κ(l_i) instead."""
     kappa = _mlp(w, "kappa", t.regions)
@@ -75,6 +83,7 @@ def paper_rpnet_encode(w: Weights, t: Tokens, heads: int) -> Encoding:
     return Encoding(t, z, kappa, _all_keys(w, z, heads))
 
 
+@_UNFLAGGED
 def paper_rpnet(w: Weights, known: Encoding, moved: int, heads: int) -> F32:
     """Logits of ĉ (B,) for every region."""
     x = known.places + _mlp(w, "alpha", known.tokens.boxes[moved])

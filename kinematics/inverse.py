@@ -21,6 +21,8 @@ from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.jit.simd import WIDTH
 from kinematics.transforms import Array
 
+DISTINCT = 0.2
+"""Two solutions are distinct when some joint differs by more, in rad (or m)."""
 POSITION_TOLERANCE_M = 1e-5
 ROTATION_TOLERANCE = 1e-5
 _TABLE = 8192
@@ -61,7 +63,7 @@ def _reach_m(chain: Chain) -> float:
 
 
 def solve(
-    chain: Chain, T_frame_hand: Array, seeds: Seeds, T_world_hand: Array, near: Array, *, tries: int = 24, distinct: float = 0.2
+    chain: Chain, T_frame_hand: Array, seeds: Seeds, T_world_hand: Array, near: Array, *, tries: int = 24, distinct: float = DISTINCT
 ) -> Array:
     """Configurations (S, J) inside the limits with the hand at T_world_hand (4, 4), nearest to `near` (J,) first; S may be 0.
 

@@ -29,7 +29,7 @@ from planning.motion.handling.finest_look import FinestLook, can_have_more_room
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
-from planning.motion.handling.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings
+from planning.motion.handling.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings, ik_for_proofs
 from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
 from planning.motion.handling.stacks import Stacks
@@ -263,7 +263,7 @@ class Motions:
             self._obstruction[fingers] = Obstruction(
                 self.cell,
                 lambda name, T: target_grasps if name == target else picking.grasps({name: T}, name),
-                ik_tries=picking.settings.ik_tries,
+                ik=picking.settings.ik,
                 fingers=fingers,
             )
         return self._obstruction[fingers].at(poses, WAY_IN if roughly else WHOLE_WAY)
@@ -306,11 +306,20 @@ class Motions:
 
     def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Motions:
         """The exhaustive look with some more grasps of objects that stand at poses."""
-        other, known = copy(self.exhaustive), self.exhaustive._obstruction
-        other._picking = self.exhaustive._picking.with_more(poses, hands)
+        other, known, ik = copy(self.exhaustive), self.exhaustive._obstruction, ik_for_proofs(self.robot)
+        other._picking = self.exhaustive._picking.with_more(poses, hands, ik)
         other._states = deque(maxlen=KEPT)
-        other._obstruction = {fingers: obstruction.with_more(poses, hands) for fingers, obstruction in known.items()}
+        other._obstruction = {fingers: obstruction.with_more(poses, hands, ik) for fingers, obstruction in known.items()}
         return other
+
+    def reaches_closely(self, poses: Mapping[str, Array], standing: frozenset[str]) -> bool:
+        """Whether an arm of more than six joints can take the target while only `standing` and the target stand, its solutions being looked
+        for as closely as proofs ask; the others' few are all found by the thorough look."""
+        ik = ik_for_proofs(self.robot)
+        if ik == EXHAUSTIVE.ik:
+            return False
+        closely = Obstruction(self.cell, lambda *_: self.thorough.target_grasps, ik=ik)
+        return closely.at(poses).free(self.scene.target_name, standing)
 
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)

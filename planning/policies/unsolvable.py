@@ -4,11 +4,12 @@ Take the largest set of objects of which none can be picked while only they and 
 be picked would be picked while all of them, the target and perhaps others stand where they stood at the beginning, and more objects never
 make a pick possible. So if every way to x_g is blocked by that set alone, no sequence of picks frees the target.
 
-The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them. So grasps are sampled
-far more densely for it than where moves are planned, those that hold an object by an edge or deeper than its middle among them: wherever
-the verdict would call it held; and at last in a cabinet with as much more room as there is between one such grasp and the next
-(`handling/finest_look.py`). Of meshes and what is not upright, and of hands whose pads are askew, grasps can't be sampled as densely, and
-plates and thin walls can't be looked at with more room: there nothing is proved by what is stuck. It says nothing about pushing.
+The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them: of an arm of more
+than six joints, which has whole lines of them, for some dozen of each hand's. So grasps are sampled far more densely for it than where
+moves are planned, those that hold an object by an edge or deeper than its middle among them: wherever the verdict would call it held; and
+at last in a cabinet with as much more room as there is between one such grasp and the next (`handling/finest_look.py`). Of meshes and what
+is not upright, and of hands whose pads are askew, grasps can't be sampled as densely, and plates and thin walls can't be looked at with
+more room: there nothing is proved by what is stuck. It says nothing about pushing.
 
 The finest look may find a hand that takes one of the stuck objects after all. Then there are fewer of them, and either these still are a
 proof, or there is hope: what can be done with those hands.
@@ -55,7 +56,7 @@ class Prover:
             if view.free(self.target, stuck):
                 return Finding(hope=look) if hands else Finding()
             if not view.free(self.target, frozenset()):  # whatever goes, the target stays
-                return Finding(Unsolvable((), tuple(self._would_help(state, stuck))))
+                return self._proof(state, frozenset(), stuck)
             found, doubt = self._finest_look(state, stuck)
             if found:
                 hands |= found
@@ -63,7 +64,13 @@ class Prover:
             elif doubt is not None:
                 return Finding(undecided=doubt)
             else:
-                return Finding(Unsolvable(tuple(sorted(stuck)), tuple(self._would_help(state, stuck))))
+                return self._proof(state, stuck, stuck)
+
+    def _proof(self, state: State, named: Names, stuck: Names) -> Finding:
+        """That a set of objects keeps the target in, unless an arm of many joints may reach it in a way that is hardly found."""
+        if self.motions.reaches_closely(state.poses, named):
+            return Finding(undecided=f"{self.target} may be reached among what is stuck by a solution of the arm that is hardly found")
+        return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck))))
 
     def _finest_look(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
         """A hand that takes one of a set of objects while the others of it stand; or else why it is in doubt that there is none."""
@@ -125,5 +132,5 @@ class Prover:
                 sampling = THOROUGH.sampling
                 return sampled_grasps(motions.robot, motions.scene, name, T, approaches=approaches, sampling=sampling)
 
-            self._known[key] = Obstruction(motions.cell, grasps_on, ik_tries=THOROUGH.ik_tries)
+            self._known[key] = Obstruction(motions.cell, grasps_on, ik=THOROUGH.ik)
         return self._known[key].at(state.poses)

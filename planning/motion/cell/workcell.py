@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
@@ -35,6 +36,17 @@ LOOKS = 64  # along a way that is not free, for what touches
 NEAR_M = 0.2  # so far from the ends of a path, in metres moved, the least clearance will do
 
 
+@dataclass(frozen=True)
+class IkSearch:
+    """How closely the arm's solutions for a hand are looked for: from how many starts, and when two are distinct (`inverse.solve`)."""
+
+    tries: int = 24
+    distinct: float = inverse.DISTINCT
+
+
+QUICK_IK = IkSearch()
+
+
 class Workcell(PackedCell):
     """A packed cell that answers questions and searches for paths. See `PackedCell`; iterations, time_budget_s: of a search."""
 
@@ -51,7 +63,7 @@ class Workcell(PackedCell):
         super().__init__(robot, scene, obstacles, settings)
         self.iterations, self.time_budget_s = iterations, time_budget_s
         self.hand = make_hand(self.arm.chain, self.arm.backing, self.arm.T_frame_hand)
-        self._solutions: dict[tuple[bytes, int], Array] = {}
+        self._solutions: dict[tuple[bytes, int, float], Array] = {}
         self._until_s: float | None = None  # perf_counter's time when the budget that searches share is used up
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
 
@@ -132,14 +144,16 @@ class Workcell(PackedCell):
                 break
         return quicken(near, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken), min(level, ends)
 
-    def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24) -> Array:
-        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home."""
+    def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24, distinct: float = inverse.DISTINCT) -> Array:
+        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home; see inverse.solve."""
         arm = self.arm
         if near is not None:
-            return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near, tries=tries)
-        key = T_world_hand.tobytes(), tries
+            return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near, tries=tries, distinct=distinct)
+        key = T_world_hand.tobytes(), tries, distinct
         if key not in self._solutions:  # those of a grasp are asked for by whoever picks and by whoever looks ahead
-            self._solutions[key] = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries)
+            self._solutions[key] = inverse.solve(
+                arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries, distinct=distinct
+            )
         return self._solutions[key]
 
     def follow(self, T_world_hand: Array, q: Array) -> Array | None:

@@ -33,7 +33,7 @@ from planning.grasping.sampling import DENSEST
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction
-from planning.motion.handling.picking import THOROUGH, Picking
+from planning.motion.handling.picking import THOROUGH, Picking, ik_for_proofs
 from planning.motion.search.reaching import APPROACH_M
 from planning.motion.settings import MotionSettings
 from planning.relaxed_plan import Names
@@ -99,6 +99,7 @@ class FinestLook:
 
     def __init__(self, robot: Robot, scene: Scene, settings: MotionSettings, cell: Workcell) -> None:
         self.robot, self.scene, self.settings, self.cell_as_it_is = robot, scene, settings, cell
+        self.picking = replace(THOROUGH, ik=ik_for_proofs(robot))
         self._cells: dict[float, Workcell] = {}
         self._levels: dict[str, tuple[Around, ...]] = {}
 
@@ -179,7 +180,7 @@ class FinestView:
         for finer in range(level, len(levels)):
             moved_m = levels[finer].moved_m
             near = [hand for hand in left if finer == 0 or self._lacks_m(name, hand) <= moved_m]  # those of level 0 are sampled so
-            among = Obstruction(self.look.cell(levels[finer].room_m), lambda *_, near=near: near, ik_tries=THOROUGH.ik_tries)
+            among = Obstruction(self.look.cell(levels[finer].room_m), lambda *_, near=near: near, ik=self.look.picking.ik)
             still = [near[i] for i in among.at(self.poses).open_grasps(name, standing)] if near else []
             if finer > level:
                 found += [(hand, finer - 1) for hand in left if not any(hand is other for other in still)]
@@ -195,7 +196,7 @@ class FinestView:
         """Whether a hand takes an object as things are: the planner finds a way, and the verdict calls it held."""
         cell = self.look.cell_as_it_is
         poses = {other: T for other, T in self.poses.items() if other in {name, *standing, self.look.scene.target_name}}
-        picks, _ = Picking(cell, THOROUGH).picks_with([hand], poses, cell.without(poses, name), name, cell.home_arm)
+        picks, _ = Picking(cell, self.look.picking).picks_with([hand], poses, cell.without(poses, name), name, cell.home_arm)
         return bool(picks) and judge_hold(self.look.robot, self._body(name), hand) is None
 
     def _body(self, name: str) -> Body:

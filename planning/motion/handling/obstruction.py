@@ -19,34 +19,34 @@ from numpy.typing import NDArray
 
 from kinematics.scene import Grasp
 from kinematics.transforms import Array
-from planning.motion.cell.workcell import Workcell
+from planning.motion.cell.workcell import QUICK_IK, IkSearch, Workcell
 from planning.motion.handling.spots import SpotQueries, Spots
 from planning.motion.handling.ways import WHOLE_WAY, FreeWay, GraspsOn, Reach, Way, open_ways
 from planning.motion.lazy_list import LazyList
-
-IK_TRIES = 24
 
 
 class Obstruction:
     """The ways to all objects of a scene, wherever they stand, and what blocks them.
 
-    grasps_on: the grasps that are considered, those on the target, too. ik_tries: starts of inverse kinematics for each. fingers: whether
-    it is asked what they meet as they close.
+    grasps_on: the grasps that are considered, those on the target, too. ik: how closely the arm's solutions for each are looked for.
+    fingers: whether it is asked what they meet as they close.
     """
 
-    def __init__(self, cell: Workcell, grasps_on: GraspsOn, *, ik_tries: int = IK_TRIES, fingers: bool = True) -> None:
-        self.cell, self.grasps_on, self.ik_tries = cell, grasps_on, ik_tries
+    def __init__(self, cell: Workcell, grasps_on: GraspsOn, *, ik: IkSearch = QUICK_IK, fingers: bool = True) -> None:
+        self.cell, self.grasps_on, self.ik = cell, grasps_on, ik
         self.spots = Spots()
         self.queries = SpotQueries(cell, self.spots, fingers=fingers)
         self._ways: dict[int, LazyList[Way]] = {}
 
-    def with_more(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Obstruction:
-        """The same with more grasps of objects that stand at poses, numbered like the others; what is known of those is kept."""
+    def with_more(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]], ik: IkSearch) -> Obstruction:
+        """The same with more grasps of objects that stand at poses, numbered like the others; what is known of those is kept. ik: how
+        closely the arm's solutions for these are looked for."""
         other = copy(self)
         other._ways = dict(self._ways)
         for name, more in hands.items():
             spot, T = self.spots.at(name, poses[name]), poses[name]
-            other._ways[spot] = LazyList(chain(self._reach(name, T, lambda *_, more=more: more).ways(), self._ways_to(spot)))
+            ways = Reach(self.queries, name, T, lambda *_, more=more: more, ik).ways()
+            other._ways[spot] = LazyList(chain(ways, self._ways_to(spot)))
         return other
 
     def at(self, poses: Mapping[str, Array], stage: int = WHOLE_WAY) -> View:
@@ -99,11 +99,8 @@ class Obstruction:
     def _ways_to(self, spot: int) -> LazyList[Way]:
         if spot not in self._ways:
             _, name, T = self.spots.members(spot)[0]
-            self._ways[spot] = LazyList(self._reach(name, T, self.grasps_on).ways())
+            self._ways[spot] = LazyList(Reach(self.queries, name, T, self.grasps_on, self.ik).ways())
         return self._ways[spot]
-
-    def _reach(self, name: str, T: Array, grasps_on: GraspsOn) -> Reach:
-        return Reach(self.queries, name, T, grasps_on, self.ik_tries)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,13 +10,14 @@ from itertools import chain, islice
 
 import numpy as np
 
+from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Held
 from kinematics.transforms import Array, inverse
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.sampling import DENSE, DENSEST, USUAL, Sampling
 from planning.motion.cell import queries
 from planning.motion.cell.queries import ContactQuery, PlanningQuery
-from planning.motion.cell.workcell import Workcell
+from planning.motion.cell.workcell import QUICK_IK, IkSearch, Workcell
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.turns import whole_turns
 from planning.motion.lazy_list import LazyList
@@ -33,24 +34,33 @@ STAGES = {
 
 @dataclass(frozen=True)
 class PickSettings:
-    """How hard picks are sought. sampling: of grasps; ik_tries: starts of inverse kinematics for each. enough_picks: so many ways that hold
-    up are kept for one object; enough_grasps: after so many, the first in the most natural order, any that was found will do."""
+    """How hard picks are sought. sampling: of grasps; ik: how closely the arm's solutions for each are looked for. enough_picks: so many
+    ways that hold up are kept for one object; enough_grasps: after so many, the first in the most natural order, any that was found will
+    do."""
 
     sampling: Sampling = USUAL
-    ik_tries: int = 24
+    ik: IkSearch = QUICK_IK
     enough_picks: int = 8
     enough_grasps: int = 24
 
 
 QUICK = PickSettings()
-THOROUGH = PickSettings(DENSE, ik_tries=96, enough_grasps=10**9)
+THOROUGH = PickSettings(DENSE, IkSearch(96), enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
+SIX = 6  # joints, with which an arm has a few solutions for a hand and no more
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
 """Where a thorough look finds none, either."""
+CLOSE_IK = IkSearch(1000, 0.05)
+"""For proofs with an arm of more than six joints, whose solutions for a hand are not a few but whole lines: some dozen are looked at."""
 WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
 """Where the picks of a quick look leave no room to anything."""
 MOST_WIDER = 4
 """So many that leave some are enough."""
+
+
+def ik_for_proofs(robot: Robot) -> IkSearch:
+    """How closely a robot's solutions for a hand are looked for where it is to be proved that none will do."""
+    return CLOSE_IK if len(robot.arm_joints) > SIX else EXHAUSTIVE.ik
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +94,13 @@ class Picking:
         self._known: dict[tuple[str, bytes], _Grasps] = {}
         self._among: dict[LazyList[Grasp], _Grasps] = {}
 
-    def with_more(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Picking:
-        """The same with more grasps of objects that stand at poses, before all others."""
-        other = copy(self)
-        grasps = {name: chain(more, self.grasps(poses, name)) for name, more in hands.items()}
-        more = {(name, poses[name].tobytes()): _Grasps(self.cell, some, self.settings.ik_tries) for name, some in grasps.items()}
-        other._known = {**self._known, **more}
+    def with_more(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]], ik: IkSearch) -> Picking:
+        """The same with more grasps of objects that stand at poses, before all others. ik: how closely the arm's solutions for
+        them are looked for."""
+        other, usual = copy(self), self.settings.ik
+        other._known = dict(self._known)
+        for name, more in hands.items():
+            other._known[name, poses[name].tobytes()] = _Grasps(self.cell, self.grasps(poses, name), usual, more, ik)
         return other
 
     def picks(self, poses: Mapping[str, Array], rest: Mapping[str, Array], name: str, q: Array) -> tuple[list[Pick], Blocked]:
@@ -106,7 +117,7 @@ class Picking:
         """As `picks`, with these grasps and no others; the best, which come first, are preferred to those that turn the arm less."""
         key = (name, b"".join(grasp.T_world_hand.tobytes() + np.float64(grasp.width_m).tobytes() for grasp in grasps))
         if key not in self._known:
-            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik)
         known = self._known[key]  # which may have been asked for before, as other objects that say the same
         picks, why = self._picks(known, poses, rest, name, q)
         ranks = {grasp: i for i, grasp in enumerate(known)}
@@ -117,7 +128,7 @@ class Picking:
     ) -> tuple[list[Pick], Blocked]:
         """As `picks`, with grasps that are found when they are asked for."""
         if grasps not in self._among:
-            self._among[grasps] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+            self._among[grasps] = _Grasps(self.cell, grasps, self.settings.ik)
         return self._picks(self._among[grasps], poses, rest, name, q)
 
     def some(
@@ -132,7 +143,7 @@ class Picking:
         key = (name, poses[name].tobytes())
         if key not in self._known:
             grasps = sampled_grasps(self.cell.robot, self.cell.scene, name, poses[name], sampling=self.settings.sampling)
-            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik_tries)
+            self._known[key] = _Grasps(self.cell, grasps, self.settings.ik)
         return self._known[key]
 
     def _picks(
@@ -244,13 +255,16 @@ class _OpenHand:
 class _Grasps(LazyList[Grasp]):
     """The grasps on an object where it stands, and the arm's solutions for each; both are found when asked for, and once."""
 
-    def __init__(self, cell: Workcell, grasps: Iterable[Grasp], ik_tries: int) -> None:
-        super().__init__(grasps)
-        self._cell, self._tries = cell, ik_tries
+    def __init__(
+        self, cell: Workcell, grasps: Iterable[Grasp], ik: IkSearch, first: Sequence[Grasp] = (), ik_first: IkSearch = QUICK_IK
+    ) -> None:
+        super().__init__(chain(first, grasps))
+        self._cell, self._ik, self._first, self._ik_first = cell, ik, len(first), ik_first
         self._solutions: dict[int, Array] = {}
 
     def solutions(self, T_hand: Array, i: int) -> Array:
         """Arm configurations (S, A) with the hand at T_hand (4, 4), for grasp number i, the nearest to home first."""
         if i not in self._solutions:
-            self._solutions[i] = self._cell.ik(T_hand, tries=self._tries)
+            ik = self._ik_first if i < self._first else self._ik
+            self._solutions[i] = self._cell.ik(T_hand, tries=ik.tries, distinct=ik.distinct)
         return self._solutions[i]

@@ -17,6 +17,7 @@ from kinematics.scene import Grasp
 from kinematics.transforms import Array, inverse
 from planning.grasping.finger_grasps import open_width
 from planning.motion.cell.queries import PlanningQuery
+from planning.motion.cell.workcell import IkSearch
 from planning.motion.handling.contacts import WHOLE, Flags, meet_along, meet_at, meet_hand
 from planning.motion.handling.spots import SpotQueries, WayProblems
 from planning.motion.search import reaching
@@ -97,11 +98,11 @@ class _Grip:
 
 
 class Reach:
-    """The ways to one object at T (4, 4), and how they are tested. ik_tries: starts of inverse kinematics for each grasp."""
+    """The ways to one object at T (4, 4), and how they are tested. ik: how closely the arm's solutions for each grasp are looked for."""
 
-    def __init__(self, queries: SpotQueries, name: str, T: Array, grasps_on: GraspsOn, ik_tries: int) -> None:
+    def __init__(self, queries: SpotQueries, name: str, T: Array, grasps_on: GraspsOn, ik: IkSearch) -> None:
         self.queries, self.cell, self.name, self.T = queries, queries.cell, name, T
-        self.grasps_on, self.ik_tries = grasps_on, ik_tries
+        self.grasps_on, self.ik = grasps_on, ik
 
     def ways(self) -> Iterator[Way]:
         """The ways of the hand alone, for each grasp to which the walls and the object itself leave one."""
@@ -130,7 +131,7 @@ class Reach:
 
     def _at_grasp(self, grip: _Grip) -> Iterator[Way]:
         """The arm's solutions for a grasp; what one of them is asked, all are asked at once, for they are asked about the same spots."""
-        solutions, said = self.cell.ik(grip.grasp.T_world_hand, tries=self.ik_tries), dict[int, list[int]]()
+        solutions, said = self.cell.ik(grip.grasp.T_world_hand, tries=self.ik.tries, distinct=self.ik.distinct), dict[int, list[int]]()
 
         def test(spots: int, i: int) -> int:
             if spots not in said:

@@ -12,6 +12,7 @@ from fakes import scene_of
 
 from kinematics.scene import APPROACHES, State
 from kinematics.transforms import Array
+from planning.motion.cell.workcell import IkSearch
 from planning.motion.handling.finest_look import Access
 from planning.motion.handling.picking import THOROUGH
 from planning.plan import Unsolvable
@@ -82,6 +83,7 @@ class Cabinet:
         self.partly_unseen, self.usual = False, usual
         self.if_free: Any = None
         self.thorough = SimpleNamespace(target_grasps=("the target's own",))
+        self.reached_closely: list[frozenset[str]] = []
 
     def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Any]]) -> Any:
         """With a hand an object can be picked in the way that the finest look has found."""
@@ -90,6 +92,9 @@ class Cabinet:
         assert all(found == [name.upper()] for name, found in hands.items())
         ways = {**self.usual, **{name: self.finest.written.ways.get(name, [""]) for name in hands}}
         return SimpleNamespace(obstructions=self._look(ways), hands=sorted(hands))
+
+    def reaches_closely(self, poses: Mapping[str, Array], standing: frozenset[str]) -> bool:
+        return standing in self.reached_closely
 
     def _look(self, ways: Ways) -> Callable[[Mapping[str, Array]], Written]:
         def look(poses: Mapping[str, Array]) -> Written:
@@ -108,9 +113,9 @@ def grasps_that_tell(monkeypatch: pytest.MonkeyPatch) -> None:
         return ("sampled", robot, scene, name, tuple(approaches))
 
     class Obstruction:
-        def __init__(self, cell: Any, grasps_on: Callable[[str, Array], Iterable[Any]], *, ik_tries: int) -> None:
+        def __init__(self, cell: Any, grasps_on: Callable[[str, Array], Iterable[Any]], *, ik: IkSearch) -> None:
             cabinet = next(c for c in CABINETS if c.cell is cell)
-            assert ik_tries == THOROUGH.ik_tries
+            assert ik == THOROUGH.ik
             on_a, on_t = (tuple(grasps_on(name, np.eye(4))) for name in "at")
             assert on_a[:4] == ("sampled", cabinet.robot, cabinet.scene, "a")
             assert on_t in (("the target's own",), ("sampled", cabinet.robot, cabinet.scene, "t", on_a[4]))
@@ -244,3 +249,14 @@ def test_obstructions_are_built_once_for_all_states() -> None:
     prover = Prover(cabinet)  # type: ignore[arg-type]
     assert prover(HERE) == prover(HERE)
     assert cabinet.made == 3
+
+
+def test_what_an_arm_of_many_joints_may_reach_is_in_doubt() -> None:
+    """Of the solutions for x_g, whole lines of them, the usual looks see a few."""
+    cabinet = Cabinet(STUCK)
+    cabinet.reached_closely.append(frozenset("ab"))
+    assert found(cabinet) == Finding(undecided="t may be reached among what is stuck by a solution of the arm that is hardly found")
+    for_good = Cabinet({**STUCK, "t": []})
+    assert proof(for_good) is not None
+    for_good.reached_closely.append(frozenset())
+    assert found(for_good).unsolvable is None

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder
@@ -218,3 +219,23 @@ def test_a_hand_between_two_that_look_other_ways_is_found(ur5e: Robot) -> None:
     hand = motions.finest.at(scene.poses()).access("can", standing).hand
     assert hand is not None
     assert judge_hold(ur5e, can, hand) is None
+
+
+def test_an_arm_of_seven_joints_may_reach_a_hand_in_a_way_that_is_seldom_found() -> None:
+    """The box of a scene whose proof was attacked: of its few usual solutions none can be used, of some dozen one can."""
+    panda = load("panda")
+    cabinet = Cabinet(np.array([0.5, 0.5, 0.34]), transform(p=[0.3, 0.0, 0.1]), 0.03)
+    can = Body(
+        "can", Cylinder(0.0292410216983601, 0.1442633308368585), transform(p=[0.7241709817395936, 0.01751848409311499, 0.17213166541842925])
+    )
+    box = Body("box", Box(np.array([0.06751390802256921, 0.05552542663457224, 0.17816973002763042])),
+               transform(rotation_about(UP, 1.512664), [0.6461611217408658, -0.0928001896136535, 0.18908486501381522]))  # fmt: skip
+    scene = Scene("s", RobotRef(transform(p=[-0.12, 0.0, -0.15]), "panda"), cabinet, (can, box), "can", None, approaches=("horizontal",))
+    motions, alone = Motions(panda, scene, settings=UNCONSTRAINED), frozenset[str]()
+    assert not motions.exhaustive.obstructions(scene.poses()).free("box", alone)
+    assert motions.finest is not None
+    hand = motions.finest.at(scene.poses()).access("box", alone).hand
+    assert hand is not None
+    there = motions.with_hands(scene.poses(), {"box": [hand]})
+    assert there.obstructions(scene.poses()).free("box", alone)
+    assert there.picks(there.start(), "box")[0]

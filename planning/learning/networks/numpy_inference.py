@@ -6,8 +6,10 @@ round when they were loaded, so that x @ W is all there is. Shapes: I queries, J
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import wraps
+from typing import ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +17,24 @@ from numpy.typing import NDArray
 from planning.learning.networks.tokens import F32, Tokens, box_features, pair_features, placed_boxes, token_kinds, with_base_and_hand
 
 Weights = Mapping[str, F32]
+P = ParamSpec("P")
 _UNFLAGGED = np.errstate(invalid="ignore")
-"""BLAS's kernels work on more than an array's own numbers, and once in some hundred runs leave the flag of an invalid operation behind that
-is none of the result's; numpy would warn of it."""
+"""BLAS's kernels work on more than an array's own numbers, and seldom leave the flag of an invalid operation behind that is none of the
+result's; numpy would warn of it. Whether scores are numbers is looked at by themselves."""
+
+
+def _scores(forward: Callable[P, F32]) -> Callable[P, F32]:
+    """A forward pass whose logits are finite. Raises: ArithmeticError where they are not, which is a fault of the weights or of BLAS."""
+
+    @wraps(forward)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> F32:
+        with np.errstate(invalid="ignore"):
+            logits = forward(*args, **kwargs)
+        if not np.isfinite(logits).all():
+            raise ArithmeticError(f"the network's scores ({forward.__name__}) are not all finite: try other weights (--model)")
+        return logits
+
+    return checked
 
 
 def turned(weights: Mapping[str, NDArray[np.float32]]) -> dict[str, F32]:
@@ -35,14 +52,14 @@ class Encoding:
     keys: tuple[tuple[F32, F32], ...]
 
 
-@_UNFLAGGED
+@_scores
 def osnet(w: Weights, t: Tokens, heads: int) -> F32:
     """Logits of p̂, pickable, opens, first (m, 4); older weights don't know the last."""
     z, _ = _encode(w, t, heads)
     return _mlp(w, "head", z[3:])
 
 
-@_UNFLAGGED
+@_scores
 def paper_osnet(w: Weights, t: Tokens, heads: int) -> F32:
     """Logits of p̂ (m, 1)."""
     x = np.concatenate([_mlp(w, "gamma", t.grasp[None, :9]), _mlp(w, "alpha", np.concatenate([_base(t), t.boxes]))])
@@ -56,7 +73,7 @@ def rpnet_encode(w: Weights, t: Tokens, heads: int) -> Encoding:
     return Encoding(t, z, places, _all_keys(w, z, heads))
 
 
-@_UNFLAGGED
+@_scores
 def rpnet(w: Weights, known: Encoding, moved: int, regions: NDArray[np.intp], heads: int) -> F32:
     """Logits of ĉ, feasible, hits, shorter (I, 4) for the object `moved` (index in the boxes, the target is 0) in some of the regions (I,);
     older weights don't know the last."""
@@ -83,7 +100,7 @@ def paper_rpnet_encode(w: Weights, t: Tokens, heads: int) -> Encoding:
     return Encoding(t, z, kappa, _all_keys(w, z, heads))
 
 
-@_UNFLAGGED
+@_scores
 def paper_rpnet(w: Weights, known: Encoding, moved: int, heads: int) -> F32:
     """Logits of ĉ (B,) for every region."""
     x = known.places + _mlp(w, "alpha", known.tokens.boxes[moved])

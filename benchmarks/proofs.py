@@ -34,7 +34,7 @@ from planning import read_plans, read_scenes
 from planning.grasping.sampling import PITCHES, Sampling
 from planning.motion.cell.workcell import IkSearch
 from planning.motion.handling.object_grasps import sampled_grasps
-from planning.motion.handling.picking import SIX, Picking, PickSettings
+from planning.motion.handling.picking import Picking, PickSettings
 from planning.motion.pick_place import Done, Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.plan import Plan
@@ -90,7 +90,7 @@ def _attack_claim(robot: Robot, scene: Scene, poses: Any, line: dict[str, Any], 
     stuck = line["stuck"]
     alone = replace(scene, objects=tuple(replace(scene.body(n), T_world_body=poses[n]) for n in (*stuck, scene.target_name)))
     motions = Motions(robot, alone, settings=UNCONSTRAINED)
-    patient = Picking(motions.cell, PickSettings(ik=IK if len(robot.arm_joints) <= SIX else IK_REDUNDANT, enough_grasps=10**9))
+    patient = Picking(motions.cell, PickSettings(ik=IK_REDUNDANT if motions.cell.arm.redundant else IK, enough_grasps=10**9))
     state, home = motions.start(), robot.arm_q(motions.start().q)
     standing = dict(state.poses)
 

@@ -224,14 +224,12 @@ def _one(row: dict[str, Any], as_json: bool) -> None:
 
 
 def _lines(row: dict[str, Any]) -> list[str]:
-    import numpy as np
-
     grip, hand = row["gripper"], row["hand"]
     first, *others = grip["joints"]
     moved = f"{first}, and {', '.join(others)} with it" if others else first
     force = f", {grip['force_N']:g} N" if grip["force_N"] is not None else ""
     turn = hand["T_link_hand"]["q_wxyz"]
-    sign = next(np.sign(v) for v in turn if abs(v) > 1e-4)  # q and -q are one rotation: the notes say it as this does
+    sign = next(1.0 if v > 0 else -1.0 for v in turn if abs(v) > 1e-4)  # q and -q are one rotation: the notes say it as this does
     p, q = (", ".join(f"{round(v, 4) + 0.0:g}" for v in values) for values in (hand["T_link_hand"]["p"], [sign * v for v in turn]))
     where = "measured" if hand["measured"] else "given"
     pairs = [" + ".join(pair) for pair in row["ignored_pairs"]]

@@ -187,9 +187,9 @@ class Candidates:
 
 
 def _lies_across(body: Body, u: Array, pitch: float) -> bool:
-    """Whether a body is a cylinder that lies, across the line along u (3,) in which the fingers of a hand close that looks down at it."""
+    """Whether a cylinder lies, across the line along u (3,) in which the fingers of a hand close that looks down at it."""
     T = body.T_world_body
-    return isinstance(body.shape, Cylinder) and is_level(T) and bool(abs(u @ T[:3, 2]) < 0.5) and pitch > 0.0
+    return is_level(T) and bool(abs(u @ T[:3, 2]) < 0.5) and pitch > 0.0
 
 
 def height_over_lying(axis_z: float, radius_m: float, lowest_z: float) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -43,17 +43,22 @@ def usual_lowest(kind: str, pitch: float) -> float:
     return LOWEST_M[kind]
 
 
+def hand_points(robot: Robot, width_m: float, links: Collection[str]) -> Array:
+    """The corners (N, 3), in the hand's frame, of some of its links when it is open by a width."""
+    q = robot.home.copy()
+    q[robot.gripper_joint] = robot.opening.value_at(width_m)
+    poses = robot.link_poses(q)
+    T_hand = inverse(poses["hand"])
+    return np.concatenate([apply(T_hand @ poses[h.link], h.vertices) for h in robot.hulls if h.link in links])
+
+
 @lru_cache(maxsize=16)
 def lowest_of(robot: Robot) -> Lowest:
     """How low a robot's pads may be."""
     if robot.grip is None:
         return usual_lowest
     width = robot.opening.max_m / 2
-    q = robot.home.copy()
-    q[robot.gripper_joint] = robot.opening.value_at(width)
-    poses, hand = robot.link_poses(q), robot.hand_links
-    T_hand, middle = inverse(poses["hand"]), [0.0, 0.0, robot.opening.pad_z_at(width)]
-    points = np.concatenate([apply(T_hand @ poses[h.link], h.vertices) - middle for h in robot.hulls if h.link in hand])
+    points = hand_points(robot, width, robot.hand_links) - [0.0, 0.0, robot.opening.pad_z_at(width)]
     points = points[points[:, 2] > -IN_CABINET_M]
 
     def lowest(kind: str, pitch: float) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, apply, inverse
+from planning.grasping.hand_poses import hand_points
 from planning.grasping.line_contacts import GAP_M, Contact, line_stretches
 
 PAD_FACE_M = 0.001  # corners of a finger this near to its innermost one belong to the pad
@@ -81,14 +82,8 @@ def _face(robot: Robot) -> Array | None:
 
 def _tip_z(robot: Robot) -> float:
     """How far the hand reaches beyond the pads' middle along the approach, at most."""
-    reaches, q = [], robot.home.copy()
-    for width in np.linspace(float(robot.opening.width_m[0]), robot.opening.max_m, OPENINGS).tolist():
-        q[robot.gripper_joint] = robot.opening.value_at(width)
-        poses = robot.link_poses(q)
-        T_hand = inverse(poses["hand"])
-        end = max(float(apply(T_hand @ poses[h.link], h.vertices)[:, 2].max()) for h in robot.hulls if h.link in robot.hand_links)
-        reaches.append(end - robot.opening.pad_z_at(width))
-    return max(reaches)
+    widths = np.linspace(float(robot.opening.width_m[0]), robot.opening.max_m, OPENINGS).tolist()
+    return max(float(hand_points(robot, width, robot.hand_links)[:, 2].max()) - robot.opening.pad_z_at(width) for width in widths)
 
 
 def under_pads(

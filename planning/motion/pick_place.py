@@ -306,19 +306,18 @@ class Motions:
 
     def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Grasp]]) -> Motions:
         """The exhaustive look with some more grasps of objects that stand at poses."""
-        other, known, ik = copy(self.exhaustive), self.exhaustive._obstruction, ik_for_proofs(self.robot)
+        other, known, ik = copy(self.exhaustive), self.exhaustive._obstruction, ik_for_proofs(self.cell.arm)
         other._picking = self.exhaustive._picking.with_more(poses, hands, ik)
         other._states = deque(maxlen=KEPT)
         other._obstruction = {fingers: obstruction.with_more(poses, hands, ik) for fingers, obstruction in known.items()}
         return other
 
     def reaches_closely(self, poses: Mapping[str, Array], standing: frozenset[str]) -> bool:
-        """Whether an arm of more than six joints can take the target while only `standing` and the target stand, its solutions being looked
-        for as closely as proofs ask; the others' few are all found by the thorough look."""
-        ik = ik_for_proofs(self.robot)
-        if ik == EXHAUSTIVE.ik:
+        """Whether a redundant arm can take the target while only `standing` and the target stand, its solutions being looked for as closely
+        as proofs ask; the others' few are all found by the thorough look."""
+        if not self.cell.arm.redundant:
             return False
-        closely = Obstruction(self.cell, lambda *_: self.thorough.target_grasps, ik=ik)
+        closely = Obstruction(self.cell, lambda *_: self.thorough.target_grasps, ik=ik_for_proofs(self.cell.arm))
         return closely.at(poses).free(self.scene.target_name, standing)
 
     def _with(self, settings: PickSettings) -> Motions:

@@ -8,7 +8,8 @@ import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
-from kinematics.transforms import Array, apply, inverse
+from kinematics.transforms import Array
+from planning.grasping.hand_poses import hand_points
 from planning.grasping.line_contacts import stretch_at
 from planning.io.grasp_files import ReadGrasps
 from planning.target_grasps.proposals import Proposals, rank
@@ -43,9 +44,4 @@ def onto_target(robot: Robot, scene: Scene, read: ReadGrasps, T_world_file: Arra
 def pad_to_tip(robot: Robot) -> float:
     """How far the fingertips reach beyond the pads' middle, in metres, the hand closed."""
     width = float(robot.opening.width_m[0])
-    q = robot.home.copy()
-    q[robot.gripper_joint] = robot.opening.value_at(width)
-    poses = robot.link_poses(q)
-    T_hand = inverse(poses["hand"])
-    tips = [apply(T_hand @ poses[h.link], h.vertices)[:, 2].max() for h in robot.hulls if h.link in robot.fingers]
-    return float(max(tips)) - robot.opening.pad_z_at(width)
+    return float(hand_points(robot, width, robot.fingers)[:, 2].max()) - robot.opening.pad_z_at(width)

@@ -26,10 +26,11 @@ result's; numpy would warn of it. Whether scores are numbers is looked at by the
 def _scores(forward: Callable[P, F32]) -> Callable[P, F32]:
     """A forward pass whose logits are finite. Raises: ArithmeticError where they are not, which is a fault of the weights or of BLAS."""
 
+    quiet = _UNFLAGGED(forward)
+
     @wraps(forward)
     def checked(*args: P.args, **kwargs: P.kwargs) -> F32:
-        with np.errstate(invalid="ignore"):
-            logits = forward(*args, **kwargs)
+        logits = quiet(*args, **kwargs)
         if not np.isfinite(logits).all():
             raise ArithmeticError(f"the network's scores ({forward.__name__}) are not all finite: try other weights (--model)")
         return logits

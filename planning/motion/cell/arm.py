@@ -45,12 +45,13 @@ class AnyOpening(NamedTuple):
 class Arm(RobotCollisionModel):
     """A robot at one place, with what inverse kinematics starts from.
 
-    few_joints: whether it is one of fewer than six; backing: the chain, of such an arm with a free heading.
+    few_joints: whether it is one of fewer than six; backing: the chain, of such an arm with a free heading. redundant: whether it is one of
+    more, whose solutions for a hand are whole lines.
     """
 
     def __init__(self, robot: Robot, T_world_base: Array) -> None:
         super().__init__(robot, T_world_base)
-        self.few_joints = len(robot.arm_joints) < FEW_JOINTS
+        self.few_joints, self.redundant = len(robot.arm_joints) < FEW_JOINTS, len(robot.arm_joints) > FEW_JOINTS
         self.backing = self.chain._replace(heading=0.0) if self.few_joints else self.chain
         known = robot_collision_model(robot, T_world_base)  # what the final check packs is what the planner has packed
         self._posed, self._packed = known._posed, known._packed

@@ -2,7 +2,7 @@
 
 Where a hand meets something between two hands that were looked at is not known. So objects, obstacles and walls are looked at smaller by as
 much as any point of a hand can lie from where the nearest of the looked-at hands has it: what meets even those is met by all hands
-between them. A hand that meets nothing then is looked at again as four, half as far apart, with half as much room; and so on, till so
+between them. A hand that meets nothing then is looked at again as several, nearer together, with less room; and so on, till so
 little room is left that a way is taken to be there. That holds for hands moved ahead or up, and round what is round for turned ones, too;
 of a box it holds for hands that close square on its faces, and everywhere for the pitches that are sampled.
 
@@ -25,8 +25,8 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene
 from kinematics.shapes import Box, Cylinder
-from kinematics.transforms import Array, apply, inverse, rotation_about, transform
-from planning.grasping.hand_poses import UP, level_across
+from kinematics.transforms import Array, rotation_about, transform
+from planning.grasping.hand_poses import UP, hand_points, level_across
 from planning.grasping.marginal_grasps import lacks_m
 from planning.grasping.pads import pad_of
 from planning.grasping.sampling import DENSEST
@@ -99,7 +99,7 @@ class FinestLook:
 
     def __init__(self, robot: Robot, scene: Scene, settings: MotionSettings, cell: Workcell) -> None:
         self.robot, self.scene, self.settings, self.cell_as_it_is = robot, scene, settings, cell
-        self.picking = replace(THOROUGH, ik=ik_for_proofs(robot))
+        self.picking = replace(THOROUGH, ik=ik_for_proofs(cell.arm))
         self._cells: dict[float, Workcell] = {}
         self._levels: dict[str, tuple[Around, ...]] = {}
 
@@ -223,11 +223,8 @@ def _either(way: float) -> tuple[float, ...]:
 @lru_cache(maxsize=16)
 def hand_reach_m(robot: Robot) -> float:
     """How far any point of the open hand is from where something between its pads is, at most."""
-    width, q, pad = robot.opening.max_m, robot.home.copy(), pad_of(robot)
-    q[robot.gripper_joint] = robot.opening.value_at(width)
-    poses, hand = robot.link_poses(q), robot.hand_links
-    T_hand, middle = inverse(poses["hand"]), robot.opening.middle(width)
-    points = np.concatenate([apply(T_hand @ poses[h.link], h.vertices) - middle for h in robot.hulls if h.link in hand])
+    width, pad = robot.opening.max_m, pad_of(robot)
+    points = hand_points(robot, width, robot.hand_links) - robot.opening.middle(width)
     return float(np.linalg.norm(points, axis=1).max()) + math.hypot(pad.half_x_m, max(-pad.low_z_m, pad.high_z_m))
 
 

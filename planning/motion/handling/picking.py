@@ -10,12 +10,12 @@ from itertools import chain, islice
 
 import numpy as np
 
-from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Held
 from kinematics.transforms import Array, inverse
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.sampling import DENSE, DENSEST, USUAL, Sampling
 from planning.motion.cell import queries
+from planning.motion.cell.arm import Arm
 from planning.motion.cell.queries import ContactQuery, PlanningQuery
 from planning.motion.cell.workcell import QUICK_IK, IkSearch, Workcell
 from planning.motion.handling.object_grasps import sampled_grasps
@@ -47,20 +47,19 @@ class PickSettings:
 QUICK = PickSettings()
 THOROUGH = PickSettings(DENSE, IkSearch(96), enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
-SIX = 6  # joints, with which an arm has a few solutions for a hand and no more
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
 """Where a thorough look finds none, either."""
 CLOSE_IK = IkSearch(1000, 0.05)
-"""For proofs with an arm of more than six joints, whose solutions for a hand are not a few but whole lines: some dozen are looked at."""
+"""For proofs with a redundant arm: some dozen of its solutions for a hand are looked at."""
 WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
 """Where the picks of a quick look leave no room to anything."""
 MOST_WIDER = 4
 """So many that leave some are enough."""
 
 
-def ik_for_proofs(robot: Robot) -> IkSearch:
-    """How closely a robot's solutions for a hand are looked for where it is to be proved that none will do."""
-    return CLOSE_IK if len(robot.arm_joints) > SIX else EXHAUSTIVE.ik
+def ik_for_proofs(arm: Arm) -> IkSearch:
+    """How closely an arm's solutions for a hand are looked for where it is to be proved that none will do."""
+    return CLOSE_IK if arm.redundant else EXHAUSTIVE.ik
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@
 
 A proof names a set of objects of which none can be picked while the others of them stand, and which keeps the target in. Half of the time
 goes to that claim, where it is easiest to break: with all other objects gone, grasps on each of the set are drawn at random (directions,
-heights, pitches, depths, by an edge; ten times as many of the arm's solutions), and the target is tried with as many solutions for x_g. The
-planner's picks judge them, which share no code with the obstructions that the proof rests on. The other half is a search without any
-guidance in the whole scene: any object that can be picked goes anywhere, and the target is tried after each move, from the start again
-after MOST_MOVES.
+heights, pitches, depths, by an edge), the arm's solutions are sought from ten times as many starts as planning has, those of a redundant
+arm from 2,000 and nearer together, and the target is tried with as many for x_g. The planner's picks judge them, which share no code with
+the obstructions that the proof rests on. The other half is a search without any guidance in the whole scene: any object that can be picked
+goes anywhere, and the target is tried after each move, from the start again after MOST_MOVES.
 
 Both look for more than plans ever try, but they are no proof themselves: what was not found may still be there. A line for each proof goes
 to `-o`, where a run goes on that was stopped; the line on stdout has the totals. Exit code 1 when a proof was broken.

@@ -110,18 +110,18 @@ def moved(balls: Levels, T: Array) -> Levels:
 
 
 @lru_cache(maxsize=256)
-def box_levels(size_m: tuple[float, float, float], coarse_m: float = COARSE_M, fine_m: float = SHAPE_M) -> Levels:
+def box_levels(size_m: tuple[float, float, float]) -> Levels:
     """Levels of a cuboid about the origin with edges size_m along x, y, z; kept in memory."""
-    (a, few), (b, many) = box_cover(size_m, coarse_m), box_cover(size_m, fine_m)
+    (a, few), (b, many) = box_cover(size_m, COARSE_M), box_cover(size_m, SHAPE_M)
     few = few[:, None]
     overlap = (few[:, :, 0] + SLIVER_M < many[:, 1]) & (many[:, 0] + SLIVER_M < few[:, :, 1])
     return Levels(a, b, *_csr(np.asarray(overlap.all(2))))
 
 
 @lru_cache(maxsize=256)
-def cylinder_levels(radius_m: float, height_m: float, coarse_m: float = COARSE_M, fine_m: float = SHAPE_M) -> Levels:
+def cylinder_levels(radius_m: float, height_m: float) -> Levels:
     """Levels of a cylinder about z through the origin. Half a millisecond; kept in memory."""
-    a, b = _by_size(cylinder_cover(radius_m, height_m, coarse_m)), cylinder_cover(radius_m, height_m, fine_m)
+    a, b = _by_size(cylinder_cover(radius_m, height_m, COARSE_M)), cylinder_cover(radius_m, height_m, SHAPE_M)
     far = np.linalg.norm(a.centres[:, None] - b.centres, axis=2)
     return Levels(a, b, *_csr(far <= a.radii[:, None] + b.radii))  # every point's coarse ball meets its fine one
 

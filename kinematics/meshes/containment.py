@@ -16,38 +16,38 @@ FINE_M = 8e-5
 """What reaches out of the parts by no more is not looked at closer."""
 
 
-def largest_protrusion(surface: Surface, parts: Sequence[Array], fine_m: float = FINE_M) -> float:
+def largest_protrusion(surface: Surface, parts: Sequence[Array]) -> float:
     """How far a surface, the inside of its triangles too, reaches out of the union of convex parts at most, in metres; proven from above.
 
     How far a point is outside a part, by the part's planes, is a convex function, so its largest value on a triangle is at a corner. A
-    triangle with no part that holds all three corners to `fine_m` is halved along its longest side, again and again; what is too small to
+    triangle with no part that holds all three corners to FINE_M is halved along its longest side, again and again; what is too small to
     be halved counts with the part that holds it best.
     """
     if not parts:
         return float("inf")
     planes, boxes = [planes_of(p) for p in parts], np.array([[p.min(0), p.max(0)] for p in parts])
-    worst, left = _held_by_one(surface, planes, boxes, fine_m)
+    worst, left = _held_by_one(surface, planes, boxes)
     for _ in range(MOST_ROUNDS):
         if len(left) == 0:
             return worst
-        out = np.concatenate([_outside(left[i : i + CHUNK], planes, boxes, fine_m) for i in range(0, len(left), CHUNK)])
+        out = np.concatenate([_outside(left[i : i + CHUNK], planes, boxes, FINE_M) for i in range(0, len(left), CHUNK)])
         longest = np.linalg.norm(left - np.roll(left, 1, axis=1), axis=2).max(1)
-        settled = (out <= fine_m) | (longest <= fine_m)
+        settled = (out <= FINE_M) | (longest <= FINE_M)
         worst = max(worst, float(out[settled].max(initial=0.0)))
         left = _halved(left[~settled])
     return max(worst, float(_outside(left, planes, boxes, 0.0).max(initial=0.0)))
 
 
-def _held_by_one(surface: Surface, planes: Sequence[Array], boxes: Array, fine_m: float) -> tuple[float, Array]:
-    """The first round, a vertex at a time: how far triangles that one part holds to `fine_m` reach out of it, and the others (F, 3, 3)."""
+def _held_by_one(surface: Surface, planes: Sequence[Array], boxes: Array) -> tuple[float, Array]:
+    """The first round, a vertex at a time: how far triangles that one part holds to FINE_M reach out of it, and the others (F, 3, 3)."""
     best = np.full(len(surface.faces), np.inf)
     for (low, high), rows in zip(boxes, planes):
-        near = np.flatnonzero(((surface.vertices >= low - fine_m) & (surface.vertices <= high + fine_m)).all(1))
+        near = np.flatnonzero(((surface.vertices >= low - FINE_M) & (surface.vertices <= high + FINE_M)).all(1))
         out = np.full(len(surface.vertices), np.inf)
         for some in (near[i : i + CHUNK] for i in range(0, len(near), CHUNK)):
             out[some] = (surface.vertices[some] @ rows[:, :3].T - rows[:, 3]).max(1)
         np.minimum(best, out[surface.faces].max(1), out=best)
-    held = best <= fine_m
+    held = best <= FINE_M
     return max(float(best[held].max(initial=0.0)), 0.0), surface.triangles[~held]
 
 

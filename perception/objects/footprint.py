@@ -19,20 +19,18 @@ NOTHING_M, FAR_M = 1e-6, 1e-9  # how far a point may lie outside of the outline,
 BLOCK = 4096
 
 
-def upright_solid(points: Array, margin_m: float = 0.0) -> tuple[Shape, Array]:
+def upright_solid(points: Array) -> tuple[Shape, Array]:
     """The smallest upright box or cylinder around points (N, 3) and their feet on the plane z = 0, and its pose (4, 4) there.
 
-    margin_m: how much larger it is on every side; none, for grasps leave fractions of a millimetre.
-    Raises: ValueError when there are no points.
+    Without a margin, for grasps leave fractions of a millimetre. Raises: ValueError when there are no points.
     """
     if len(points) == 0:
         raise ValueError("there is no solid around no points")
-    height = float(max(points[:, 2].max(), LEAST_M)) + margin_m
+    height = float(max(points[:, 2].max(), LEAST_M))
     outline = outline_of(points[:, :2])
     corner, size, yaw = least_rectangle(outline)
     centre, radius = least_circle(outline)
-    size = np.maximum(size + 2 * margin_m, LEAST_M)
-    radius = max(radius + margin_m, LEAST_M / 2)
+    size, radius = np.maximum(size, LEAST_M), max(radius, LEAST_M / 2)
     if np.pi * radius**2 < size[0] * size[1]:
         return Cylinder(radius, height), transform(p=[*centre, height / 2])
     return Box(np.array([*size, height])), transform(rotation_about((0.0, 0.0, 1.0), yaw), [*corner, height / 2])

@@ -124,19 +124,19 @@ def standing_box(points: Array, cabinet: Cabinet, base_m: float = 0.0) -> Array:
     return np.concatenate([(low + high) / 2, high - low])
 
 
-def grown(box: Array, voxels: Voxels, usual_m: float = GROWN_M) -> Array:
+def grown(box: Array, voxels: Voxels) -> Array:
     """A box (6,) of the world, extended into the unknown space beside and above it.
 
     A side gives way layer by layer, a voxel each, until a fifth of the layer is free, half of it is somebody else's surface, or a wall
     comes. Things are taken for upright and about as deep as wide: along x and y the box grows no further than its longer seen side, or
-    usual_m if that is more, to both sides alike where both are hidden; upwards by usual_m at most. One or two layers are only the map's
+    GROWN_M if that is more, to both sides alike where both are hidden; upwards by GROWN_M at most. One or two layers are only the map's
     own coarseness and no reason to grow.
     """
     low, high = box[:3] - box[3:] / 2, box[:3] + box[3:] / 2
     step = float(voxels.step.max())
-    widest, T_grid_world = max(float(box[3:5].max()), usual_m), inverse(voxels.T_world_grid)
+    widest, T_grid_world = max(float(box[3:5].max()), GROWN_M), inverse(voxels.T_world_grid)
     for axis in range(3):
-        room = widest - box[3 + axis] if axis < 2 else usual_m
+        room = widest - box[3 + axis] if axis < 2 else GROWN_M
         layers = int(np.ceil(max(room, 0.0) / step))
         runs = [
             0.0 if axis == 2 and side < 0 else step * hidden_layers(voxels.state, voxels.step, T_grid_world, low, high, axis, side, layers)

@@ -28,7 +28,7 @@ from retrieve_cli.drawing.outlines import GRID_COLOUR, footprint, front_edges, g
 from retrieve_cli.drawing.page_html import PAGE
 from retrieve_cli.drawing.picture import EMPTY_COLOUR, FLOOR_COLOUR, Film, ground, held_by
 from retrieve_cli.drawing.plots import clearance_plot, joint_plots
-from retrieve_cli.drawing.three import Command, annulus, creased, flat, hex_colour, lines, mesh, place, set_property, solid, tube
+from retrieve_cli.drawing.three import Command, annulus, creased, flat, hex_colour, hide, lines, mesh, place, solid, tube
 from retrieve_cli.drawing.unknown_space import (
     UNKNOWN_ALPHA,
     UNSEEN_COLOUR,
@@ -90,7 +90,7 @@ def _setting(film: Film) -> list[Command]:
     """Background, cabinet, grid and obstacles."""
     scene = film.scene
     commands = [
-        *(set_property(path, "visible", False) for path in ("/Background", "/Grid", "/Axes")),  # the page has its own background
+        *(hide(path) for path in ("/Background", "/Grid", "/Axes")),  # the page has its own background
     ]
     for wall in scene.cabinet.walls():
         floor = wall.name == "floor"
@@ -164,7 +164,7 @@ def _arm(film: Film) -> list[Command]:
         commands += [
             *solid(path, film.look(shape), film.colours[held.body]),
             place(path, held.T_hand_body),
-            set_property(path, "visible", False),
+            hide(path),
         ]
         if held.body == scene.target:
             commands += _target_marks(film, path, shape)

@@ -106,9 +106,9 @@ def place(path: str, T: Array) -> Command:
     return {"type": "set_transform", "path": path, "matrix": [float(x) for x in T.T.ravel()]}
 
 
-def set_property(path: str, name: str, value: Any) -> Command:
-    """Set a property of what is shown at a path."""
-    return {"type": "set_property", "path": path, "property": name, "value": value}
+def hide(path: str) -> Command:
+    """Hide what is shown at a path."""
+    return {"type": "set_property", "path": path, "property": "visible", "value": False}
 
 
 def hex_colour(colour: Colour) -> int:

@@ -91,15 +91,23 @@ class Opening:
     def beside(self, T_world_hand: Array) -> Array:
         """Where the hand is (4, 4) to close as at T_world_hand: with a jaw that moves alone BESIDE_M further, so that the pad that stands
         still passes the object, and as far before it with a cup; with any other hand just there."""
-        return T_world_hand if self._draws is None else _moved(T_world_hand, BESIDE_M * (T_world_hand[:3, :3] @ self._draws))
+        return self._drawn(T_world_hand, BESIDE_M, T_world_hand[:3, :3])
 
     def held(self, T_hand_body: Array) -> Array:
         """Where an object is in the hand (4, 4) once it is closed: a jaw that moves alone pushes it by PUSH_M, and a cup draws it."""
-        return T_hand_body if self._draws is None else _moved(T_hand_body, PUSH_M * self._draws)
+        return self._drawn(T_hand_body, PUSH_M)
 
     def let_go(self, T_hand_body: Array) -> Array:
         """The inverse of `held`: where it is when the hand opens."""
-        return T_hand_body if self._draws is None else _moved(T_hand_body, -PUSH_M * self._draws)
+        return self._drawn(T_hand_body, -PUSH_M)
+
+    def _drawn(self, T: Array, by_m: float, R: Array | None = None) -> Array:
+        """A pose (4, 4) moved the way the hand draws; R (3, 3): the hand's, in the pose's frame, if that is not the hand's own."""
+        if self._draws is None:
+            return T
+        out = T.copy()
+        out[:3, 3] += by_m * (self._draws if R is None else R @ self._draws)
+        return out
 
     def closing_value(self, width_m: float) -> float:
         """The joint's value at which the pads hold an object of a width, after `beside` and `held`."""
@@ -117,10 +125,3 @@ class Opening:
         low, high = self.width_m[i - 1], self.width_m[i]
         share = np.clip((width_m - low) / (high - low), 0.0, 1.0)[:, None, None]
         return np.asarray((1 - share) * self.tilted_m[i - 1] + share * self.tilted_m[i])
-
-
-def _moved(T: Array, by_m: Array) -> Array:
-    """A pose (4, 4) moved by a vector (3,)."""
-    out = T.copy()
-    out[:3, 3] += by_m
-    return out

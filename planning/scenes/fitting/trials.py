@@ -69,10 +69,10 @@ def _within(pair: tuple[float, float], share: float) -> float:
     return pair[0] + share * (pair[1] - pair[0])
 
 
-def with_shapes(spec: Spec, ref: RobotRef, shapes: Sequence[Shape], at: Where = (0.5, 0.0), yaw: float = 0.0) -> Scene:
-    """A spec's cabinet with objects, `can 0` and so on, which all stand at one place; the first is the target."""
+def with_shapes(spec: Spec, ref: RobotRef, shapes: Sequence[Shape]) -> Scene:
+    """A spec's cabinet with objects, `can 0` and so on, which all stand in its middle; the first is the target."""
     cabinet = cabinet_of(spec)
-    bodies = tuple(Body(f"can {i}", shape, _stood(spec, cabinet, shape, at, yaw)) for i, shape in enumerate(shapes))
+    bodies = tuple(Body(f"can {i}", shape, _stood(spec, cabinet, shape, (0.5, 0.0), 0.0)) for i, shape in enumerate(shapes))
     return Scene("fit", replace(ref, mount=False), cabinet, bodies, "can 0", None, spec.regions_n, spec.moves_approaches)
 
 

@@ -47,7 +47,7 @@ test: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2 --dist loadfile
-	env -u NUMBA_CACHE_DIR NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest tests/kinematics/test_doors.py
+	env -u NUMBA_CACHE_DIR NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest tests/kinematics/test_array_checks.py
 
 bench: $(VENV)/ready
 	$(BIN)/python benchmarks/motion.py

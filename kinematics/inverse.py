@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.chain import Chain, forward
 from kinematics.collision.sphere_lanes import ROW_X
 from kinematics.collision.sphere_model import F32
-from kinematics.doors import checked
 from kinematics.inverse_lanes import LaneChain, come_near, lane_chain, make_rows
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.jit.simd import WIDTH

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.doors import checked
+from kinematics.array_checks import checked
 from kinematics.transforms import Array
 
 DEGREE = 5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kinematics.lazy_face import lazily
+from kinematics.lazy_imports import lazily
 
 if TYPE_CHECKING:
     from perception.belief import Belief, believe

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kinematics.lazy_face import lazily
+from kinematics.lazy_imports import lazily
 
 if TYPE_CHECKING:
     from planning.library import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.chain import Int
 from kinematics.collision.fcl_solids import Contact, Solid, depth, hull_solid, shape_solids
 from kinematics.collision.near_boxes import near_pairs_along
 from kinematics.collision.stretches import Stretch
-from kinematics.doors import checked
 from kinematics.jit.decorators import jit_entry
 from kinematics.mount import MOUNT, standing_still
 from kinematics.robots.tree import Joints, link_poses, product

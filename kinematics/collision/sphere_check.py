@@ -21,12 +21,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.chain import Int
 from kinematics.collision.geometry import Asked, Queries, make_queries
 from kinematics.collision.sphere_batch import SphereScratch, check_batch, make_sphere_scratch, open_batch, scratch_for
 from kinematics.collision.sphere_lanes import ROW_AT, ROW_X, Mask
 from kinematics.collision.sphere_model import F32, Index, SphereModel, SphereWorld
-from kinematics.doors import checked
 from kinematics.jit.decorators import jit_entry, jit_inline
 from kinematics.jit.simd import WIDTH, load, store
 from kinematics.transforms import Array

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.chain import Int
 from kinematics.collision.geometry import Query, Solids, place_solids, scene_solids
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed
 from kinematics.collision.robot_model import robot_collision_model, shape_geometry
 from kinematics.collision.sphere_model import SphereModel, SphereWorld, make_sphere_world, posed_sphere_model
-from kinematics.doors import checked
 from kinematics.mount import standing_still
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene

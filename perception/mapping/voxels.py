@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.doors import checked
+from kinematics.array_checks import checked
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, convex_parts, is_level
 from kinematics.transforms import Array, apply, inverse, transform

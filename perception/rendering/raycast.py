@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.collision.geometry import BOX, CYLINDER
-from kinematics.doors import checked
 from kinematics.jit.decorators import jit_entry
 from kinematics.transforms import Array, inverse
 from perception.camera import Intrinsics

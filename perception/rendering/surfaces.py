@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.collision.geometry import BOX, CYLINDER, HULL
-from kinematics.doors import checked
 from kinematics.jit.record import record
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
 from kinematics.transforms import Array

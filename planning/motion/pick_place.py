@@ -16,8 +16,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from kinematics.array_checks import indices
 from kinematics.collision.robot_model import bare_geometry
-from kinematics.doors import indices
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene, State
 from kinematics.transforms import Array, inverse

@@ -208,7 +208,7 @@ def _order(choose: str, spots: ReachableViews, cabinet: Cabinet, rng: np.random.
 class KnownFreePaths:
     """Ways from where the arm is to other views, through nothing but known, free space.
 
-    blocked: what keeps the arm from moving at all, None when it can move. paths: those that were found (K, A), by vantage.
+    blocked: what keeps the arm from moving at all, None when it can move. paths: those that were found (K, A), by view.
     """
 
     def __init__(
@@ -236,7 +236,7 @@ class KnownFreePaths:
         self.blocked = None if touch is None else Blocked("look", touch.link, touch.body)
 
     def reach(self, i: int) -> bool:
-        """Whether the arm can get to vantage i; the path is kept."""
+        """Whether the arm can get to view i; the path is kept."""
         q = self.spots.q[i]
         if self.failed >= MOST_UNREACHED or self.cell.touch(self.query, q) is not None:
             return False

@@ -26,7 +26,7 @@ COARSELY = DEFAULT.scaled(1 / 3)  # finds 98.6 % of the same objects, boxes 0.6 
 _POSES = 12  # camera poses that are tried for one that the arm can take
 
 
-def glimpsed(motions: Motions, state: State, row: Row, rng: np.random.Generator) -> Row | None:
+def partial_view(motions: Motions, state: State, row: Row, rng: np.random.Generator) -> Row | None:
     """The row of a state as a few views from anywhere within reach show it; None when they don't show the target.
 
     Objects that nobody saw are left out, labels and all.

@@ -15,7 +15,7 @@ from kinematics.scene import RobotRef, Scene, State
 from kinematics.transforms import transform
 from planning.learning.labelling.brief_look import BriefLook
 from planning.learning.labelling.labels import ENOUGH_PATHS, PATHS, Row, label, movable, paths_to_target
-from planning.learning.labelling.partial_views import glimpsed
+from planning.learning.labelling.partial_views import partial_view
 from planning.learning.labelling.variety import Variety
 from planning.motion.pick_place import Motions
 from planning.scenes.generation import Spec, generate
@@ -72,7 +72,7 @@ def rows(
         ways = ways or paths_to_target(motions, state, rng, paths, enough=ENOUGH_PATHS)
         row = label(look, ways, objects=objects, number=number)
         yield row
-        if looks.random() < partly_seen and (part := glimpsed(motions, state, row, looks)) is not None:
+        if looks.random() < partly_seen and (part := partial_view(motions, state, row, looks)) is not None:
             yield part
         after = next_state(look, row) if number < moves else None
         if after is None:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics import inverse
+from kinematics.array_checks import checked
 from kinematics.collision import edge_check
-from kinematics.doors import checked
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Scene
 from kinematics.transforms import Array

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.array_checks import checked
 from kinematics.collision.edge_check import first_contact
-from kinematics.doors import checked
 from kinematics.transforms import Array
 from planning.motion.search.edges import Memory, Task, make_memory
 from planning.motion.search.tree_memory import widen

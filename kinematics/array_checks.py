@@ -1,6 +1,6 @@
-"""What is checked where Python hands arrays to compiled code, which reads and writes where it is told: shapes, finite numbers, indices.
+"""Checks of arrays before compiled code gets them, which reads and writes where it is told: shapes, finite numbers, indices.
 
-Checked once at the door, never in an inner loop: a check takes some microseconds.
+Once for each call from Python, never in an inner loop: a check takes some microseconds.
 """
 
 from __future__ import annotations

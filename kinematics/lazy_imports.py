@@ -1,4 +1,4 @@
-"""A package's face: what its `__all__` offers is imported when it is first asked for, so that importing the package costs nothing."""
+"""Lazy imports: what a package's `__all__` offers is imported when it is first asked for, so that importing the package costs nothing."""
 
 from __future__ import annotations
 

@@ -12,12 +12,12 @@ from conftest import Handmade
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from kinematics.array_checks import checked, indices
 from kinematics.collision.broad_phase import broad_phase
 from kinematics.collision.clearance import least_clearances
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.sphere_check import configs_free, make_sphere_scratch, open_pairs
 from kinematics.collision.stretches import PackedStretches, Stretch
-from kinematics.doors import checked, indices
 from kinematics.inverse import make_seeds, solve
 from kinematics.robots.robot import Robot
 from kinematics.scene import Held, Scene

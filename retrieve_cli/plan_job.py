@@ -22,7 +22,7 @@ UNSEEN = ("solid", "free")
 class Job:
     """How to plan: what a worker needs besides the scene."""
 
-    policy: str | None = None  # None: the networks where the robot has some, else the local baseline
+    policy: str | None = None  # None: the networks where the robot has some, else the look ahead alone
     rule: str = "deep"
     seed: int = 0
     iterations: int | None = None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame, did_you_mean
 from planning.io.files import read_either, read_scene_lines
-from planning.io.outputs import replacing
+from planning.io.outputs import write_text
 from retrieve_cli.terminal import mesh_progress, say
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def run(
         write_png(film, png, camera=camera)
     if html is not None:
         with blame(where):
-            _write_page(film, html, plots=plots)
+            write_text(html, page_of(film, plots=plots))
     if html is None and png is None:
         with blame(where):
             content = page_of(film, plots=plots)
@@ -55,7 +55,7 @@ def run(
 
 def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:
     """Write a page that needs nothing else: the scene in 3D, and the plan as an animation. Raises InputError like `outputs.replacing`."""
-    _write_page(_film(scene, plan), out)
+    write_text(out, page_of(_film(scene, plan)))
 
 
 def draw_png(scene: Scene, out: Path) -> None:
@@ -70,12 +70,6 @@ def page_of(film: Film, *, plots: bool = False) -> str:
     from retrieve_cli.drawing.page import page
 
     return page(film, plots=plots)
-
-
-def _write_page(film: Film, out: Path, *, plots: bool = False) -> None:
-    text = page_of(film, plots=plots)
-    with replacing(out) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 def _film(scene: Scene, plan: Plan | None, parts: bool = False) -> Film:

@@ -63,7 +63,7 @@ def safe_interval(
     """How far back and how far ahead on the edge the plane that GJK just found keeps pair n `keep` metres apart, as shares of the edge.
 
     Seen from the body nearer the base the other one moves, and no point of it nears the plane faster than a corner of its box does.
-    pairs, boxes: of `exact.Problem`; work: GJK's, its last row the plane; no plane, no share.
+    pairs, boxes: of `edge_problem.Problem`; work: GJK's, its last row the plane; no plane, no share.
     """
     gap = work[7, 3] - keep
     if gap <= 0.0:

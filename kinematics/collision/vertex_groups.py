@@ -1,4 +1,4 @@
-"""Vertices sorted so that the search for the furthest one in a direction skips most of them (see `convex.support`)."""
+"""Vertices sorted so that the search for the furthest one in a direction skips most of them (see `gjk.support`)."""
 
 from __future__ import annotations
 

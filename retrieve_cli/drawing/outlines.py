@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, Shape, convex_parts
 from kinematics.transforms import Array, apply, inverse
 from perception.rendering.colours import Colour
-
-if TYPE_CHECKING:
-    pass
 
 GRID_COLOUR: Colour = (0.66, 0.70, 0.75)
 

@@ -15,7 +15,7 @@ import json
 import re
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -41,9 +41,6 @@ from retrieve_cli.drawing.unknown_space import (
 )
 from retrieve_cli.drawing.view import HALF_HEIGHT, HALF_WIDTH, best_view
 from retrieve_cli.drawing.visuals import visuals
-
-if TYPE_CHECKING:
-    pass
 
 
 def page(film: Film, *, plots: bool = False) -> str:
@@ -89,9 +86,7 @@ def _viewer() -> str:
 def _setting(film: Film) -> list[Command]:
     """Background, cabinet, grid and obstacles."""
     scene = film.scene
-    commands = [
-        *(hide(path) for path in ("/Background", "/Grid", "/Axes")),  # the page has its own background
-    ]
+    commands = [hide(path) for path in ("/Background", "/Grid", "/Axes")]  # the page has its own background
     for wall in scene.cabinet.walls():
         floor = wall.name == "floor"
         commands += solid(f"/cabinet/{wall.name}", wall.shape, FLOOR_COLOUR if floor else WALL_COLOUR, 1.0 if floor else 0.10)

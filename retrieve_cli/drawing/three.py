@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from kinematics.shapes import Box, Cylinder, Shape, box_corners, convex_parts
 from kinematics.transforms import Array
 from perception.rendering.colours import Colour
-
-if TYPE_CHECKING:
-    from perception.rendering.surfaces import Mesh
+from perception.rendering.smooth_normals import corner_normals
+from perception.rendering.surfaces import Mesh, hull_faces, surfaces
 
 Command = dict[str, Any]
 Int = NDArray[np.int64]
@@ -20,17 +19,15 @@ Int = NDArray[np.int64]
 
 def solid(path: str, shape: Shape | Mesh, colour: Colour, opacity: float = 1.0, *, through: bool = False) -> list[Command]:
     """Commands that show a shape in its own frame; a mesh of several parts takes one each."""
-    from perception.rendering.surfaces import Mesh
-
     match shape:
         case Box():
-            return [mesh(path, *flat(*_hull(box_corners(shape.half))), colour, opacity, through=through)]
+            return [mesh(path, *flat(*hull_faces(box_corners(shape.half))), colour, opacity, through=through)]
         case Cylinder():
             return [mesh(path, *_cylinder_mesh(shape.radius_m, shape.height_m), colour, opacity, through=through)]
         case Mesh():
             return [mesh(path, *creased(shape.vertices, shape.faces), colour, opacity, through=through)]
         case _:
-            parts = [creased(*_hull(part)) for part in convex_parts(shape)]
+            parts = [creased(*hull_faces(part)) for part in convex_parts(shape)]
             return [mesh(f"{path}/part {k}", *part, colour, opacity, through=through) for k, part in enumerate(parts)]
 
 
@@ -130,21 +127,11 @@ def flat(vertices: Array, faces: Int) -> tuple[Array, Array, Int]:
 
 def creased(vertices: Array, faces: Int, crease_rad: float = 0.6) -> tuple[Array, Array, Int]:
     """Vertices, normals and faces of a mesh, smooth but for edges sharper than a crease: there each side has vertices of its own."""
-    from perception.rendering.smooth_normals import corner_normals
-    from perception.rendering.surfaces import Mesh, surfaces
-
     normals = corner_normals(surfaces([Mesh(vertices, faces)], np.eye(4)[None]), np.array([crease_rad])).reshape(-1, 3)
     leaning = np.round(normals * 60).astype(np.int64) + 60
     keys = ((faces.ravel() * 121 + leaning[:, 0]) * 121 + leaning[:, 1]) * 121 + leaning[:, 2]
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
     return vertices[faces.ravel()[first]], normals[first], number.reshape(-1, 3)
-
-
-def _hull(points: Array) -> tuple[Array, Int]:
-    """Vertices and faces, counter-clockwise from outside, of the convex hull of points (N, 3)."""
-    from perception.rendering.surfaces import hull_faces
-
-    return hull_faces(points)
 
 
 def _cylinder_mesh(radius: float, height: float, sides: int = 64) -> tuple[Array, Array, Int]:

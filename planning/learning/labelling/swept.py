@@ -134,7 +134,7 @@ def _footprint(shape: Shape, rotation: bytes) -> Footprint:
 def lowest(chain: Chain, weight: Array, balls: Balls, floor: Floor, paths: Sequence[Array]) -> F32:
     """How low the arm comes over each cell along each path (·, J): (nx, ny, K) metres above the floor, infinite where it never is.
 
-    weight (J,): metres that the arm moves at most per unit of each joint (exact.Problem.weight).
+    weight (J,): metres that the arm moves at most per unit of each joint (`edge_problem.Problem.weight`).
     """
     nx, ny = (int(n) for n in floor.n)
     down = np.full((len(paths), nx * (ny + WIDTH)), -np.inf, np.float32)

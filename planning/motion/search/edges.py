@@ -110,7 +110,7 @@ def make_memory(task: Task) -> Memory:
 
 
 def memory_for(chain: Chain, parts: int, solids: int, pairs: int) -> Memory:
-    """Memory for one thread, for all tasks with this chain that are no larger; `exact.enter` each of them first."""
+    """Memory for one thread, for all tasks with this chain that are no larger; `edge_problem.enter` each of them first."""
     K, J = len(chain.q_index), len(chain.lower)
     return Memory(
         edge_problem.scratch_for(K, J, solids, pairs, pairs),

@@ -327,7 +327,7 @@ def stands_over(s: PlacementQuery, R: Array, centres: Array, T: Array, memory: M
 
 @jit_inline
 def move_body(task: Task, b: int, T: Array) -> None:
-    """Put solid b of a task at pose T (4, 4); `exact.enter` it afterwards."""
+    """Put solid b of a task at pose T (4, 4); `edge_problem.enter` it afterwards."""
     problem = task.exact
     row = problem.boxes.shape[0] - problem.solid_T.shape[0] + b
     copy_rows(T, problem.solid_T[b])

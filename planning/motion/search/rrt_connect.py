@@ -64,8 +64,8 @@ class Route(NamedTuple):
     at all starts or at all goals, or the `budget` spent.
 
     start, goal: indices of those that the path joins, -1 without one. contact: the pair (first body, second body) that touches at the last
-    start, or goal, when all of them touch; bodies as in `exact.Problem`, the P parts first. iterations of the planner; configurations and
-    edges looked at; seconds.
+    start, or goal, when all of them touch; bodies as in `edge_problem.Problem`, the P parts first. iterations of the planner;
+    configurations and edges looked at; seconds.
     """
 
     path: Array | None

@@ -96,8 +96,8 @@ def _made(name: str, tool: Path | None, at: str | None, xacro_args: Sequence[str
             root, _ = urdf.read(Path(name), arguments)
             say(f"the robot is {out}")
         else:
-            root, link = with_tool(Path(name), tool, at, arguments)
-            say(f"{tool.name} hangs on the link {link!r}; the robot is {out}")
+            root, link, along = with_tool(Path(name), tool, at, arguments)
+            say(f"{tool.name} hangs on the link {link!r}, its z along that link's {along}; the robot is {out}")
     return out, urdf.to_string(root)
 
 
@@ -224,13 +224,14 @@ def _one(row: dict[str, Any], as_json: bool) -> None:
 
 
 def _lines(row: dict[str, Any]) -> list[str]:
+    from kinematics.robots.own import pose_words
+    from kinematics.transforms import rotation_from_wxyz, transform
+
     grip, hand = row["gripper"], row["hand"]
+    T = transform(rotation_from_wxyz(hand["T_link_hand"]["q_wxyz"]), hand["T_link_hand"]["p"])
     first, *others = grip["joints"]
     moved = f"{first}, and {', '.join(others)} with it" if others else first
     force = f", {grip['force_N']:g} N" if grip["force_N"] is not None else ""
-    turn = hand["T_link_hand"]["q_wxyz"]
-    sign = next(1.0 if v > 0 else -1.0 for v in turn if abs(v) > 1e-4)  # q and -q are one rotation: the notes say it as this does
-    p, q = (", ".join(f"{round(v, 4) + 0.0:g}" for v in values) for values in (hand["T_link_hand"]["p"], [sign * v for v in turn]))
     where = "measured" if hand["measured"] else "given"
     pairs = [" + ".join(pair) for pair in row["ignored_pairs"]]
     more = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
@@ -239,7 +240,7 @@ def _lines(row: dict[str, Any]) -> list[str]:
         f"cup: {1000 * grip['cup_m']:.0f} mm across, holds while the joint {first} is up"
         if "cup_m" in grip
         else f"opening: {1000 * abs(row['closes_to_m']):.0f} to {1000 * row['opening_m']:.0f} mm{force}",
-        f"hand frame ({where}): p [{p}], q_wxyz [{q}] in {hand['in_link']}",
+        f"hand frame ({where}): {pose_words(T)} in {hand['in_link']}",
         f"camera: {'a link of its own' if row['camera'] else 'none; where one is needed it looks along the hand'}",
         f"links: {', '.join(row['links'])} ({row['hulls']} convex hulls)",
         f"pairs that may touch: {', '.join(pairs[:SHOWN])}{more}",

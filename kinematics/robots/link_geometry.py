@@ -124,12 +124,12 @@ def _scale(mesh: Any) -> tuple[float, float, float]:
 
 @lru_cache(maxsize=128)
 def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
-    """A mesh file in metres; of COLLADA files, the unit and the axis that is up are heeded. Raises: ValueError when it holds no solid."""
+    """A mesh file in metres; of COLLADA files, the unit is heeded. Raises: ValueError when it holds no solid."""
     import trimesh
 
     try:
         mesh: Any = trimesh.load(file, force="mesh", process=False)
-        points = np.asarray(mesh.vertices, float) @ collada_frame(file).T * np.asarray(scale)
+        points = collada_unit(file) * np.asarray(mesh.vertices, float) * np.asarray(scale)
         hull = trimesh.convex.convex_hull(points)
         merged = trimesh.Trimesh(points, mesh.faces, process=False)
         merged.merge_vertices(merge_tex=True, merge_norm=True)
@@ -275,22 +275,14 @@ def _containing(mesh: MeshSolid, parts: list[Array]) -> tuple[Array, ...]:
     return tuple(grown)
 
 
-def collada_frame(file: Path) -> Array:
-    """What takes a COLLADA file's coordinates to metres with z up, (3, 3); of other files the identity.
+def collada_unit(file: Path) -> float:
+    """What a COLLADA file's coordinates are multiplied by for metres; of other files 1.
 
-    What MeshLab writes has z up in truth, and says that y is, whatever it was made from: that is not heeded.
+    Which axis it says is up is not heeded, nor do RViz and MoveIt: robots' meshes are in their link's frame, whatever an exporter wrote.
     """
     if file.suffix.lower() != ".dae":
-        return np.eye(3)
+        return 1.0
     from lxml import etree
 
-    asset = etree.parse(str(file), etree.XMLParser(recover=True)).getroot().find("{*}asset")
-    if asset is None:
-        return np.eye(3)
-    unit = asset.find("{*}unit")
-    metres = 1.0 if unit is None else float(unit.get("meter", "1"))
-    word = (asset.findtext("{*}up_axis") or "Z_UP").strip()
-    if "MeshLab" in (asset.findtext("{*}contributor/{*}authoring_tool") or ""):
-        word = "Z_UP"
-    turn = {"X_UP": [[0, -1, 0], [0, 0, -1], [1, 0, 0]], "Y_UP": [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}
-    return metres * np.array(turn.get(word, np.eye(3)), float)
+    unit = etree.parse(str(file), etree.XMLParser(recover=True)).getroot().find("{*}asset/{*}unit")
+    return 1.0 if unit is None else float(unit.get("meter", "1"))

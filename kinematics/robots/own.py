@@ -46,14 +46,20 @@ class Grip:
     def notes(self) -> tuple[str, ...]:
         """What the user should know."""
         first, *others = self.joints
-        notes = [f"the motors {', '.join(others)} go with {first}"] if others else []
+        several = len(others) > 1
+        notes = [f"the motor{'s' * several} {', '.join(others)} go{'es' * (not several)} with {first}"] if others else []
         notes += [f"the motor {name} stands still at {value:.3g}" for name, value in self.frozen]
         if self.filled_by:
             notes.append(f"the collision geometry of {', '.join(self.filled_by)} fills the room between the pads: they can hold nothing")
         if self.measured:
-            p, q = self.T_link_hand[:3, 3], wxyz_from_rotation(self.T_link_hand[:3, :3])
-            notes.append(f"{self.kind}, hand frame measured: p {_numbers(p)}, q_wxyz {_numbers(q)} in the link {self.link!r}")
+            notes.append(f"{self.kind}, hand frame measured: {pose_words(self.T_link_hand)} in the link {self.link!r}")
         return tuple(notes)
+
+
+def pose_words(T: Array) -> str:
+    """A pose (4, 4) for the reader. Of the two quaternions of one rotation it is that whose first number that is not 0 is positive."""
+    q = np.round(wxyz_from_rotation(T[:3, :3]), 4)
+    return f"p {_numbers(T[:3, 3])}, q_wxyz {_numbers(q * next(np.sign(v) for v in q if v))}"
 
 
 def grip_to_arrays(grip: Grip) -> dict[str, NDArray[Any]]:
@@ -232,10 +238,9 @@ def _measured_in(model: Model, motors: Motors, link: str) -> Array:
 
 def _elsewhere(model: Model, motors: Motors, link: str, found: Array, why: str, fingers: Sequence[str]) -> NoGripper:
     """What is said of a frame that is none between the pads: where they are."""
-    p, q = _numbers(found[:3, 3]), _numbers(wxyz_from_rotation(found[:3, :3]))
     kind = "one jaw" if len(motors.branches) == 1 else "two fingers"
     return NoGripper(
-        f"{why}{kind} found ({', '.join(fingers)}), between whose pads p {p}, q_wxyz {q} is in the link {link!r}, y the way they "
+        f"{why}{kind} found ({', '.join(fingers)}), between whose pads {pose_words(found)} is in the link {link!r}, y the way they "
         f"close: say T_link_hand so in the scene's robot, or --gripper-joint {model.joints[motors.first]} without --hand-frame, and it is "
         "measured"
     )

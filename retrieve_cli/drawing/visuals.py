@@ -1,7 +1,8 @@
 """How a robot looks: the visual meshes of its URDF, piece by piece, each in one calm colour.
 
 Colours come from the meshes' own materials, else from the URDF, and are greyed, so that on a picture the objects have the strong colours
-and not the arm. A link without a readable visual mesh shows its collision hulls. Textured pieces (labels, a dangling cable) are left out.
+and not the arm. A link without a readable visual mesh shows its collision hulls. Textured pieces are left out where a link has more that is
+plain (labels, a dangling cable); where it has not, they are the link, in their textures' mean colours.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics import cache
-from kinematics.robots.link_geometry import collada_frame
+from kinematics.robots.link_geometry import collada_unit
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array, apply, rotation_rpy, transform
 from perception.rendering.colours import Colour
@@ -29,12 +30,13 @@ GREYED = 0.55
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Triangles of one colour that move with a link: vertices (V, 3) in the link's frame, faces (F, 3)."""
+    """Triangles of one colour that move with a link: vertices (V, 3) in the link's frame, faces (F, 3). textured: in its file."""
 
     link: str
     vertices: Array
     faces: NDArray[np.int64]
     colour: Colour
+    textured: bool = False
 
 
 @lru_cache(maxsize=4)
@@ -78,7 +80,7 @@ def _read(robot: Robot, root: Any) -> tuple[Piece, ...]:
     pieces: list[Piece] = []
     for link in root.iter("link"):
         name = link.get("name", "")
-        looks = [piece for v in link.findall("visual") for piece in _visual(name, v, named)]
+        looks = _plain([piece for v in link.findall("visual") for piece in _visual(name, v, named)])
         if not looks and link.find("visual") is not None:
             looks = [Piece(name, h.vertices, h.faces, PLAIN) for h in robot.hulls if h.link == name]
         pieces += _joined(looks)
@@ -117,26 +119,41 @@ def _mesh(link: str, mesh: Any, T: Array, given: Colour | None) -> list[Piece]:
         scene = trimesh.load_scene(Path(mesh.get("filename")))
     except Exception:  # trimesh raises many kinds; the link then shows its hulls
         return []
-    scale, R = np.broadcast_to(_floats(mesh.get("scale", "1 1 1")), 3), collada_frame(Path(mesh.get("filename")))
+    scale, unit = np.broadcast_to(_floats(mesh.get("scale", "1 1 1")), 3), collada_unit(Path(mesh.get("filename")))
     pieces = []
     for node in scene.graph.nodes_geometry:
         T_node, name = scene.graph[node]
         part = scene.geometry[name]
         material = getattr(part.visual, "material", None)
-        if not hasattr(part, "faces") or _textured(material):
+        if not hasattr(part, "faces"):
             continue
+        texture = _texture(material)
         own = getattr(material, "diffuse", None)
-        if own is None:
+        if texture is not None:
+            own = np.asarray(texture.convert("RGB").resize((1, 1)))[0, 0]
+        elif own is None:
             own = getattr(material, "baseColorFactor", None)
         colour = given or (_calm(np.asarray(own[:3], float) / 255) if own is not None else PLAIN)
-        vertices = apply(T, apply(np.asarray(T_node), np.asarray(part.vertices, float)) @ R.T * scale)
-        pieces.append(Piece(link, vertices, np.asarray(part.faces, np.int64), colour))
+        vertices = apply(T, unit * apply(np.asarray(T_node), np.asarray(part.vertices, float)) * scale)
+        pieces.append(Piece(link, vertices, np.asarray(part.faces, np.int64), colour, texture is not None))
     return pieces
 
 
-def _textured(material: Any) -> bool:
+def _texture(material: Any) -> Any:
+    """A material's texture, None where it has none; tiny images stand for one colour."""
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-    return image is not None and max(image.size) > 8  # tiny images stand for one colour
+    return image if image is not None and max(image.size) > 8 else None
+
+
+def _plain(pieces: list[Piece]) -> list[Piece]:
+    """Of a link's pieces those without a texture, where they have the larger area; else all."""
+
+    def area(some: list[Piece]) -> float:
+        corners = [p.vertices[p.faces] for p in some]
+        return sum(float(np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1).sum()) for c in corners)
+
+    plain = [p for p in pieces if not p.textured]
+    return plain if area(plain) > area([p for p in pieces if p.textured]) else pieces
 
 
 def _joined(pieces: list[Piece]) -> list[Piece]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from kinematics.robots.load import from_ref, load
+from kinematics.robots.load import forget, from_ref, load
 from planning.motion.pick_place import Motions
 from planning.scenes.fitting.fit import fit
 from planning.scenes.generation import NoScene, load_spec
@@ -60,7 +60,7 @@ def test_an_arm_and_a_gripper_of_two_files_become_one_robot(tmp_path: Path, caps
     end = palm.find("parent").get("link")
     assert main(["robots", str(tmp_path / "arm.urdf"), "--tool", str(tmp_path / "hand.urdf"), "--urdf", str(out), "--json"]) == 0
     spoken = capsys.readouterr()
-    assert f"hand.urdf hangs on the link {end!r}" in spoken.err
+    assert f"hand.urdf hangs on the link {end!r}, its z along that link's z; " in spoken.err
     row = json.loads(spoken.out)
     assert (row["gripper"]["joints"], row["opening_m"], row["gripper"]["pads"]) == (["grip"], 0.09, ["left_finger", "right_finger"])
     for words, says in (
@@ -70,6 +70,73 @@ def test_an_arm_and_a_gripper_of_two_files_become_one_robot(tmp_path: Path, caps
     ):
         assert main(["robots", str(tmp_path / "arm.urdf"), *words]) == 2
         assert says in capsys.readouterr().err
+
+
+def hang(folder: Path, arm: str, tool: str, *more: str) -> int:
+    """An arm with a tool, both from texts; the robot is both.urdf."""
+    (folder / "arm.urdf").write_text(arm)
+    (folder / "hand.xacro").write_text(tool)
+    return main(["robots", f"{folder}/arm.urdf", "--tool", f"{folder}/hand.xacro", "--urdf", f"{folder}/both.urdf", "--json", *more])
+
+
+def cut() -> tuple[str, str, str]:
+    """The toy arm without its hand, its hand, and the link between."""
+    root, hand = etree.fromstring(OWN.read_bytes()), etree.Element("robot", name="hand")
+    of_hand = ("palm", "left_finger", "right_finger", "tcp")
+    for element in list(root):
+        child = element.find("child")
+        if element.get("name") in of_hand or (child is not None and child.get("link") in of_hand[1:]):
+            hand.append(element)
+    (palm,) = [joint for joint in root.iter("joint") if joint.find("child").get("link") == "palm"]
+    palm.find("child").set("link", "end")
+    etree.SubElement(root, "link", name="end")
+    return etree.tostring(root).decode(), etree.tostring(hand).decode(), "end"
+
+
+def hand_in(folder: Path, link: str) -> np.ndarray:
+    forget()
+    robot = load(str(folder / "both.urdf"))
+    poses = robot.link_poses(robot.home)
+    return np.asarray(np.linalg.inv(poses[link]) @ poses["hand"])
+
+
+def test_a_gripper_that_its_file_shows_in_a_world_hangs_on_the_arm_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """DH's AG-95 stands 10 cm above one, and hung in the air."""
+    arm, hand, end = cut()
+    assert hang(tmp_path, arm, hand) == 0
+    plain = hand_in(tmp_path, end)
+    shown = '<link name="world"/><joint name="shown" type="fixed"><parent link="world"/><child link="palm"/><origin xyz="0 0 0.1"/></joint>'
+    assert hang(tmp_path, arm, hand.replace("</robot>", f"{shown}</robot>")) == 0
+    np.testing.assert_allclose(hand_in(tmp_path, end), plain, atol=1e-12)
+
+
+def test_a_gripper_looks_along_the_flanges_x_where_that_is_the_last_joints_axis(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """ROS has x lead out of a link called flange, and z out of tool0; igus' tool0 is turned as its flange is."""
+    arm, hand, end = cut()
+    assert hang(tmp_path, arm, hand) == 0
+    plain = hand_in(tmp_path, end)
+    turned = '<origin rpy="0 -1.5707963267948966 0"/>'
+    flange = f'<link name="tool0"/><joint name="out" type="fixed"><parent link="{end}"/><child link="tool0"/>{turned}</joint>'
+    capsys.readouterr()
+    assert hang(tmp_path, arm.replace("</robot>", f"{flange}</robot>"), hand) == 0
+    assert "hangs on the link 'tool0', its z along that link's x" in capsys.readouterr().err
+    hung = hand_in(tmp_path, end)
+    np.testing.assert_allclose(hung[:3, 2:], plain[:3, 2:], atol=1e-9)
+    assert hang(tmp_path, arm.replace("</robot>", f"{flange}</robot>"), hand, "--at", "tool0") == 0
+    assert abs(hand_in(tmp_path, end)[2, 2]) < 1e-6, "where it is said, it is turned as the link is"
+
+
+def test_a_grippers_xacro_takes_arguments_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm, hand, _ = cut()
+    hand = hand.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1).replace('type="prismatic"', 'type="$(arg kind)"')
+    assert hang(tmp_path, arm, hand) == 2
+    assert "Undefined substitution argument kind; where it needs arguments: retrieve robots" in capsys.readouterr().err
+    assert hang(tmp_path, arm, hand, "--xacro-arg", "kind:=prismatic") == 0
+    assert json.loads(capsys.readouterr().out)["gripper"]["joints"] == ["grip"]
+    assert hang(tmp_path, arm, hand, "--xacro-arg", "kind:=prismatic", "--xacro-arg", "knd:=x") == 2
+    assert "arm.urdf: arguments are for xacro, and this is none" in capsys.readouterr().err
 
 
 def test_a_robot_of_a_xacro_with_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

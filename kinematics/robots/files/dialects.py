@@ -1,4 +1,4 @@
-"""What URDFs hold beyond URDF 1.0, said in its words: xacro, capsules, quaternions, soft limits."""
+"""What URDFs hold beyond URDF 1.0, said in its words: xacro, capsules, quaternions, soft limits, solids of no size."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from kinematics.errors import did_you_mean
 from kinematics.robots.files.mesh_files import find_package
 from kinematics.transforms import rotation_from_wxyz, rotation_rpy, rpy_from_rotation
 
+NO_PACKAGE = "there is no package"
 GREY = "0.7 0.7 0.7 1"
 """Of what has no colour that can be read."""
 
@@ -22,6 +23,14 @@ GREY = "0.7 0.7 0.7 1"
 def is_xacro(file: Path, text: bytes) -> bool:
     """Whether a file has to be run through xacro before it is a URDF."""
     return file.suffix == ".xacro" or b"<xacro:" in text
+
+
+class UnknownArgument(ValueError):
+    """An argument that a file does not have: the message, and its name."""
+
+    def __init__(self, message: str, name: str) -> None:
+        super().__init__(message)
+        self.name = name
 
 
 class _Arguments(dict[str, str]):
@@ -43,7 +52,8 @@ class _Arguments(dict[str, str]):
 def expand_xacro(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tuple[bytes, dict[str, str]]:
     """The URDF that a xacro file makes, and all its arguments; those that are not given are at their defaults.
 
-    Raises: ValueError when the package xacro is missing or does not understand the file, and for an argument that the file does not have.
+    Raises: ValueError when the package xacro is missing or does not understand the file, and UnknownArgument for one that the file does
+    not have.
     """
     try:
         import xacro
@@ -57,11 +67,14 @@ def expand_xacro(file: Path, arguments: Mapping[str, str] = MappingProxyType({})
             text = bytes(xacro.process_file(str(file), mappings=known).toxml(encoding="utf-8"))
     except Exception as e:  # xacro raises many kinds, all of them "this is no xacro"
         why = " ".join(str(e).split()) or type(e).__name__
-        mend = "where it needs arguments: retrieve robots FILE --xacro-arg NAME:=VALUE … --urdf OUT.urdf"
+        mend = "where it needs arguments: retrieve robots FILE --xacro-arg NAME:=VALUE … --urdf OUT.urdf (of a gripper: ARM --tool FILE)"
+        if why.startswith(NO_PACKAGE):
+            mend = "put it there, its folder called like it"
         raise ValueError(f"{file}: xacro does not understand it: {why}; {mend}") from e
     for name in set(arguments) - known.asked:
         has = sorted(set(known) - set(arguments))
-        raise ValueError(f"{file}: there is no xacro argument {name!r}{did_you_mean(name, has)}: it has {', '.join(has) or 'none'}")
+        words = f"{file}: there is no xacro argument {name!r}{did_you_mean(name, has)}: it has {', '.join(has) or 'none'}"
+        raise UnknownArgument(words, name)
     return text, dict(known)
 
 
@@ -75,7 +88,7 @@ def _finding_packages(substitutions: object, file: Path) -> Iterator[None]:
     def find(package: str) -> str:
         folder = find_package(package, file)
         if folder is None:
-            missing.append(f"there is no package {package!r} in the folders above {file.parent}, nor on ROS_PACKAGE_PATH")
+            missing.append(f"{NO_PACKAGE} {package!r} in the folders above {file.parent}, nor on ROS_PACKAGE_PATH")
             raise ValueError(missing[-1])
         return str(folder)
 
@@ -84,6 +97,16 @@ def _finding_packages(substitutions: object, file: Path) -> Iterator[None]:
             yield
         except Exception as e:  # xacro wraps what it meets in words of its own
             raise ValueError(missing[-1]) if missing else e from e
+
+
+def drop_points(root: etree._Element) -> None:
+    """Take out visual and collision elements whose box is 0 0 0 or whose ball has no radius, in place: frames that some exporters draw."""
+    for link in root.iter("link"):
+        for element in (*link.findall("visual"), *link.findall("collision")):
+            box, ball = element.find("geometry/box"), element.find("geometry/sphere")
+            sizes = ["" if box is None else box.get("size", ""), "" if ball is None else ball.get("radius", "")]
+            if any(text.split() and set(text.split()) <= {"0", "0.0", "0."} for text in sizes):
+                link.remove(element)
 
 
 def in_plain_words(root: etree._Element) -> None:

@@ -11,28 +11,62 @@ import numpy as np
 from lxml import etree
 
 from kinematics.robots.files import urdf
+from kinematics.robots.files.dialects import UnknownArgument
+from kinematics.transforms import Array, rotation_rpy, transform
 
 FLANGE = re.compile(r"(^|_)(tool0|flange|ee|eef|tcp|attachment)($|_)", re.IGNORECASE)
 """What the link that tools are screwed to is often called."""
+ALONG = np.cos(np.radians(10))
+"""An axis is along another that leads so near to it, at least: the cosine."""
 
 
 def with_tool(
     arm: Path, tool: Path, at: str | None = None, arguments: Mapping[str, str] = MappingProxyType({})
-) -> tuple[etree._Element, str]:
-    """An arm with a gripper of another URDF or xacro: its root link is at the link `at`, turned as that is; by default the arm's flange.
+) -> tuple[etree._Element, str, str]:
+    """An arm with a gripper of another URDF or xacro: its root link is at the link `at`, turned as that is; by default at the arm's flange,
+    with z away from the arm. Where that root link is called world, it is no part of the gripper, but where it is shown, and what is fixed
+    to it takes its place.
 
-    arguments: of the arm's xacro, by name.
-    Returns the URDF's root element, mesh names absolute, and the link. The gripper's names that the arm has too get `tool_` before them.
-    Raises: ValueError for a file that is no URDF, a link that the arm does not have, and an arm that ends in several places.
+    arguments: by name, of the arm's xacro, or the gripper's, or both.
+    Returns the URDF's root element, mesh names absolute, the link, and which of its axes is the gripper's z. The gripper's names that the
+    arm has too get `tool_` before them.
+    Raises: ValueError for a file that is no URDF, an argument that neither has, a link that the arm does not have, and an arm that ends in
+    several places.
     """
-    root, _ = urdf.read(arm, arguments)
+    (root, unknown), (gripper, unknown_there) = (_read(file, arguments) for file in (arm, tool))
+    if neither := [unknown[name] for name in arguments if name in unknown and name in unknown_there]:
+        raise neither[0]
     links = [link.get("name", "") for link in root.iter("link")]
+    R, along = np.eye(3), "z"
     if at is None:
         at = _flange(root, arm)
+        if _leads_along_x(root, at):
+            R, along = rotation_rpy((np.pi / 2, 0.0, np.pi / 2)), "x"
     if at not in links:
         raise ValueError(f"{arm} has no link {at!r} to hang a tool on; it has {', '.join(links)}")
-    urdf.join(root, urdf.read(tool)[0], at, np.eye(4), "tool_")
-    return root, at
+    _off_the_world(gripper)
+    urdf.join(root, gripper, at, transform(R), "tool_")
+    return root, at, along
+
+
+def _read(file: Path, arguments: Mapping[str, str]) -> tuple[etree._Element, dict[str, UnknownArgument]]:
+    """A file with those of some arguments that it has, and what is said of the others, by name."""
+    known, unknown = dict(arguments), dict[str, UnknownArgument]()
+    while True:
+        try:
+            return urdf.read(file, known)[0], unknown
+        except UnknownArgument as e:
+            unknown[e.name] = e
+            del known[e.name]
+
+
+def _off_the_world(tool: etree._Element) -> None:
+    """Take a root link called world, on which nothing is, and the fixed joint on it away, in place."""
+    worlds = [link for link in tool.iter("link") if link.get("name") == "world" and link.find("collision") is None]
+    below = [joint for joint in tool.iter("joint") if joint.find("parent").get("link") == "world"]
+    if worlds and len(below) == 1 and below[0].get("type") == "fixed":
+        tool.remove(worlds[0])
+        tool.remove(below[0])
 
 
 def _flange(root: etree._Element, arm: Path) -> str:
@@ -56,3 +90,22 @@ def _flange(root: etree._Element, arm: Path) -> str:
     if not choice:
         raise ValueError(f"{arm} ends in several places ({', '.join(ends)}); say with --at on which link the tool is")
     return str(choice[0])
+
+
+def _leads_along_x(root: etree._Element, link: str) -> bool:
+    """Whether the axis of the joint that moves a link is along the link's x, as ROS has it of flanges, and not along its z."""
+    above = {joint.find("child").get("link", ""): joint for joint in root.iter("joint")}
+    R = np.eye(3)
+    while (joint := above.get(link)) is not None and joint.get("type") == "fixed":
+        origin = joint.find("origin")
+        R = (np.eye(3) if origin is None else rotation_rpy(_numbers(origin.get("rpy", "0 0 0")))) @ R
+        link = joint.find("parent").get("link", "")
+    if joint is None:
+        return False
+    said = joint.find("axis")
+    axis = R.T @ _numbers("1 0 0" if said is None else said.get("xyz", "1 0 0"))
+    return bool(abs(axis[0]) > ALONG * np.linalg.norm(axis))
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(value) for value in text.split()])

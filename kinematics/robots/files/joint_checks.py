@@ -53,9 +53,9 @@ def check_joints(root: etree._Element) -> None:
         ends = [(end, "" if (e := joint.find(end)) is None else e.get("link", "")) for end in ("parent", "child")]
         for end, link in ends:
             if not link or link not in links:
-                raise ValueError(
-                    f"joint {name!r}: its {end} is the link {link!r}, which does not exist{did_you_mean(link, links) if link else ''}"
-                )
+                near = did_you_mean(link, links) if link else ""
+                mend = f'; where the file is a part of a robot, give it <link name="{link}"/>' if link and not near else ""
+                raise ValueError(f"joint {name!r}: its {end} is the link {link!r}, which does not exist{near}{mend}")
         child = ends[1][1]
         if child in carried:
             raise ValueError(f"link {child!r} has two parents, by the joints {carried[child]!r} and {name!r}; take one of them away")

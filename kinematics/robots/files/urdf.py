@@ -7,13 +7,23 @@ capsules); what leaves this module is plain URDF that all of them read.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from copy import deepcopy
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 from lxml import etree
 
-from kinematics.robots.files.dialects import apply_soft_limits, expand_xacro, frozen_mimics, in_plain_words, is_xacro, visuals_collide
+from kinematics.robots.files.dialects import (
+    UnknownArgument,
+    apply_soft_limits,
+    drop_points,
+    expand_xacro,
+    frozen_mimics,
+    in_plain_words,
+    is_xacro,
+    visuals_collide,
+)
 from kinematics.robots.files.joint_checks import check_joints, check_numbers
 from kinematics.robots.files.mesh_files import find_mesh
 from kinematics.robots.files.mobile_base import hold_base
@@ -37,7 +47,7 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
     if is_xacro(file, text):
         text, said = expand_xacro(file, arguments)
     elif arguments:
-        raise ValueError(f"{file}: arguments are for xacro, and this is none")
+        raise UnknownArgument(f"{file}: arguments are for xacro, and this is none", next(iter(arguments)))
     try:
         root = etree.fromstring(text, etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
     except etree.XMLSyntaxError as e:
@@ -48,6 +58,7 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
         macros = "; it defines macros: give the file that calls them" if b"xacro:macro" in file.read_bytes() else ""
         raise ValueError(f"{file} has no links{macros}")
     try:
+        drop_points(root)
         check_numbers(root)
         notes = [f"xacro arguments: {' '.join(f'{name}:={value}' for name, value in said.items())} (others: --xacro-arg)"] if said else []
         notes += [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
@@ -66,7 +77,7 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
 
 
 def _find_meshes(root: etree._Element, file: Path) -> list[str]:
-    """Make mesh names absolute paths, in place; visual meshes that are missing are taken out, and noted.
+    """Make mesh names absolute paths, in place; links whose visual meshes are missing are drawn by their collision geometry, and noted.
 
     Raises: ValueError for a collision mesh that is missing, with the places that were looked at.
     """
@@ -85,10 +96,20 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
                         raise ValueError(f"link {link.get('name')!r} names the mesh {name}, which does not exist: {e}") from e
                     missing.append((name, link.get("name", "")))
                     link.remove(element)
+        if missing and missing[-1][1] == link.get("name", "") and link.find("visual") is None:
+            _draw_collision(link)
     if len(missing) > 1:
         names = ", ".join(link for _, link in missing)
         return [f"{len(missing)} visual meshes, {missing[0][0]} the first, do not exist; of the links {names} collision geometry is drawn"]
     return [f"the visual mesh {name} of the link {link} does not exist; its collision geometry is drawn" for name, link in missing]
+
+
+def _draw_collision(link: etree._Element) -> None:
+    """Draw a link's collision geometry, in place."""
+    for element in link.findall("collision"):
+        drawn = deepcopy(element)
+        drawn.tag = "visual"
+        link.append(drawn)
 
 
 def join(root: etree._Element, tool: etree._Element, at: str, T: Array, prefix: str) -> None:

@@ -169,28 +169,29 @@ def _look(tree: Tree, places: Sequence[_Placed], fingers: frozenset[str], grippe
         furthest = max((float(n) for p in profiles if np.isfinite(n := min(p.sides[s][_BETWEEN].min() for s in (1, -1)))), default=0.0)
         profiles = [_jaw_profile(placed, fingers, jaw, furthest, sections) for placed in places]
     turns = any(tree.kind[i] == TURNS and tree.q_index[i] == gripper for i in range(len(tree.names)))
-    swings = turns and not jaw and (split or turn > MOST_SLANT or not all(np.isfinite(_width(p, jaw)[0]) for p in profiles))
+    swings = turns and not jaw and (split or turn > MOST_SLANT)
     hinged = swings or (turns and bool(jaw))
     widths, middles = zip(*(_round_width(p, jaw or 1) if hinged else _width(p, jaw) for p in profiles))
     usable = [i for i, w in enumerate(widths) if np.isfinite(w) and w >= 0.0]
     if swings:  # fingers that turn far look at the tips of what they close on, or past it
         usable = [i for i in usable if _slant(profiles[i], widths[i], middles[i]) <= MOST_SLANT]
-    complete = bool(jaw) or split or swings or len(usable) == len(widths)
+    complete = bool(jaw) or split or turns or len(usable) == len(widths)  # on hinges, tips may face each other no more when wide open
     return _Look(profiles, widths, middles, usable if complete and len(usable) > 1 else [], hinged)
 
 
 def _tips_turn(tree: Tree, placed: _Placed, fingers: frozenset[str], gripper: int, limits: tuple[float, float], rest: Array) -> float:
-    """How far, in rad, the fingers' outermost links turn in the hand from one end of the gripper's way to the other, the least of them: 0
+    """How far, in rad, the fingers' outermost links turn in the hand on the gripper's way from one end to the other, the least of them: 0
     on a linkage that keeps one parallel."""
     ends = {link: float(vertices[:, 2].max()) for link, vertices, _ in placed if link in fingers}
     tips = [tree.index[link] for link, end in ends.items() if end > max(ends.values()) - TIP_M]
     R = []
-    for value in limits:
+    for value in np.linspace(*limits, 9):  # both ends of a whole turn look the same way
         q = rest.copy()
         q[gripper] = value
         poses = tree.poses(q)
         R.append([poses[tree.index["hand"]][:3, :3].T @ poses[tip][:3, :3] for tip in tips])
-    return min((float(np.arccos(np.clip((np.trace(a.T @ b) - 1) / 2, -1.0, 1.0))) for a, b in zip(*R)), default=0.0)
+    cosines = [min((np.trace(first.T @ later) - 1) / 2 for later in more) for first, *more in zip(*R)]
+    return float(np.arccos(np.clip(max(cosines, default=1.0), -1.0, 1.0)))
 
 
 def _roots(tree: Tree, gripper: int) -> list[int]:

@@ -18,10 +18,11 @@ from typing import Any
 import documents
 import numpy as np
 import pytest
+import trimesh
 import umsgpack
 from PIL import Image
 
-from kinematics.robots.load import from_ref
+from kinematics.robots.load import from_ref, load
 from kinematics.transforms import rotation_from_wxyz
 from perception.rendering.colours import TARGET_COLOUR
 from planning.io.files import read_plans, read_scenes
@@ -274,6 +275,23 @@ def test_every_robot_has_looks(robot: Any) -> None:
         assert (piece.link, piece.colour) == (kept.link, kept.colour)
         assert np.array_equal(piece.vertices, kept.vertices)
         assert np.array_equal(piece.faces, kept.faces)
+
+
+@pytest.mark.parametrize(("plain_m", "drawn"), [(0.0, 1), (0.1, 2), (0.3, 1)])
+def test_a_textured_mesh_is_left_out_where_its_link_has_more_that_is_plain(plain_m: float, drawn: int, tmp_path: Path) -> None:
+    """Labels and cables are; UR20's arm, all of it textured but for its core, was no more than that core."""
+    mesh = trimesh.creation.box((0.2, 0.2, 0.2))
+    image = Image.new("RGB", (64, 64), (200, 20, 20))
+    mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
+    mesh.export(tmp_path / "label.glb")
+    looks = '<visual><geometry><mesh filename="label.glb"/></geometry></visual>'
+    looks += f'<visual><geometry><box size="{plain_m} {plain_m} {plain_m}"/></geometry></visual>' if plain_m else ""
+    text = (Path(__file__).resolve().parents[3] / "examples" / "04_own_arm" / "arm.urdf").read_text()
+    (tmp_path / "arm.urdf").write_text(text.replace('<link name="palm">', f'<link name="palm">{looks}'))
+    pieces = [p for p in visuals(load(str(tmp_path / "arm.urdf"))) if p.link == "palm"]
+    assert len(pieces) == drawn
+    reddest = max(pieces, key=lambda p: p.colour[0] - p.colour[1])
+    assert (reddest.colour[0] - reddest.colour[1] > 0.1) == (plain_m < 0.2), "its texture's colour"
 
 
 # The demo ---------------------------------------------------------------------------------------------------------------------------------

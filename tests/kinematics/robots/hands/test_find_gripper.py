@@ -136,6 +136,28 @@ def test_fingers_that_turn_are_driven_as_one(robot: Callable[..., Robot]) -> Non
     assert made.opening.max_m > 0.04
 
 
+def test_fingers_on_a_linkage_take_flat_sides_though_their_tips_part_along_the_approach(robot: Callable[..., Robot]) -> None:
+    """OnRobot's RG2 and RG6: tips that stay parallel come 45 mm nearer to the palm as they open, and face each other no more at the hand
+    frame when they are wide open. They were taken for fingers that turn, which hold what is round alone."""
+    mimic, far = '<mimic joint="f1"/>', 0.055
+    knuckles = "".join(f'<link name="k{i}">{box("0.01 0.01 0.03", "0 0 0.02")}</link>' for i in (1, 2))
+    linkage = (
+        joint("f1", TURN, "palm", "k1", "0 0.02 0.02", "1 0 0", (-1.4, 0.2))
+        + joint("t1", TURN, "k1", "plus", f"0 0 {far}", "-1 0 0", (-2, 2), mimic)
+        + joint("f2", TURN, "palm", "k2", "0 -0.02 0.02", "-1 0 0", (-1.4, 0.2), mimic)
+        + joint("t2", TURN, "k2", "minus", f"0 0 {far}", "1 0 0", (-2, 2), mimic)
+        + finger("plus", 1, 0.02)
+        + finger("minus", -1, 0.02)
+        + knuckles
+    )
+    made = robot(linkage)
+    assert not made.opening.round_only
+    assert made.pads == {"plus", "minus"}
+    for width, value in zip(made.opening.width_m, made.opening.value):
+        assert width == pytest.approx(2 * (0.02 - far * np.sin(value)), abs=1e-6)
+    assert 0.12 < made.opening.max_m < 2 * (0.02 + far * np.sin(1.4)), "the widest, at which nothing faces anything, is left out"
+
+
 def test_fingers_that_may_turn_full_circles_are_told_by_their_limits(robot: Callable[..., Robot]) -> None:
     """OMX-F's may turn by 720 degrees, and are never where fingers are."""
     limits = 'lower="-6.3" upper="6.3"'

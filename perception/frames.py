@@ -28,6 +28,9 @@ from perception.masks import Instances, mask_reader, read_json
 MOST_PIXELS = 50_000_000
 DEPTH_SCALE_MM = 0.1
 """What one step of a written depth image means, unless it shows something further away than 6.5 m."""
+SAME, RESIZED = 0.1, 0.25
+"""Where a camera's matrix is of images of another size, its principal point is off alike in both directions, but for the first share, and by
+more than the second one."""
 SATURATED = 65535
 """A depth with all 16 bits set is none: cameras and converters write it where nothing was measured, or what is too far away."""
 PALETTE = np.array(
@@ -216,17 +219,30 @@ def _frame(home: Path, image: int, camera: Any, masks: Callable[[int, tuple[int,
     u, _, vt = np.linalg.svd(R)  # the nearest rotation: files round
     depth = _image(home / "depth" / f"{image:06d}.png", None)
     intrinsics = Intrinsics(depth.shape[1], depth.shape[0], *(float(x) for x in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])))
-    if not (0 < intrinsics.cx < intrinsics.width and 0 < intrinsics.cy < intrinsics.height):
-        raise ValueError(
-            f"{where}: the principal point of cam_K, {K[0, 2]:g}, {K[1, 2]:g}, lies outside the depth image of {intrinsics.width} × "
-            f"{intrinsics.height} pixels: is cam_K for another resolution?"
-        )
+    if fault := _not_of_this_size(intrinsics):
+        raise ValueError(f"{where}: {fault}")
     instance, names = masks(image, depth.shape) if masks else (None, ())
     robot = home / "mask_robot" / f"{image:06d}.png"
     arm = _image(robot, depth.shape) > 0 if robot.is_file() else None
     q = _numbers(camera, "robot_q", None, where) if camera.get("robot_q") is not None else None
     metres = np.where(depth >= SATURATED, 0, depth * (scale * 1e-3)).astype(np.float32)
     return Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm, q)
+
+
+def _not_of_this_size(camera: Intrinsics) -> str | None:
+    """Why intrinsics are not those of images of this size; None when they may be. A principal point that is off in both directions alike is
+    the middle of images of another size; one of an image that was cropped is off anyhow."""
+    if not (0 < camera.cx < camera.width and 0 < camera.cy < camera.height):
+        where = f"lies outside the depth image of {camera.width} × {camera.height} pixels: is cam_K for another resolution?"
+        return f"the principal point of cam_K, {camera.cx:g}, {camera.cy:g}, {where}"
+    wide, high = 2 * camera.cx + 1, 2 * camera.cy + 1
+    times = (wide / camera.width, high / camera.height)
+    if abs(times[0] - times[1]) < SAME * max(times) and abs(times[0] - 1.0) > RESIZED:
+        return (
+            f"the principal point of cam_K, {camera.cx:g}, {camera.cy:g}, is the middle of images of about {wide:.0f} × {high:.0f} pixels, and this "
+            f"depth image has {camera.width} × {camera.height}: is cam_K for another resolution? Then divide its first two rows by {times[0]:.3g}"
+        )
+    return None
 
 
 def _json(file: Path) -> dict[str, Any]:

@@ -45,9 +45,9 @@ def trusted(frame: Frame) -> Frame:
 def misfit(frames: Sequence[Frame], cabinet: Cabinet) -> str | None:
     """Why the frames can't be of this cabinet, with the likely cause; None when they may be.
 
-    They can't when hardly any of what they measured lies inside it. Then the pose the other way round, and other units of depth and of the
-    pose, are tried: a reading that puts much inside the cabinet is the likely cause. Nor can they when such a reading shows the cabinet's
-    walls far better.
+    They can't when hardly any of what they measured lies inside it. Then the pose the other way round, the camera's axes as OpenGL and
+    Blender have them, and other units of depth and of the pose, are tried: a reading that puts much inside the cabinet is the likely cause.
+    Nor can they when such a reading shows the cabinet's walls far better.
     """
     if not any((f.depth > 0).any() for f in frames):
         return None if not frames else "no pixel of the frames measured anything: is this a depth image, and its depth_scale right?"
@@ -115,10 +115,18 @@ def _other_readings(frames: Sequence[Frame]) -> list[tuple[str, list[Frame]]]:
     readings.append(
         ("the pose is the camera's in the world, and in metres: cam_t_w2c must be world to camera, in millimetres", posed(1000.0, True))
     )
+    axes = "the camera's axes are OpenGL's (y up, z backwards): its y and z axes must be turned round, x right, y down, z ahead"
+    readings.append((f"{axes} (the second and third row of cam_R_w2c and cam_t_w2c, with the other sign)", _turned_round(frames)))
+    readings.append((f"{axes}, and cam_R_w2c and cam_t_w2c must be world to camera", _turned_round(posed(1.0, True))))
     for factor in (1000.0, 10.0, 4.0, 0.25, 0.1, 0.001):
         more = [replace(f, depth=(f.depth * np.float32(factor)).astype(np.float32)) for f in frames]
         readings.append((f"depth_scale is wrong by a factor of {factor:g}: it is the millimetres of one step", more))
     return readings
+
+
+def _turned_round(frames: Sequence[Frame]) -> list[Frame]:
+    """The frames with the camera's y and z axes turned round."""
+    return [replace(f, T_world_camera=f.T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])) for f in frames]
 
 
 def _pose(T_world_camera: Array, scale: float, turned: bool) -> Array:

@@ -22,6 +22,7 @@ from perception.rendering.surfaces import surfaces
 
 CAMERA = realsense_d435i(320, 240)
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.5, 0.0, 0.1]), 0.03)
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 POSE = look_at(np.array([0.25, -0.2, 0.5]), np.array([0.8, 0.0, 0.15]))
 
 
@@ -87,11 +88,13 @@ def test_a_recording_that_fits_is_not_complained_of() -> None:
             replace(photograph(), T_world_camera=inverse(transform(inverse(POSE)[:3, :3], inverse(POSE)[:3, 3] * 1e-3))),
             "must be in millimetres",
         ),
+        (replace(photograph(), T_world_camera=POSE @ OPENGL), "axes are OpenGL's (y up, z backwards)"),
+        (replace(photograph(), T_world_camera=inverse(POSE @ OPENGL)), "axes are OpenGL's (y up, z backwards)"),
         (replace(photograph(), depth=photograph().depth * np.float32(10)), "depth_scale is wrong by a factor of 0.1"),
         (replace(photograph(), T_world_camera=transform(p=[5, 5, 5])), "is the pose world-to-camera"),
         (replace(photograph(), depth=np.zeros_like(photograph().depth)), "no pixel of the frames measured anything"),
     ],
-    ids=["inverted", "metres", "scale", "elsewhere", "blind"],
+    ids=["inverted", "metres", "opengl", "opengl, inverted", "scale", "elsewhere", "blind"],
 )
 def test_a_recording_that_can_not_fit_says_why(frame: Frame, cause: str) -> None:
     why = misfit([frame], CABINET)
@@ -126,10 +129,12 @@ def test_poses_the_other_way_round_are_found_where_they_show_something_of_the_ca
     assert showed > 5
 
 
-def test_intrinsics_of_another_resolution_are_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("middle", [(640.0, 360.0), (319.5, 239.5), (79.5, 59.5)], ids=["outside", "twice", "half"])
+def test_intrinsics_of_another_resolution_are_told(middle: tuple[float, float], tmp_path: Path) -> None:
+    """Those of images twice as large have their principal point in the last pixel of these."""
     home = write_frames(tmp_path, [photograph()])
     cameras = json.loads((home / "scene_camera.json").read_text())
-    cameras["0"]["cam_K"] = [910.0, 0, 640.0, 0, 910.0, 360.0, 0, 0, 1]
+    cameras["0"]["cam_K"] = [910.0, 0, middle[0], 0, 910.0, middle[1], 0, 0, 1]
     (home / "scene_camera.json").write_text(json.dumps(cameras))
     with pytest.raises(ValueError, match="is cam_K for another resolution"):
         read_frames(tmp_path)

@@ -29,8 +29,8 @@ MOST_PIXELS = 50_000_000
 DEPTH_SCALE_MM = 0.1
 """What one step of a written depth image means, unless it shows something further away than 6.5 m."""
 SAME, RESIZED = 0.1, 0.25
-"""Where a camera's matrix is of images of another size, its principal point is off alike in both directions, but for the first share, and by
-more than the second one."""
+"""A camera's matrix of images of another size has its principal point off alike in both directions, but for the first share, and by more
+than the second one."""
 SATURATED = 65535
 """A depth with all 16 bits set is none: cameras and converters write it where nothing was measured, or what is too far away."""
 PALETTE = np.array(
@@ -239,8 +239,8 @@ def _not_of_this_size(camera: Intrinsics) -> str | None:
     times = (wide / camera.width, high / camera.height)
     if abs(times[0] - times[1]) < SAME * max(times) and abs(times[0] - 1.0) > RESIZED:
         return (
-            f"the principal point of cam_K, {camera.cx:g}, {camera.cy:g}, is the middle of images of about {wide:.0f} × {high:.0f} pixels, and this "
-            f"depth image has {camera.width} × {camera.height}: is cam_K for another resolution? Then divide its first two rows by {times[0]:.3g}"
+            f"the principal point of cam_K, {camera.cx:g}, {camera.cy:g}, is the middle of images of {wide:.0f} × {high:.0f} pixels, and "
+            f"this one has {camera.width} × {camera.height}: is cam_K for another resolution? Then divide its first rows by {times[0]:.3g}"
         )
     return None
 

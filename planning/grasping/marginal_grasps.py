@@ -100,8 +100,9 @@ def _all_round(
             ahead = side * level_across(u) / np.hypot(u[0], u[1])
             R = level_hand(ahead, pitch)
             middles = body.T_world_body[:3, 3] + offsets[:, :1] * ahead + offsets[:, 1:] * UP
-            for p in opening.hand_position(middles, R, width_m):
-                yield Grasp(transform(R, p), width_m)
+            T = np.tile(transform(R), (len(middles), 1, 1))
+            T[:, :3, 3] = opening.hand_position(middles, R, width_m)
+            yield from (Grasp(T_hand, width_m) for T_hand in T)
 
 
 def _headed(

@@ -10,7 +10,8 @@ import numpy as np
 from kinematics.robots.hands.opening import ROOM_M
 from kinematics.transforms import Array
 
-PITCHES = {"horizontal": (0.0,), "diagonal": (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
+DIAGONAL = "diagonal"
+PITCHES = {"horizontal": (0.0,), DIAGONAL: (np.pi / 6, np.pi / 3), "downward": (np.pi / 2,)}
 Headings = Callable[[Array, float], Sequence[Array]]
 """Where an arm of few joints can take a hand: with the middle between its pads at T (4, 4) when it is open by a width (m), but turned about
 the vertical, or by half a turn about its z. The rotations (3, 3) that it then has."""
@@ -40,7 +41,7 @@ DENSE = Sampling(
     yaws=36,
     backs_m=(0.0, 0.01, 0.02, np.inf),
     heights=(0.0, 0.3, 0.45, 0.6, 0.72, 0.85, 0.95, 1.0),
-    pitches={**PITCHES, "diagonal": (np.pi / 6, np.pi / 4, np.pi / 3)},
+    pitches={**PITCHES, DIAGONAL: (np.pi / 6, np.pi / 4, np.pi / 3)},
     rooms_m=(ROOM_M, 0.001),
 )
 """All of the usual ones and many more, the outermost that hold among them: where a grasp that was not sampled would matter, as for proofs
@@ -49,7 +50,7 @@ DENSEST = Sampling(
     yaws=36,
     backs_m=(*np.arange(0.0, 0.025, 0.005), np.inf),
     heights=(*np.linspace(0.0, 1.0, 61), *DENSE.heights),
-    pitches={**PITCHES, "diagonal": tuple(np.radians((30, 37.5, 45, 52.5, 60)))},
+    pitches={**PITCHES, DIAGONAL: tuple(np.radians((30, 37.5, 45, 52.5, 60)))},
     rooms_m=DENSE.rooms_m,
     steps_m=(0.010, 0.006),
 )

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 from kinematics.scene import APPROACHES, Grasp, State
 from kinematics.transforms import Array
+from planning.motion.handling.finest_look import thinnest_allowed_m
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.picking import THOROUGH
@@ -77,7 +78,8 @@ class Prover:
         if not stuck:
             return {}, None
         if self.motions.finest is None:
-            what = "meshes, what is not upright, pads that are askew, and anything thinner than 10 mm"
+            thin_mm = 1e3 * thinnest_allowed_m(self.motions.scene)
+            what = f"meshes, what is not upright, pads that are askew, and anything thinner than {thin_mm:.0f} mm"
             return {}, f"nothing is proved where there are {what}: hands among these can't be looked at densely enough"
         view, doubt = self.motions.finest.at(state.poses), None
         for name in sorted(stuck):

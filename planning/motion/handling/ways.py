@@ -6,7 +6,7 @@ the closing fingers and the lift. A way that is blocked at one stage is not look
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,7 +17,7 @@ from kinematics.scene import Grasp
 from kinematics.transforms import Array, inverse
 from planning.grasping.finger_grasps import open_width
 from planning.motion.cell.queries import PlanningQuery
-from planning.motion.cell.workcell import IkSearch
+from planning.motion.cell.workcell import IkSearch, Workcell
 from planning.motion.handling.contacts import WHOLE, Flags, meet_along, meet_at, meet_hand
 from planning.motion.handling.spots import SpotQueries, WayProblems
 from planning.motion.search import reaching
@@ -97,6 +97,46 @@ class _Grip:
     reach: Problem
 
 
+_OpenHand = tuple[float, float, PlanningQuery]
+"""The gripper's values before and after closing, and what the open hand may meet."""
+
+
+def _open_hand(cell: Workcell, width_m: float, poses: Mapping[str, Array]) -> _OpenHand:
+    """To close on something of a width, among objects at poses."""
+    opening = cell.robot.opening
+    opened = opening.value_at(open_width(width_m, opening))
+    return opened, opening.closing_value(width_m), cell.problem(poses, opened)
+
+
+def _about(width_m: float) -> float:
+    """All round a cylinder it differs by rounding."""
+    return round(width_m, 6)
+
+
+def let_in(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], ik: IkSearch) -> list[Grasp]:
+    """Those of some grasps to which the walls and objects at poses, what it is to grasp among them, leave the open hand and the arm a way
+    in: judged as ways are one by one, but for many grasps of which hardly any has one. ik: how closely the arm's solutions are sought."""
+    widths = np.array([_about(grasp.width_m) for grasp in grasps])
+    hands = np.array([cell.robot.opening.beside(grasp.T_world_hand) for grasp in grasps])
+    free = np.zeros(len(grasps), np.bool_)
+    for width in np.unique(widths):
+        of_width = np.flatnonzero(widths == width)
+        *_, open_hand = _open_hand(cell, float(width), poses)
+        by_hand = np.empty(len(of_width), np.bool_)
+        reaching.hands_way_in(cell.hand, open_hand.task, hands[of_width], cell.memory, by_hand)
+        for i in of_width[by_hand]:
+            solutions = cell.ik(hands[i], tries=ik.tries, distinct=ik.distinct)
+            free[i] = _ways_in(cell, open_hand, hands[i], solutions)[0] > 0
+        cell.forget()
+    return [grasp for grasp, may in zip(grasps, free) if may]
+
+
+def _ways_in(cell: Workcell, open_hand: PlanningQuery, T_hand: Array, solutions: Array) -> tuple[int, Array]:
+    """How many straight ways to a hand at T_hand (4, 4) are free, of the arm's solutions (S, A), and their waypoints, first (S, n, A)."""
+    found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
+    return reaching.ways_in(cell.hand, open_hand.task, T_hand, solutions, cell.memory, found, said), found
+
+
 class Reach:
     """The ways to one object at T (4, 4), and how they are tested. ik: how closely the arm's solutions for each grasp are looked for."""
 
@@ -107,14 +147,13 @@ class Reach:
     def ways(self) -> Iterator[Way]:
         """The ways of the hand alone, for each grasp to which the walls and the object itself leave one."""
         cell, opening = self.cell, self.cell.robot.opening
-        hands = dict[float, tuple[float, float, PlanningQuery]]()
+        hands = dict[float, _OpenHand]()
         for number, asked in enumerate(self.grasps_on(self.name, self.T)):
             T_hand = opening.beside(asked.T_world_hand)
             grasp = asked if T_hand is asked.T_world_hand else replace(asked, T_world_hand=T_hand)
-            width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
+            width = _about(grasp.width_m)
             if width not in hands:
-                opened = opening.value_at(open_width(width, opening))
-                hands[width] = opened, opening.closing_value(width), cell.problem({self.name: self.T}, opened)
+                hands[width] = _open_hand(cell, width, {self.name: self.T})
             opened, closed, alone = hands[width]
             code, _ = reaching.hand_way_in(cell.hand, alone.task, grasp.T_world_hand, cell.memory)
             cell.forget()
@@ -146,8 +185,8 @@ class Reach:
     def _way_in(self, grip: _Grip, q: Array) -> Iterator[Way]:
         """The straight way to the grasp, if the arm can follow it and the walls leave it free."""
         cell, T_hand = self.cell, grip.grasp.T_world_hand
-        found, said = np.empty((1, APPROACH_STEPS + 1, len(q))), np.empty((1, 2), np.int64)
-        if reaching.ways_in(cell.hand, grip.alone.task, T_hand, q[None], cell.memory, found, said):
+        free, found = _ways_in(cell, grip.alone, T_hand, q[None])
+        if free:
 
             def test(flags: Flags) -> None:
                 meet_along(grip.reach, found[0], WHOLE, self.queries.open, cell.memory.exact, flags)

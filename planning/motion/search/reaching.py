@@ -141,6 +141,13 @@ def hand_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory)
 
 
 @jit_entry
+def hands_way_in(hand: Hand, reaching: Task, T_world_hand: Array, memory: Memory, free: NDArray[np.bool_]) -> None:
+    """Whether the open hand alone gets to each of some poses (N, 4, 4): free (N,)."""
+    for i in range(T_world_hand.shape[0]):
+        free[i] = hand_way_in(hand, reaching, T_world_hand[i], memory)[0] == OK
+
+
+@jit_entry
 def ways_in(
     hand: Hand,
     reaching: Task,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -12,20 +14,25 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
-from planning.grasping.hand_poses import level_hand
+from planning.grasping.finger_grasps import open_width
+from planning.grasping.hand_poses import hand_points, level_hand
+from planning.motion.cell.workcell import QUICK_IK
 from planning.motion.handling import finest_look
 from planning.motion.handling.finest_look import (
     LEAST_ROOM_M,
     SQUARE,
-    THINNEST_M,
     TURN_M,
     Around,
     FinestLook,
     can_have_more_room,
     divided,
     levels_of,
+    thinnest_allowed_m,
     with_more_room,
 )
+from planning.motion.handling.object_grasps import sampled_grasps
+from planning.motion.handling.picking import Picking
+from planning.motion.handling.ways import let_in
 from planning.motion.pick_place import Motions
 from planning.motion.search.reaching import APPROACH_M
 from planning.motion.settings import DEFAULTS, UNCONSTRAINED
@@ -144,50 +151,105 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
 
 
 TURNED = replace(SQUARE, turn=TURN_M / 0.3, reach_m=0.3)
+PITCHED = replace(SQUARE, pitch=TURN_M / 0.25, reach_m=0.3)
+BOTH = replace(TURNED, pitch=TURNED.turn)
 
 
-@pytest.mark.parametrize("coarsest", [SQUARE, TURNED], ids=["square", "turned"])
+@pytest.mark.parametrize("coarsest", [SQUARE, TURNED, PITCHED, BOTH], ids=["square", "turned", "pitched", "both"])
 def test_some_hands_stand_together_for_all_around_one(coarsest: Around) -> None:
     """Whatever hand one stands for, each point of it is no further than the next room from where one of the next hands has it."""
-    middle, rng = np.array([0.51, 0.12, 0.3]), np.random.default_rng(0)
-    hand = Grasp(transform(level_hand(np.array([0.6, 0.8, 0.0]), 0.4), [0.35, -0.1, 0.3]), 0.05)
+    middle, pads, rng = np.array([0.51, 0.12, 0.3]), np.array([0.0, 0.002, 0.14]), np.random.default_rng(0)
+    hand = Grasp(transform(level_hand(np.array([0.6, 0.8, 0.0]), 0.4), [0.40, -0.05, 0.35]), 0.05)
     for around in levels_of(coarsest)[:-1]:
         finer = around.halved()
-        parts = np.array([part.T_world_hand for part in divided(hand, around, middle)])
-        points = middle + rng.normal(size=(60, 3)) * [0.1, 0.1, 0.05]
-        points = points[np.hypot(*(points - middle)[:, :2].T) + around.moved_m <= 0.3]
-        in_hand = np.c_[points, np.ones(len(points))] @ inverse(hand.T_world_hand).T
-        for share in rng.uniform(-1, 1, (30, 3)):
+        parts = np.array([part.T_world_hand for part in divided(hand, around, middle, pads)])
+        in_hand = pads + rng.normal(size=(60, 3)) * [0.05, 0.05, 0.1]
+        level = apply(hand.T_world_hand, in_hand)[:, :2] - middle[:2]
+        near = (np.hypot(*level.T) + around.room_m <= 0.3) & (np.linalg.norm(in_hand - pads, axis=1) <= 0.3)
+        in_hand = np.c_[in_hand[near], np.ones(near.sum())]
+        assert len(in_hand) > 20
+        for share in rng.uniform(-1, 1, (30, 4)):
             moved = transform(p=share[0] * around.ahead_m * np.array([0.6, 0.8, 0.0]) + share[1] * around.up_m * np.array(UP, float))
             turned = transform(p=middle) @ transform(rotation_about(UP, share[2] * around.turn)) @ transform(p=-middle)
-            there = in_hand @ (turned @ moved @ hand.T_world_hand).T
+            pitched = transform(p=pads) @ transform(rotation_about((0, 1, 0), share[3] * around.pitch)) @ transform(p=-pads)
+            there = in_hand @ (turned @ moved @ hand.T_world_hand @ pitched).T
             apart = np.linalg.norm(in_hand @ parts.transpose(0, 2, 1) - there, axis=2).max(1)
             assert apart.min() <= finer.room_m + 1e-12
     assert levels_of(coarsest)[-1].room_m <= LEAST_ROOM_M
 
 
+def ahead_of_it(hands: Iterable[Grasp]) -> Array:
+    """Where those of some hands are (N, 4, 4) that look along a yaw of about 0.4, or against it."""
+    co, si = np.cos(0.4), np.sin(0.4)
+    return np.array([T for T in (hand.T_world_hand for hand in hands) if abs(si * T[0, 1] - co * T[1, 1]) > 0.98])
+
+
+@pytest.mark.parametrize("shape", [Cylinder(0.025, 0.05), Box(np.array([0.05, 0.06, 0.08]))], ids=["can", "box"])
+def test_one_of_the_hands_that_are_looked_at_first_stands_for_any_that_holds(
+    ur5e: Robot, shape: Box | Cylinder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Hands drawn at random, of all pitches, that hold an object by the verdict: no point of one is further off than the room there is."""
+    monkeypatch.setattr(finest_look, "TURN_M", 0.010)  # fewer, further apart
+    body, rng = Body("it", shape, transform(rotation_about(UP, 0.4), [0.5, 0.1, 0.26])), np.random.default_rng(3)
+    scene = replace(scene_of(body), cabinet=replace(CABINET, wall_m=0.06), approaches=("horizontal", "diagonal", "downward"))
+    look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
+    first = [(ahead_of_it(hands), levels[0].room_m) for hands, levels in look.first_hands("it", body.T_world_body)]
+    held = 0
+    for _ in range(300):
+        pitch = float(rng.choice([0.0, np.pi / 2, rng.uniform(np.pi / 6, np.pi / 3), rng.uniform(np.pi / 6, np.pi / 3)]))
+        side = 0.4 if isinstance(shape, Box) else 0.4 + rng.uniform(-0.1, 0.1)
+        width = shape.size_m[1] if isinstance(shape, Box) else 2 * shape.radius_m
+        ahead = np.array([np.cos(side), np.sin(side), 0.0])
+        R, at = level_hand(ahead, pitch), rng.uniform(-0.05, 0.05, 2)
+        pads = body.T_world_body[:3, 3] + at[0] * ahead + at[1] * np.array(UP, float)
+        hand = Grasp(transform(R, ur5e.opening.hand_position(pads, R, float(width))), float(width))
+        if judge_hold(ur5e, body, hand) is not None:
+            continue
+        held += 1
+        points = np.array([[x, y, z, 1.0] for x in (-0.04, 0.04) for y in (-0.06, 0.06) for z in (-0.05, 0.15)])
+        there = points @ hand.T_world_hand.T
+        off = [np.linalg.norm(points @ T.transpose(0, 2, 1) - there, axis=2).max(1).min() - room_m for T, room_m in first]
+        assert min(off) <= 1e-9, (pitch, at)
+    assert held > 40
+
+
 def test_no_point_of_a_hand_on_its_way_is_further_off_than_is_reckoned_with(ur5e: Robot) -> None:
-    """Of all hands that are looked at first on a can: from its middle, level, before the hand goes ahead."""
+    """Of all hands that are looked at first on a can: from its middle, level, and from the pads' middle, before the hand goes ahead."""
     can = Body("can", Cylinder(0.028, 0.12), transform(p=[0.5, 0.1, 0.26]))
     scene = replace(scene_of(can), approaches=("horizontal", "diagonal", "downward"))
     look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
-    q = ur5e.home.copy()
-    q[ur5e.gripper_joint] = ur5e.opening.value_at(ur5e.opening.max_m)
-    poses = ur5e.link_poses(q)
-    hulls = [apply(inverse(poses["hand"]) @ poses[h.link], h.vertices) for h in ur5e.hulls if h.link in ur5e.hand_links]
-    hands, around = list(look.sampled("can", can.T_world_body)), look.levels("can")[0]
-    assert around.reach_m < 0.35  # or proofs would take long
-    for hand in hands[::997]:
-        back = hand.T_world_hand @ transform(p=[0.0, 0.0, -APPROACH_M])
-        level = np.concatenate([apply(back, hull) for hull in hulls])[:, :2] - can.T_world_body[:2, 3]
-        assert np.hypot(*level.T).max() <= around.reach_m
+    points = hand_points(ur5e, open_width(2 * 0.028, ur5e.opening), ur5e.hand_links)
+    for hands, levels in look.first_hands("can", can.T_world_body):
+        reach_m = levels[0].reach_m
+        assert reach_m < 0.35  # or proofs would take long
+        for hand in islice(hands, 0, None, 997):
+            back = hand.T_world_hand @ transform(p=[0.0, 0.0, -APPROACH_M])
+            pads = apply(hand.T_world_hand, ur5e.opening.middle(hand.width_m))
+            assert np.hypot(*(apply(back, points)[:, :2] - can.T_world_body[:2, 3]).T).max() <= reach_m
+            assert np.linalg.norm(apply(back, points) - pads, axis=1).max() <= reach_m
+
+
+def test_hands_judged_together_are_those_that_picks_judge_one_by_one(ur5e: Robot) -> None:
+    """To what stands in a cabinet, with and without what is around it: the others are blocked before or while they come."""
+    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 7, 1)
+    cell, poses, let = Motions(ur5e, scene).cell, scene.poses(), list[bool]()
+    for name in sorted(poses)[:4]:
+        hands = list(islice(sampled_grasps(ur5e, scene, name, poses[name]), 0, 200, 5))
+        for others in ({scene.target_name}, {*poses}):
+            here = {other: T for other, T in poses.items() if other in {name, *others}}
+            together = let_in(cell, hands, here, QUICK_IK)
+            for hand in hands:
+                picks, why = Picking(cell).picks_with([hand], here, cell.without(here, name), name, cell.home_arm)
+                let.append(any(hand is other for other in together))
+                assert let[-1] == bool(picks or why.stage in {"grasp", "lift"})
+    assert 20 < sum(let) < len(let) - 20
 
 
 def test_hands_on_what_is_round_are_turned_less_where_walls_are_thin(ur5e: Robot) -> None:
     """So much that something is left of the walls with the most room."""
     can = Body("can", Cylinder(0.028, 0.12), CABINET.T_world_cabinet @ transform(p=[0.25, 0.0, 0.06]))
     box = Body("box", Box(np.array([0.05, 0.05, 0.12])), CABINET.T_world_cabinet @ transform(p=[0.25, 0.1, 0.06]))
-    for wall_m, turn_m in ((0.03, TURN_M), (0.012, 0.005 - SQUARE.room_m), (THINNEST_M, 0.001)):
+    for wall_m, turn_m in ((0.03, TURN_M), (0.012, 0.005 - SQUARE.room_m), (thinnest_allowed_m(scene_of(can)), 0.001)):
         scene = scene_of(can, box)
         scene = replace(scene, cabinet=replace(scene.cabinet, wall_m=wall_m))
         look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
@@ -195,7 +257,8 @@ def test_hands_on_what_is_round_are_turned_less_where_walls_are_thin(ur5e: Robot
         assert around.turn * around.reach_m == pytest.approx(turn_m)
         assert with_more_room(scene, around.room_m).cabinet.wall_m >= 0.00199
         assert look.levels("box")[0] == SQUARE
-        yaws = {round(float(np.arctan2(*hand.T_world_hand[:2, 1])), 6) for hand in look.sampled("can", can.T_world_body)}
+        ((hands, _),) = look.first_hands("can", can.T_world_body)
+        yaws = {round(float(np.arctan2(*hand.T_world_hand[:2, 1])), 6) for hand in hands}
         assert np.diff(sorted(yaws)).max() <= 2 * around.turn + 1e-5
 
 

@@ -75,6 +75,11 @@ def read(path: str | Path) -> bytes | None:
     return None
 
 
+def is_kept(path: str | Path) -> bool:
+    """Whether a file was written by an earlier run, or by this one, which remembers what it could not write."""
+    return str(path) in _UNWRITTEN or Path(path).is_file()
+
+
 def write(path: str | Path, data: bytes, *, synced: bool = True) -> None:
     """Write data with its checksum beside the file's name, then rename it. A disk that is full, or a folder that is gone, is no error: this
     process remembers what it could not write.

@@ -84,8 +84,8 @@ def symbol_of(module: str, name: str, kinds: str) -> str:
 
 
 def is_stored(symbol: str) -> bool:
-    """Whether an earlier run, or a process beside, has left code."""
-    return _path(symbol).is_file()
+    """Whether this or an earlier run, or a process beside, has left code."""
+    return cache.is_kept(_path(symbol))
 
 
 def load(symbol: str) -> Callable[..., Any] | None:

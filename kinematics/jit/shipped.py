@@ -26,8 +26,6 @@ from kinematics.jit.support import PLAIN
 
 FILE = Path(__file__).with_name("shipped.zip")
 ABOUT = "about.json"
-_BROUGHT: set[str] = set()
-"""Units of which this process has made machine code."""
 _HARMLESS = ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "NUMBA_NUM_THREADS")
 _X86 = {"opt": 3, "reloc": "static", "codemodel": "jitdefault", "jit": True}
 """How numba has machine code made on this architecture."""
@@ -39,8 +37,7 @@ def bring(symbol: str, entry: Description, args: Sequence[Any]) -> bool:
         return False
     with ZipFile(FILE) as file:
         for unit in _needed(symbol):
-            if unit not in _BROUGHT and not machine_code.is_stored(unit):
-                _BROUGHT.add(unit)
+            if not machine_code.is_stored(unit):
                 about = _about()["units"][unit]
                 machine_code.store(machine_code.Code(unit, about["outside"], about["needs"], emit(file.read(unit))))
     return True

@@ -36,19 +36,14 @@ def way_through(x: float, y: float, R: Array, eye: Array, size: Array) -> tuple[
     """
     enter, leave = 0.0, 1e9
     for a in range(3):
-        d = R[a, 0] * x + R[a, 1] * y + R[a, 2]
-        if abs(d) > 1e-12:
-            t0, t1 = -eye[a] / d, (size[a] - eye[a]) / d
-            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
-        elif eye[a] < 0.0 or eye[a] > size[a]:
-            leave = -1.0
+        enter, leave = _between(R[a, 0] * x + R[a, 1] * y + R[a, 2], eye[a], size[a], enter, leave)
     return enter, leave
 
 
 @jit_inline
 def _between(d: float, eye: float, size: float, enter: float, leave: float) -> tuple[float, float]:
     """The depths at which a ray that was inside from `enter` to `leave` is so along one more axis, where it starts at `eye` and moves by d
-    per metre of depth; the inner space is from 0 to size there. See `way_through`."""
+    per metre of depth; the inner space is from 0 to size there."""
     along = abs(d) > 1e-12
     t0, t1 = -eye / d, (size - eye) / d
     later, sooner = max(enter, min(t0, t1)), min(leave, max(t0, t1))
@@ -68,9 +63,8 @@ def clear_depth(
     for v in range(np.uint64(depth.shape[0])):  # unsigned: no look for negative indices, and many pixels at once
         y, a, b = (float(v) - cy) / fy, depth[v], out[v]
         for u in range(np.uint64(depth.shape[1])):
-            x, z, enter, leave = (float(np.int64(u)) - cx) / fx, float(a[u]), 0.0, 1e9
-            for r in range(3):
-                enter, leave = _between(R[r, 0] * x + R[r, 1] * y + R[r, 2], eye[r], size[r], enter, leave)
+            x, z = (float(np.int64(u)) - cx) / fx, float(a[u])
+            enter, leave = way_through(x, y, R, eye, size)
             never = leave <= enter  # this ray never meets the inner space
             wall = z > 0.0 and z >= leave - slack_m - noise * z * z
             b[u] = _FAR if never or wall else np.float32(max(z, 0.0))
@@ -310,7 +304,7 @@ def _hidden_layers(
     return most
 
 
-@njit(cache=True, nogil=True)
+@jit_entry
 def through_wall(size: Array, fx: float, fy: float, cx: float, cy: float, R: Array, eye: Array, out: NDArray[np.bool_]) -> None:
     """Which pixels (H, W) look into the inner space through a wall: from outside, and not through the front. R, eye: as above."""
     height, width = out.shape

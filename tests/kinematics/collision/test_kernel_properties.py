@@ -11,8 +11,8 @@ from functools import lru_cache
 
 import fcl
 import numpy as np
+import pytest
 from conftest import random_q
-from pytorch_fk import poses_by_pytorch
 from small_queries import make_problem
 
 from kinematics.chain import forward
@@ -116,10 +116,13 @@ def test_covers_contain_the_hulls(robot: Robot) -> None:
 
 
 def test_forward_kinematics_agree_with_pytorch_kinematics(robot: Robot) -> None:
+    pytest.importorskip("pytorch_kinematics")
+    from kinematics.robots.batched_fk import Forward
+
     q = random_q(robot, 200, seed=3)
     q[:, robot.gripper_joint] = 0.5 * q[0, robot.gripper_joint]  # one gripper value, the other joints anywhere
     chain, carried = robot.chain(np.eye(4)), robot.frame_of_links(float(q[0, robot.gripper_joint]), np.eye(4))
-    theirs = poses_by_pytorch(robot, q)
+    theirs = {link: T.numpy() for link, T in Forward(robot).poses(q).items()}
     frames = np.zeros((len(chain.q_index) + 1, 4, 4))
     for i, row in enumerate(robot.arm_q(q)):
         forward(chain, row, frames)

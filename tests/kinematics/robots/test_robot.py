@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
@@ -13,11 +15,11 @@ import pytest
 import yourdfpy
 from conftest import random_q
 from lxml import etree
-from pytorch_fk import poses_by_pytorch
 from second_engine import Arm, nearest
 
 from kinematics.chain import forward
 from kinematics.collision.fcl_check import Verdict
+from kinematics.robots.batched_fk import Forward
 from kinematics.robots.load import forget, load
 from kinematics.robots.named import named_robots
 from kinematics.robots.robot import Robot
@@ -37,12 +39,12 @@ def test_forward_kinematics_agrees_with_yourdfpy(robot: Robot) -> None:
 
 def test_forward_kinematics_agrees_with_pytorch_kinematics(robot: Robot) -> None:
     q = random_q(robot, 100)
-    poses = poses_by_pytorch(robot, q)
+    poses = Forward(robot).poses(q)
     assert list(poses) == list(robot.tree.names)
     ours = np.array([robot.tree.poses(x) for x in q])
     for i, T in enumerate(poses.values()):
         assert T.shape == (100, 4, 4)
-        np.testing.assert_allclose(ours[:, i], T, atol=1e-6)
+        np.testing.assert_allclose(ours[:, i], T.numpy(), atol=1e-6)
 
 
 def test_compiled_frames_carry_every_link(robot: Robot) -> None:
@@ -58,6 +60,47 @@ def test_compiled_frames_carry_every_link(robot: Robot) -> None:
         np.testing.assert_array_equal(q_of_arm, q)
         for link, (frame, T) in carried.items():
             np.testing.assert_allclose(frames[frame] @ T, T_world_base @ poses[link], atol=1e-9)
+
+
+@pytest.mark.parametrize("link", ["hand", "camera"])
+def test_jacobians_are_derivatives(robot: Robot, link: str) -> None:
+    q, h = random_q(robot, 5, seed=2), 1e-5
+    jacobian = Forward(robot).jacobian(q, link).numpy()
+    assert jacobian.shape == (5, 6, len(robot.arm_joints))
+    for column, j in enumerate(robot.arm_joints):
+        step = np.eye(len(robot.joint_names))[j] * h
+        for x, J in zip(q, jacobian):
+            plus, minus = robot.link_poses(x + step)[link], robot.link_poses(x - step)[link]
+            turn = plus[:3, :3] @ minus[:3, :3].T
+            spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+            np.testing.assert_allclose(J[:, column], np.concatenate([plus[:3, 3] - minus[:3, 3], spin]) / (2 * h), atol=2e-6)
+
+
+def test_jacobian_of_links_apart(robot: Robot) -> None:
+    """The root never moves; a finger moves with the arm, so far as the arm's joints go, like any point of the hand."""
+    forward, q = Forward(robot), random_q(robot, 3)
+    assert not forward.jacobian(q, robot.tree.names[0]).any()
+    finger = forward.jacobian(q, min(robot.fingers))
+    np.testing.assert_allclose(finger[:, 3:], forward.jacobian(q)[:, 3:], atol=1e-6)
+    with pytest.raises(ValueError, match=r"no link 'tail'; it has .*hand"):
+        forward.jacobian(q, "tail")
+
+
+def test_torch_is_not_imported_before_it_is_needed() -> None:
+    code = "import sys, kinematics.robots.batched_fk, kinematics.robots.load; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_comparison_imports_no_simulator_and_leaves_the_package_whole() -> None:
+    """pytorch-kinematics' readers alone: who imports all of it afterwards gets all of it."""
+    code = (
+        "import sys; from kinematics.robots.batched_fk import Forward; from kinematics.robots.load import load\n"
+        "robot = load('ur5e'); Forward(robot).jacobian(robot.home[None])\n"
+        "assert not {'mujoco', 'matplotlib', 'pytorch_kinematics'} & set(sys.modules)\n"
+        "import pytorch_kinematics; assert pytorch_kinematics.build_chain_from_urdf and pytorch_kinematics.Transform3d\n"
+        "Forward(robot).poses(robot.home[None])"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_home_is_free_and_open(robot: Robot) -> None:
@@ -138,8 +181,7 @@ def test_a_urdf_of_ones_own(toy_urdf: Callable[..., Path]) -> None:
     np.testing.assert_allclose(poses["hand"][:3, 3], [0, 0.06 + 0.1 + 0.2 + 0.08, 0.06 + 0.05 + 0.1], atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(poses["left_finger"][:3, 3] - poses["right_finger"][:3, 3]), 2 * (0.005 + 0.03), atol=1e-12)
     np.testing.assert_allclose(poses["hand"], poses["tcp"])
-    theirs = poses_by_pytorch(toy, toy.home[None])["right_finger"][0]
-    np.testing.assert_allclose(theirs, toy.link_poses(toy.home)["right_finger"], atol=1e-6)
+    np.testing.assert_allclose(Forward(toy).poses(toy.home[None])["right_finger"][0], toy.link_poses(toy.home)["right_finger"], atol=1e-6)
 
 
 def test_a_link_called_hand_keeps_its_place(toy_urdf: Callable[..., Path]) -> None:
@@ -168,7 +210,7 @@ def test_foreign_tags_are_no_obstacle(toy_urdf: Callable[..., Path]) -> None:
     toy = load(str(file), "tcp")
     assert "drake" not in toy.urdf
     assert "transmission" not in toy.urdf
-    poses_by_pytorch(toy, toy.home[None])
+    Forward(toy).poses(toy.home[None])
 
 
 def test_an_srdf_beside_the_urdf_is_read(toy_urdf: Callable[..., Path]) -> None:

@@ -26,7 +26,7 @@ from retrieve_cli import terminal
 pytestmark = pytest.mark.skipif(PLAIN is not None, reason="functions are compiled plainly")
 
 ROOT = Path(__file__).resolve().parents[3]
-HEAVY = ("numba", "torch", "scipy", "trimesh", "pyarrow", "matplotlib", "yourdfpy", "rich")
+HEAVY = ("numba", "torch", "scipy", "trimesh", "pyarrow", "matplotlib", "yourdfpy", "pytorch_kinematics", "rich")
 PROGRAM = f"""
 import gc, json, sys
 from retrieve_cli.__main__ import main

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_segment import CABINET, best_matches, box, can, photograph, placed, without_masks
+from photographs import CABINET, best_matches, box, can, lifted, photograph, placed, without_masks
 
 from kinematics.scene import Body, object_box
 from kinematics.transforms import Array, rotation_about, transform
@@ -29,10 +29,6 @@ NOISE = DepthNoise(axial_1m_m=0.003)
 def seen_boxes(bodies: Sequence[Body], noise: DepthNoise | None = NOISE) -> dict[str, Array]:
     frames = photograph(placed(bodies, CABINET), CABINET, noise, eyes=ABOVE, camera=CAMERA)
     return segment(without_masks(frames), CABINET, by="geometry")
-
-
-def lifted(body: Body, by_m: float) -> Body:
-    return replace(body, T_world_body=transform(p=[0, 0, by_m]) @ body.T_world_body)
 
 
 def cup(x: float, y: float, radius: float = 0.04, height: float = 0.09, slabs: int = 40) -> list[Body]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_segment import CABINET, TURNED, box, can, photograph, placed
+from photographs import CABINET, TURNED, box, can, photograph, placed
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, ConvexMesh, Cylinder, convex_parts

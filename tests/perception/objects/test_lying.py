@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from test_segment import CABINET, box, can, photograph, placed
+from photographs import CABINET, box, can, photograph, placed
 
 from kinematics.collision.fcl_solids import overlapping
 from kinematics.scene import Body, object_box

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from test_segment import box, can
+from photographs import box, can, lifted
 
 from kinematics.collision.fcl_solids import overlapping
-from kinematics.scene import Body, object_box
-from kinematics.transforms import transform
+from kinematics.scene import object_box
 from perception.objects.settle import settled, stands_on
-
-
-def lifted(body: Body, by_m: float) -> Body:
-    return replace(body, T_world_body=transform(p=[0, 0, by_m]) @ body.T_world_body)
-
 
 PAIRS = {
     "boxes": (box("a", 0.3, 0.0, [0.06, 0.06, 0.1], 0.2), box("b", 0.3, 0.06, [0.06, 0.06, 0.12], 0.1)),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_segment import box, can, photograph, placed, without_masks
+from photographs import box, can, lifted, photograph, placed, without_masks
 
 from kinematics.errors import InputError
 from kinematics.robots.load import load
@@ -33,10 +33,6 @@ from retrieve_cli.sense import parse_pixel, run
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.3, 0.0, 0.1]), 0.03)
 CAMERA = realsense_d435i(320, 240)
 BODIES = (can("can", 0.2, 0.1, 0.03, 0.15), box("carton", 0.34, -0.15, [0.05, 0.06, 0.2], 0.3))
-
-
-def lifted(body: Body, by_m: float) -> Body:
-    return replace(body, T_world_body=transform(p=[0, 0, by_m]) @ body.T_world_body)
 
 
 @pytest.fixture(scope="module")

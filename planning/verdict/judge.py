@@ -53,7 +53,7 @@ def examine(scene: Scene, plan: Plan, robot: Robot, settings: Settings | None = 
     if plan.scene != scene.id:
         return Verdict((Fault(PLAN, (), f"it is for scene {plan.scene!r}, and this is {scene.id!r}"),), (), False)
     if not plan.motions:
-        missing = _without_motions(scene, plan)
+        missing = _without_motions(plan)
         return Verdict(missing, (), False if missing else None)
     if strange := [m.object for m in plan.moves if m.object not in scene.poses()]:
         return Verdict((Fault("moves", (strange[0],), f"a move is of {strange[0]!r}, which is not in the scene"),), (), False)
@@ -83,7 +83,7 @@ def _huge(scene: Scene, plan: Plan) -> Fault | None:
     return None
 
 
-def _without_motions(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
+def _without_motions(plan: Plan) -> tuple[Fault, ...]:
     if plan.success:
         return (Fault(PLAN, (), "it is called a success, and has no motions"),)
     done = [m.object for m in plan.moves if m.done]
@@ -184,7 +184,7 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
     cabinet, out = scene.cabinet, list[Fault]()
     here = {b.name: placed(b.name, b.shape, b.T_world_body, cabinet) for b in scene.objects}
     rests = {name: _on(body, here, scene, settings) for name, body in here.items()}
-    said = {name: _fallen(SCENE, name, at, "at the start", settings) for name, at in rests.items()}
+    said = {name: _fallen(SCENE, name, at, "at the start") for name, at in rests.items()}
     out += [fault for name, faults in said.items() for fault in faults if not rests[name].on]
     notes = [fault for name, faults in said.items() for fault in faults if rests[name].on]
     names = {c.body: set(rests[c.body].on) for c in ledger.carries}
@@ -193,7 +193,7 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
         if carry.put:
             at, first = _on(here[carry.body], here, scene, settings), rests[carry.body]
             if not at.on or first.carried or at.off_m > first.off_m + settings.pose_m:
-                out += _fallen("release", carry.body, at, f"where motion {carry.last} puts it", settings)
+                out += _fallen("release", carry.body, at, f"where motion {carry.last} puts it")
             names[carry.body] |= set(at.on)
     return out, {name: frozenset(on) for name, on in names.items()}, notes
 
@@ -209,7 +209,7 @@ def _walls(scene: Scene) -> Iterator[Placed]:
         yield placed(body.name, body.shape, body.T_world_body, scene.cabinet)
 
 
-def _fallen(stage: str, name: str, at: Stand, when: str, settings: Settings) -> list[Fault]:
+def _fallen(stage: str, name: str, at: Stand, when: str) -> list[Fault]:
     if at.carried:
         return []
     if at.on:

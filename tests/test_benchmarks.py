@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -38,3 +39,10 @@ def test_the_time_of_a_plan_is_told_stage_by_stage(tmp_path: Path) -> None:
     whole = stages.pop("whole")[0]
     assert sum(ms[0] for ms in stages.values()) == pytest.approx(whole, abs=0.1 * len(stages))
     assert {"motions", "verify", "verdict", "trajectories"} <= {name for name, ms in stages.items() if ms[0] > 0}
+
+
+def test_listed_mutants_are_of_lines_that_are_there() -> None:
+    """A line that was changed or moved takes its entry along, or its mutants would count as survivors."""
+    for module, entries in tomllib.loads((ROOT / "benchmarks" / "mutate_equivalent.toml").read_text(encoding="utf-8")).items():
+        lines = {line.strip() for line in (ROOT / module).read_text(encoding="utf-8").splitlines()}
+        assert {entry["line"] for entry in entries} <= lines, module

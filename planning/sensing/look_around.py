@@ -23,7 +23,7 @@ from perception.mapping.next_best_view import InformationGain, ViewCandidates, m
 from perception.mapping.voxels import FREE, UNKNOWN, ClearRays, Voxels, clear_rays, unknown_voxels
 from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth
 from planning.motion.cell.queries import PlanningQuery
-from planning.motion.cell.workcell import Workcell
+from planning.motion.cell.workcell import IkSearch, Workcell
 from planning.motion.trajectory import FULL, Pace, timed
 from planning.plan import Blocked, Motion
 
@@ -343,7 +343,7 @@ def views_from(robot: Robot, empty_scene: Scene, poses: Array, intrinsics: Intri
     workcell = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None)
     gripper = float(robot.home[robot.gripper_joint])
     alone = workcell.problem({}, gripper)
-    found = [(q, T) for T in poses for q in workcell.ik(T @ T_camera_hand, tries=8)[:BRANCHES] if workcell.touch(alone, q) is None]
+    found = [(q, T) for T in poses for q in workcell.ik(T @ T_camera_hand, IkSearch(8))[:BRANCHES] if workcell.touch(alone, q) is None]
     if not found:
         return None
     small = reduced(intrinsics)

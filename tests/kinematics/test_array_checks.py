@@ -26,6 +26,7 @@ from perception.mapping.voxels import unknown_voxels
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
 from planning.io.scene_documents import scene_from_json
+from planning.motion.cell.workcell import IkSearch
 from planning.motion.pick_place import Motions
 from planning.motion.search.rrt_connect import plan, reach
 from planning.motion.search.shortcut import shorten
@@ -79,7 +80,7 @@ class Doors:
             "tree.poses": (np.stack([self.q, self.q]), self.robot.tree.poses),
             "touch": (self.arm, lambda q: self.cell.touch(self.query, q)),
             "edge": (self.arm, lambda q: self.cell.edge(self.query, self.arm, q)),
-            "ik": (self.T, lambda T: self.cell.ik(T, tries=2)),
+            "ik": (self.T, lambda T: self.cell.ik(T, IkSearch(2))),
             "solve near": (self.arm, lambda q: solve(arm.chain, arm.T_frame_hand, self.seeds, self.T, q, tries=2)),
             "solve hand": (self.T, lambda T: solve(arm.chain, T, self.seeds, self.T, self.arm, tries=2)),
             "seeds": (arm.T_frame_hand, lambda T: make_seeds(arm.chain, T, 4)),

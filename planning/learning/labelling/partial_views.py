@@ -19,6 +19,7 @@ from perception.objects.segment import GROWN_M, segment
 from perception.observation import Observation, boxes_in
 from perception.rendering.synthetic_camera import DEFAULT, synthetic_camera
 from planning.learning.labelling.labels import Row, movable
+from planning.motion.cell.workcell import IkSearch
 from planning.motion.pick_place import Motions
 
 VIEWS = (2, 12)  # the least and the most, the first one from where the arm waits; half a dozen well chosen ones show as much as twelve
@@ -91,5 +92,5 @@ def _stands(motions: Motions, state: State, views: int, rng: np.random.Generator
         if len(out) == views:
             break
         (T,) = sample_poses(motions.scene.cabinet, 1, rng)
-        out += [q for q in cell.ik(T @ T_camera_hand, tries=4)[:2] if cell.touch(free, q) is None][:1]
+        out += [q for q in cell.ik(T @ T_camera_hand, IkSearch(4))[:2] if cell.touch(free, q) is None][:1]
     return out

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ LOOKS = 64  # along a way that is not free, for what touches
 NEAR_M = 0.2  # so far from the ends of a path, in metres moved, the least clearance will do
 
 
-@dataclass(frozen=True)
-class IkSearch:
+class IkSearch(NamedTuple):
     """How closely the arm's solutions for a hand are looked for: from how many starts, and when two are distinct (`inverse.solve`)."""
 
     tries: int = 24
@@ -63,7 +62,7 @@ class Workcell(PackedCell):
         super().__init__(robot, scene, obstacles, settings)
         self.iterations, self.time_budget_s = iterations, time_budget_s
         self.hand = make_hand(self.arm.chain, self.arm.backing, self.arm.T_frame_hand)
-        self._solutions: dict[tuple[bytes, int, float], Array] = {}
+        self._solutions: dict[tuple[bytes, IkSearch], Array] = {}
         self._until_s: float | None = None  # perf_counter's time when the budget that searches share is used up
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
 
@@ -144,17 +143,17 @@ class Workcell(PackedCell):
                 break
         return quicken(near, clear, path, self.robot.arm_limits, NEAR_M, seed, memory, self.settings.quicken), min(level, ends)
 
-    def ik(self, T_world_hand: Array, *, near: Array | None = None, tries: int = 24, distinct: float = inverse.DISTINCT) -> Array:
-        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home; see inverse.solve."""
-        arm = self.arm
-        if near is not None:
-            return inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near, tries=tries, distinct=distinct)
-        key = T_world_hand.tobytes(), tries, distinct
-        if key not in self._solutions:  # those of a grasp are asked for by whoever picks and by whoever looks ahead
-            self._solutions[key] = inverse.solve(
-                arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, self.home_arm, tries=tries, distinct=distinct
-            )
-        return self._solutions[key]
+    def ik(self, T_world_hand: Array, search: IkSearch = QUICK_IK, *, near: Array | None = None, kept: bool = True) -> Array:
+        """Arm configurations (S, A) with the hand at a pose (4, 4), nearest to `near` (A,) first, by default to home; see inverse.solve.
+        kept: those nearest to home are remembered, for whoever picks asks for them and whoever looks ahead."""
+        arm, key = self.arm, (T_world_hand.tobytes(), search)
+        if near is None and key in self._solutions:
+            return self._solutions[key]
+        near_to = self.home_arm if near is None else near
+        found = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near_to, tries=search.tries, distinct=search.distinct)
+        if near is None and kept:
+            self._solutions[key] = found
+        return found
 
     def follow(self, T_world_hand: Array, q: Array) -> Array | None:
         """The arm's configuration (A,) with the hand at a pose (4, 4) that inverse kinematics comes to from q (A,); None if to none."""

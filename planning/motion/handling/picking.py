@@ -265,5 +265,5 @@ class _Grasps(LazyList[Grasp]):
         """Arm configurations (S, A) with the hand at T_hand (4, 4), for grasp number i, the nearest to home first."""
         if i not in self._solutions:
             ik = self._ik_first if i < self._first else self._ik
-            self._solutions[i] = self._cell.ik(T_hand, tries=ik.tries, distinct=ik.distinct)
+            self._solutions[i] = self._cell.ik(T_hand, ik)
         return self._solutions[i]

@@ -10,7 +10,7 @@ from kinematics.chain import Int
 from kinematics.transforms import Array, inverse
 from planning.motion.cell import queries
 from planning.motion.cell.queries import ContactQuery, PlanningQuery
-from planning.motion.cell.workcell import Workcell
+from planning.motion.cell.workcell import IkSearch, Workcell
 from planning.motion.handling.picking import Pick
 from planning.motion.handling.turns import whole_turns
 from planning.motion.search import reaching
@@ -84,7 +84,7 @@ class Placing:
                 reaching.place_on_floor(p.standing.body.vertices, self.R, natural + turn, centre, T)
                 if reaching.stands(p.standing, T, cell.memory) == reaching.FREE:
                     T_hand = T @ inverse(self._let_go)
-                    got, touch = down(np.array([turn]), cell.ik(T_hand, near=near, tries=TRIES))
+                    got, touch = down(np.array([turn]), cell.ik(T_hand, IkSearch(TRIES), near=near))
                     if got == reaching.OK:
                         return Place(lower, retreat, T)
                     if got >= code:

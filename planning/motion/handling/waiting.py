@@ -21,7 +21,7 @@ from kinematics.shapes import bounds
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.cell.arm import HALF_TURN, Arm
 from planning.motion.cell.queries import PlanningQuery
-from planning.motion.cell.workcell import Workcell
+from planning.motion.cell.workcell import IkSearch, Workcell
 from planning.motion.lazy_list import LazyList
 from planning.motion.search.upright import Upright, is_upright
 from planning.plan import Blocked
@@ -170,7 +170,7 @@ def pulled_out(cell: Workcell, carrying: PlanningQuery, held: Held, q: Array) ->
 def _pulled(cell: Workcell, T_world_hand: Array, q: Array) -> Array:
     """Arm configurations (S, A) with the hand pulled to a pose (4, 4), the nearest to q (A,) first."""
     arm = cell.arm
-    return arm.headed(np.eye(4), T_world_hand, q, PULL_TRIES) if arm.few_joints else cell.ik(T_world_hand, near=q, tries=PULL_TRIES)
+    return arm.headed(np.eye(4), T_world_hand, q, PULL_TRIES) if arm.few_joints else cell.ik(T_world_hand, IkSearch(PULL_TRIES), near=q)
 
 
 def _looks(cell: Workcell, upright: Upright, held: Held) -> Array:

@@ -125,7 +125,7 @@ def let_in(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], 
         by_hand = np.empty(len(of_width), np.bool_)
         reaching.hands_way_in(cell.hand, open_hand.task, hands[of_width], cell.memory, by_hand)
         for i in of_width[by_hand]:
-            solutions = cell.ik(hands[i], tries=ik.tries, distinct=ik.distinct)
+            solutions = cell.ik(hands[i], ik, kept=False)
             free[i] = _ways_in(cell, open_hand, hands[i], solutions)[0] > 0
         cell.forget()
     return [grasp for grasp, may in zip(grasps, free) if may]
@@ -170,7 +170,7 @@ class Reach:
 
     def _at_grasp(self, grip: _Grip) -> Iterator[Way]:
         """The arm's solutions for a grasp; what one of them is asked, all are asked at once, for they are asked about the same spots."""
-        solutions, said = self.cell.ik(grip.grasp.T_world_hand, tries=self.ik.tries, distinct=self.ik.distinct), dict[int, list[int]]()
+        solutions, said = self.cell.ik(grip.grasp.T_world_hand, self.ik), dict[int, list[int]]()
 
         def test(spots: int, i: int) -> int:
             if spots not in said:

@@ -168,7 +168,11 @@ def not_held(spec: Spec, robot: Robot, ref: RobotRef, *, boxes: bool) -> str | N
             return None
         said[wrong] += 1
     opening = robot.opening
-    fits = f"fingers close to {1000 * opening.width_m[0]:.0f} and open to {1000 * opening.max_m:.0f} mm"
+    deep = 1000 * float(opening.depth_at(2 * body.shape.half[0]))
+    fits = (
+        f"fingers close to {1000 * opening.width_m[0]:.0f} and open to {1000 * opening.max_m:.0f} mm, and {deep:.0f} mm have room behind "
+        "their pads' middle"
+    )
     if opening.cup_m:
         fits = f"the cup is {1000 * opening.cup_m:.0f} mm across and takes flat faces that are wider"
     width = f"{1000 * body.shape.half[0] * 2:.0f} mm wide"

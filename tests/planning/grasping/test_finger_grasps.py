@@ -602,6 +602,14 @@ def test_a_deep_box_is_grasped_nearer_to_the_hand() -> None:
     assert above.T_world_hand[:3, 3] == pytest.approx([0.0, 0.0, 0.13 + BEHIND_M])
 
 
+@pytest.mark.parametrize(("high_m", "held"), [(0.0045, False), (0.0065, True)])
+def test_a_can_is_not_held_before_the_ends_of_short_pads(high_m: float, held: bool) -> None:
+    """Schunk's PG70 has pads that end 3.5 mm ahead: the palm keeps cans 5 mm ahead of their middle, and what was planned so was no hold."""
+    opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.full(2, 0.02))
+    body, pad = Body("can", Cylinder(0.04, 0.1), np.eye(4)), Pad(0.015, -0.0065, high_m, high_m)
+    assert bool(list(sample_grasps(body, opening, ["horizontal"], -0.05, 0.0, pad=pad))) == held
+
+
 def test_how_deep_depends_on_the_width() -> None:
     """The table is asked at the object's width, which is measured where the pads would close: 3 cm at 5 cm, so 1.2 cm are left over."""
     opening = table(np.array([0.8, 0.0]), np.array([0.0, 0.10]), np.zeros(2), np.array([0.02, 0.04]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -129,22 +130,15 @@ def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array],
     jaw, inward = robot.opening.jaw != 0, np.array([0.0, -float(side), 0.0])
     facing, least = (JAW_FACING, LEAST_JAW_FACE_M2) if jaw else (FACING, LEAST_FACE_M2)
     out = list[tuple[bool, float, Pad]]()
-    for hull in robot.hulls:
-        if hull.link not in fingers:
+    for link, carrier, normal, outline, area in _beside_hand(robot, arm, fingers, at, inward, facing, least):
+        middle = outline.mean(0)
+        if middle[1] * side < 0 and not jaw:
             continue
-        carrier, T_carrier_link = arm.links[hull.link]
-        T = at[carrier][0] @ T_carrier_link
-        points = hull.vertices @ T[:3, :3].T + T[:3, 3]
-        for normal, outline, area in _faces(points, hull.faces, inward, facing, least):
-            middle = outline.mean(0)
-            reaches = outline[:, 2].min() <= BESIDE_M and outline[:, 2].max() >= -BESIDE_M
-            if not reaches or (middle[1] * side < 0 and not jaw):
-                continue
-            T_hand_face = transform(_frame(normal), middle)
-            flat = (outline - middle) @ T_hand_face[:3, :2]
-            pad = Pad(hull.link, side, carrier, inverse(at[carrier][0]) @ T_hand_face, Window(polygons.hull(flat)))
-            main = normal @ inward >= FACING and area >= LEAST_FACE_M2 and middle[1] * side >= 0
-            out.append((not main, abs(float(middle[1])), pad))
+        T_hand_face = transform(_frame(normal), middle)
+        flat = (outline - middle) @ T_hand_face[:3, :2]
+        pad = Pad(link, side, carrier, inverse(at[carrier][0]) @ T_hand_face, Window(polygons.hull(flat)))
+        main = normal @ inward >= FACING and area >= LEAST_FACE_M2 and middle[1] * side >= 0
+        out.append((not main, abs(float(middle[1])), pad))
     out.sort(key=lambda found: found[:2])
     if not out or out[0][0]:
         words = f"robot {robot.name}: no face of its fingers closes along the hand frame's y, on the side of {'-+'[side > 0]}y"
@@ -156,16 +150,23 @@ def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array],
 def _least_off(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], inward: Array) -> float | None:
     """How far, in degrees, the face of a finger beside the hand frame looks away from `inward` (3,) that does so least; None where none
     faces the other side at all."""
-    best = 0.0
+    faces = _beside_hand(robot, arm, fingers, at, inward, SIDEWAYS, LEAST_FACE_M2)
+    best = max((float(normal @ inward) for *_, normal, outline, _ in faces if outline[:, 1].mean() * inward[1] <= 0), default=None)
+    return None if best is None else float(np.degrees(np.arccos(best)))
+
+
+def _beside_hand(
+    robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], inward: Array, facing: float, least_m2: float
+) -> Iterator[tuple[str, int, Array, Array, float]]:
+    """The faces of fingers that look along `inward` (3,) beside the hand frame's origin: link, carrier, and what `_faces` says of each."""
     for hull in robot.hulls:
         if hull.link in fingers:
             carrier, T_carrier_link = arm.links[hull.link]
             T = at[carrier][0] @ T_carrier_link
             points = hull.vertices @ T[:3, :3].T + T[:3, 3]
-            for normal, outline, _ in _faces(points, hull.faces, inward, SIDEWAYS, LEAST_FACE_M2):
-                here = outline[:, 2].min() <= BESIDE_M and outline[:, 2].max() >= -BESIDE_M and outline[:, 1].mean() * inward[1] <= 0
-                best = max(best, float(normal @ inward)) if here else best
-    return float(np.degrees(np.arccos(best))) if best > SIDEWAYS else None
+            for normal, outline, area in _faces(points, hull.faces, inward, facing, least_m2):
+                if outline[:, 2].min() <= BESIDE_M and outline[:, 2].max() >= -BESIDE_M:
+                    yield hull.link, carrier, normal, outline, area
 
 
 def _in_parts(robot: Robot, link: str) -> bool:

@@ -123,6 +123,10 @@ def test_a_gripper_looks_along_the_flanges_x_where_that_is_the_last_joints_axis(
     assert hang(tmp_path, arm.replace("</robot>", f"{flange}</robot>"), hand) == 0
     assert "hangs on the link 'tool0', its z along that link's x" in capsys.readouterr().err
     hung = hand_in(tmp_path, end)
+    both = flange.replace("tool0", "ee_x") + flange.replace("tool0", "ee").replace('"out"', '"e"').replace(turned, "")
+    (tmp_path / "two.urdf").write_text(arm.replace("</robot>", f"{both}</robot>"))
+    assert main(["robots", f"{tmp_path}/two.urdf", "--tool", f"{tmp_path}/hand.xacro", "--urdf", f"{tmp_path}/third.urdf"]) == 0
+    assert "hangs on the link 'ee', its z along that link's z" in capsys.readouterr().err, "of two, the one that leads along the axis"
     np.testing.assert_allclose(hung[:3, 2:], plain[:3, 2:], atol=1e-9)
     assert hang(tmp_path, arm.replace("</robot>", f"{flange}</robot>"), hand, "--at", "tool0") == 0
     assert abs(hand_in(tmp_path, end)[2, 2]) < 1e-6, "where it is said, it is turned as the link is"

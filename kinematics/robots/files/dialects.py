@@ -16,6 +16,7 @@ from kinematics.robots.files.mesh_files import find_package
 from kinematics.transforms import rotation_from_wxyz, rotation_rpy, rpy_from_rotation
 
 NO_PACKAGE = "there is no package"
+DRAKE = "package://drake"
 GREY = "0.7 0.7 0.7 1"
 """Of what has no colour that can be read."""
 
@@ -112,8 +113,21 @@ def drop_points(root: etree._Element) -> None:
 def in_plain_words(root: etree._Element) -> None:
     """Say quaternions, capsules and colours as all readers of URDFs understand them, in place."""
     _plain_origins(root)
+    _turn_drakes_meshes(root)
     _plain_capsules(root)
     _plain_colours(root)
+
+
+def _turn_drakes_meshes(root: etree._Element) -> None:
+    """Turn the glTF meshes of Drake's models, whose y axis is up, as Drake does, in place. Those of others are in their link's frame."""
+    for element in root.iter("visual", "collision"):
+        mesh = element.find("geometry/mesh")
+        name = "" if mesh is None else mesh.get("filename", "")
+        if name.startswith(DRAKE) and name.endswith((".gltf", ".glb")):
+            origin = element.find("origin")
+            origin = etree.SubElement(element, "origin") if origin is None else origin
+            R = rotation_rpy(np.array([float(v) for v in origin.get("rpy", "0 0 0").split()]))
+            origin.set("rpy", " ".join(repr(float(v)) for v in rpy_from_rotation(R @ rotation_rpy((np.pi / 2, 0.0, 0.0)))))
 
 
 def _plain_origins(root: etree._Element) -> None:

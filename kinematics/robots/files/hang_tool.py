@@ -40,7 +40,7 @@ def with_tool(
     R, along = np.eye(3), "z"
     if at is None:
         at = _flange(root, arm)
-        if _leads_along_x(root, at):
+        if abs(_last_axis(root, at)[0]) > ALONG:
             R, along = rotation_rpy((np.pi / 2, 0.0, np.pi / 2)), "x"
     if at not in links:
         raise ValueError(f"{arm} has no link {at!r} to hang a tool on; it has {', '.join(links)}")
@@ -70,7 +70,8 @@ def _off_the_world(tool: etree._Element) -> None:
 
 
 def _flange(root: etree._Element, arm: Path) -> str:
-    """The link at the end of the longest chain of moving joints: called like a flange, or the only one that ends there."""
+    """The link at the end of the longest chain of moving joints: called like a flange, of several the one whose z is the last joint's axis,
+    or the only one that ends there."""
     above = dict[str, tuple[str, bool]]()
     for joint in root.iter("joint"):
         parent, child = joint.find("parent"), joint.find("child")
@@ -86,14 +87,15 @@ def _flange(root: etree._Element, arm: Path) -> str:
     ends = [link for link in last if not any(link == parent for parent, _ in above.values())]
     named = [link for link in last if FLANGE.search(link)]
     tool0 = [link for link in named if link.endswith("tool0")]
-    choice = next((found for found in (tool0, named, ends) if len(found) == 1), [])
+    ahead = [link for link in named if abs(_last_axis(root, link)[2]) > ALONG]
+    choice = next((found for found in (tool0, named, ahead, ends) if len(found) == 1), [])
     if not choice:
         raise ValueError(f"{arm} ends in several places ({', '.join(ends)}); say with --at on which link the tool is")
     return str(choice[0])
 
 
-def _leads_along_x(root: etree._Element, link: str) -> bool:
-    """Whether the axis of the joint that moves a link is along the link's x, as ROS has it of flanges, and not along its z."""
+def _last_axis(root: etree._Element, link: str) -> Array:
+    """The axis (3,) of the joint that moves a link, in the link's frame, a unit vector; 0 where none does."""
     above = {joint.find("child").get("link", ""): joint for joint in root.iter("joint")}
     R = np.eye(3)
     while (joint := above.get(link)) is not None and joint.get("type") == "fixed":
@@ -101,10 +103,10 @@ def _leads_along_x(root: etree._Element, link: str) -> bool:
         R = (np.eye(3) if origin is None else rotation_rpy(_numbers(origin.get("rpy", "0 0 0")))) @ R
         link = joint.find("parent").get("link", "")
     if joint is None:
-        return False
+        return np.zeros(3)
     said = joint.find("axis")
     axis = R.T @ _numbers("1 0 0" if said is None else said.get("xyz", "1 0 0"))
-    return bool(abs(axis[0]) > ALONG * np.linalg.norm(axis))
+    return np.asarray(axis / np.linalg.norm(axis))
 
 
 def _numbers(text: str) -> Array:

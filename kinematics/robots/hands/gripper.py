@@ -46,8 +46,9 @@ def measure(
     profiles, widths, middles, usable, hinged = looked.profiles, looked.widths, looked.middles, looked.usable, looked.hinged
     if not usable:
         words = (
-            "no fingers on both sides of the hand frame along its y axis; name another with --hand-frame, a link between the pads, z along "
-            "the approach and y the way they close, or other joints with --gripper-joint"
+            f"nothing faces {', '.join(sorted(fingers))} along the hand frame's y axis, however far they open: does collision geometry "
+            "overlap? Or name another frame with --hand-frame, a link between the pads, z along the approach and y the way they close, or "
+            "other joints with --gripper-joint"
         )
         raise NotClosing(f"robot {name}: {words}{_too_far(tree, gripper, limits)}", sorted(fingers))
     if max(widths[i] for i in usable) - min(widths[i] for i in usable) < LEAST_WAY_M:

@@ -322,6 +322,15 @@ def test_collada_files_say_their_unit_and_their_axis_that_is_up_is_not_heeded(up
     assert collada_unit(file) == 0.01
 
 
+def test_gltf_meshes_of_drakes_models_are_turned_and_others_are_not(tmp_path: Path) -> None:
+    """Drake takes the y axis of glTF for up, as the format has it; others ship links in their own frame."""
+    mesh = write_mesh(tmp_path / "drake_models" / "tip.glb", trimesh.creation.box((0.1, 0.2, 0.3)))
+    write_mesh(tmp_path / "other" / "tip.glb", trimesh.creation.box((0.1, 0.2, 0.3)))
+    assert mesh.is_file()
+    sizes = [np.ptp(extent(hulls(tmp_path, arm(f'<mesh filename="package://{p}/tip.glb"/>'))), axis=0) for p in ("drake_models", "other")]
+    np.testing.assert_allclose(sizes, [[0.1, 0.3, 0.2], [0.1, 0.2, 0.3]], atol=1e-6)
+
+
 @pytest.mark.parametrize("nothing", ['<box size="0 0 0"/>', '<sphere radius="0.0"/>'])
 def test_solids_of_no_size_are_none(nothing: str, tmp_path: Path) -> None:
     """Elite's EC66 has such a box on its flange."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -58,6 +59,24 @@ def test_numba_machinery_knows_nothing_of_robots() -> None:
     assert len(machinery) > 3
     for name, file in machinery.items():
         assert all(other.startswith(("kinematics.jit", "kinematics.cache")) for other in structure.imports(file, known)), name
+
+
+def test_the_architecture_page_has_our_folders_and_no_others() -> None:
+    """What its tree of folders names is there, and every folder of ours is named."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    tree = text[text.index("    kinematics/  ") : text.index("One `retrieve plan`")]
+    named, above = set[Path](), list[str]()
+    for line in filter(None, tree.splitlines()):
+        names, _, said = line.strip().partition("  ")
+        del above[(len(line) - len(line.lstrip())) // 2 - 2 :]
+        parent = ROOT.joinpath(*above)
+        assert all((parent / name).exists() for name in names.split()), line
+        if names.endswith("/"):
+            above.append(names)
+        here = ROOT.joinpath(*above)
+        named |= {here, *(here / name for name in re.findall(r"\w+/", said))}
+        assert all((here / name).is_file() or (parent / name).is_file() for name in re.findall(r"\w+\.py", said)), line
+    assert named == {file.parent for layer in LAYERS for file in (ROOT / layer).rglob("__init__.py")}
 
 
 def test_there_is_something_to_read() -> None:

@@ -46,11 +46,13 @@ STEPS_M = (0.005, 0.003)
 TURN_M = 0.005
 """So far any point of a hand moves, at most, from one that is looked at first to where it is turned, or pitched, half of the way to the
 next."""
+MOVED_SHARE = 0.45
+"""So much of the room that can be had is for hands moved ahead or up where they are turned and pitched, too: fewest are looked at then."""
 LEAST_TURN_M = 0.001  # or less, where something is so thin that nothing of it would be left; but not less than this
 LEAST_ROOM_M = 0.00005
 """The room is halved till it is no more than this."""
 AT_ONCE = 128  # so many hands are looked at together
-MOST_BETWEEN = 5000
+MOST_BETWEEN = 10_000
 """So many hands between those of the first level are looked at for one object."""
 WIDTHS = 18  # for so many is it asked how far a hand reaches
 LEFT_M = 0.002
@@ -143,14 +145,15 @@ class FinestLook:
         round they can be turned; an arm of few joints can't choose where its hand looks."""
         key = name, pitched
         if key not in self._levels:
-            shape, reach_m = self.scene.body(name).shape, hand_reach_m(self.robot) + APPROACH_M
-            turned, coarsest = isinstance(shape, Cylinder) and not self.cell_as_it_is.arm.few_joints, SQUARE
-            if isinstance(shape, Cylinder):
-                reach_m += shape.radius_m
+            shape, coarsest = self.scene.body(name).shape, SQUARE
+            turned = isinstance(shape, Cylinder) and not self.cell_as_it_is.arm.few_joints
             if turned or pitched:
-                left_m = (thinnest_m(self.scene) - LEFT_M) / 2 - SQUARE.room_m
-                angle = min(TURN_M, left_m / (turned + pitched)) / reach_m
-                coarsest = replace(SQUARE, turn=angle * turned, pitch=angle * pitched, reach_m=reach_m, pad_m=_pad_m(self.robot))
+                most_m = (thinnest_m(self.scene) - LEFT_M) / 2
+                wider = min(2.0, max(1.0, most_m * MOVED_SHARE / SQUARE.room_m)) if turned and pitched else 1.0
+                coarsest = Around(wider * SQUARE.ahead_m, wider * SQUARE.up_m)
+                reach_m = hand_reach_m(self.robot) + APPROACH_M + (shape.radius_m if isinstance(shape, Cylinder) else 0.0)
+                angle = min(TURN_M, (most_m - coarsest.room_m) / (turned + pitched)) / reach_m
+                coarsest = replace(coarsest, turn=angle * turned, pitch=angle * pitched, reach_m=reach_m, pad_m=_pad_m(self.robot))
             self._levels[key] = levels_of(coarsest)
         return self._levels[key]
 
@@ -282,7 +285,7 @@ def _either(way: float) -> tuple[float, ...]:
 def _sampling(around: Around) -> Sampling:
     """Of the hands that are looked at first, each of which stands for all around it. With pitches: natural ones were looked at before."""
     yaws = math.ceil(np.pi / (2 * around.turn)) if around.turn else DENSEST.yaws
-    sampling = replace(DENSEST, yaws=yaws, steps_m=STEPS_M, beyond_m=around.lacks_m)
+    sampling = replace(DENSEST, yaws=yaws, steps_m=(2 * around.ahead_m, 2 * around.up_m), beyond_m=around.lacks_m)
     if not around.pitch:
         return sampling
     low, high = min(DENSEST.pitches[DIAGONAL]), max(DENSEST.pitches[DIAGONAL])

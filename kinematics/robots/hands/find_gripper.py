@@ -269,17 +269,20 @@ def _check_side(model: Model, palm: int, fingers: tuple[Branch, ...], first: int
     """Raises: NoGripper for two sliding fingers that pass through each other between closed and open. ends: where each motor is then."""
     if len(fingers) != 2 or not all(_slides(model, j) for j in ends):
         return
-    between = list[Array]()
+    places = list[list[Array]]()
     for k in (0, 1):
         q = model.rest.copy()
         q[list(ends)] = [values[k] for values in ends.values()]
-        middles = [model.points(f, q, palm).mean(0) for f in fingers]
-        between.append(middles[0] - middles[1])
+        places.append([model.points(f, q, palm).mean(0) for f in fingers])
+    between = [plus - minus for plus, minus in places]
     if min(np.linalg.norm(d) for d in between) > THROUGH_M and between[0] @ between[1] < 0:
         names = [model.tree.names[f[0]] for f in fingers]
+        middle = np.mean(places, axis=(0, 1))
+        sides = [[(p - middle) @ between[0] for p in there] for there in places]
+        over = " and ".join(name for name, a, b in zip(names, *sides) if a * b < 0)
         raise NoGripper(
             f"no gripper that can be used: its fingers {names[0]} and {names[1]} pass through each other as {model.joints[first]} goes "
-            f"from {min(ends[first]):g} to {max(ends[first]):g}; one of its axes or limits has the wrong sign"
+            f"from {min(ends[first]):g} to {max(ends[first]):g}: give the <axis> of what moves {over} the other sign"
         )
 
 

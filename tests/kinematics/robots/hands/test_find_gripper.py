@@ -225,7 +225,7 @@ def test_a_frame_that_is_not_between_the_pads_is_answered_with_the_one_that_is(
         (MIRRORED + THIRD + FOURTH, "4 fingers with 4 motors (f1, f2, f3, f4)"),
         (
             sliding((0, -1, (0, 0.04)), (0, -1, (-0.04, 0))),
-            "its fingers plus and minus pass through each other as f1 goes from 0 to 0.04; one of its axes or limits has the wrong sign",
+            "its fingers plus and minus pass through each other as f1 goes from 0 to 0.04: give the <axis> of what moves plus",
         ),
     ],
     ids=["none", "endless", "mounts", "four", "through"],

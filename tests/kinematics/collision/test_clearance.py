@@ -7,8 +7,8 @@ from itertools import pairwise
 import fcl
 import numpy as np
 import pytest
+from cluttered_cell import Cell, cell_of
 from test_edge_check import frames_at, packed, pair_distance
-from test_kernel_properties import Cell, cell_of
 
 from kinematics.chain import Int, forward
 from kinematics.collision import sphere_check

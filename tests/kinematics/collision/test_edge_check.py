@@ -7,6 +7,7 @@ from itertools import pairwise
 import fcl
 import numpy as np
 import pytest
+from random_arms import random_pose
 from scipy.spatial import ConvexHull
 from small_queries import make_problem
 
@@ -22,13 +23,9 @@ from kinematics.collision.posed_geometry import make_posed_geometry
 from kinematics.jit.decorators import jit_entry
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
-from kinematics.transforms import Array, apply, rotation_about, transform
+from kinematics.transforms import Array, apply, transform
 
 SEEDS = (0, 1, 3, 4, 5, 6)  # arms that stand free somewhere
-
-
-def random_pose(rng: np.random.Generator, spread_m: float) -> Array:
-    return transform(rotation_about(rng.normal(size=3), rng.uniform(0, np.pi)), rng.normal(size=3) * spread_m)
 
 
 def random_hull(rng: np.random.Generator, size_m: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcl
 import numpy as np
 import pytest
+from random_arms import random_pose
 from scipy.spatial import ConvexHull
 from small_queries import by_coordinate, separated_by
 
@@ -16,10 +17,6 @@ from kinematics.transforms import Array, apply, rotation_about, transform
 
 NONE = np.zeros(3)
 CUBE = box_corners(np.full(3, 0.5))
-
-
-def random_pose(rng: np.random.Generator, spread_m: float) -> Array:
-    return transform(rotation_about(rng.normal(size=3), rng.uniform(0, np.pi)), rng.normal(size=3) * spread_m)
 
 
 def fcl_hull(points: Array) -> tuple[Array, fcl.Convex]:

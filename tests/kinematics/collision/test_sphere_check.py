@@ -9,6 +9,7 @@ import fcl
 import numpy as np
 import pytest
 from numba import njit
+from random_arms import pose_within, random_chain
 from scipy.spatial import ConvexHull
 
 from kinematics.chain import Chain, forward
@@ -18,27 +19,7 @@ from kinematics.collision.geometry import BOX, CYLINDER, Parts, Query, make_part
 from kinematics.collision.sphere_model import make_sphere_model, make_sphere_world
 from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
-from kinematics.transforms import rotation_about, transform
-
-
-def random_pose(rng, spread):
-    return transform(rotation_about(rng.normal(size=3), rng.uniform(0, np.pi)), rng.uniform(-spread, spread, 3))
-
-
-def random_chain(rng, joints):
-    """Turning, sliding and mimic joints in any order, J <= K coordinates."""
-    q_index, scale, offset = [0], [1.0], [0.0]
-    for _ in range(1, joints):
-        mimic = rng.random() < 0.25
-        q_index.append(int(rng.integers(0, q_index[-1] + 1)) if mimic else max(q_index) + 1)
-        scale.append(rng.uniform(-1.5, 1.5) if mimic else 1.0)
-        offset.append(rng.uniform(-0.5, 0.5) if mimic else 0.0)
-    sliding = rng.random(joints) < 0.3
-    n = max(q_index) + 1
-    slides = np.array([any(sliding[k] for k in range(joints) if q_index[k] == j) for j in range(n)])
-    limit = np.where(slides, 0.2, rng.uniform(2.5, 6.2, n))
-    T = np.array([random_pose(rng, 0.25) for _ in range(joints)])
-    return Chain(T, np.array(q_index), np.array(scale), np.array(offset), sliding.astype(np.int64), -limit, limit, np.zeros(n, np.int64))
+from kinematics.transforms import transform
 
 
 class Problem:
@@ -49,19 +30,19 @@ class Problem:
         self.chain = random_chain(rng, joints)
         frames = [0, *range(1, joints + 1), joints, joints]  # the last one carries three, which the kernel looks at together first
         hulls = [rng.uniform(-0.09, 0.09, (rng.integers(6, 16), 3)) * rng.uniform(0.4, 1, 3) for _ in frames]
-        held = random_pose(rng, 0.1)
+        held = pose_within(rng, 0.1)
         hulls[-1] = Box(np.array([0.06, 0.05, 0.12])).half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         hulls[-1] = hulls[-1] @ held[:3, :3].T + held[:3, 3]
         self.parts = make_parts(frames, hulls)
         self.covers = [cover_levels.levels(h, 0.02, 0.006) for h in hulls[:-1]]
         self.covers.append(cover_levels.moved(cover_levels.box_levels((0.06, 0.05, 0.12)), held))
-        tilted, upright = random_pose(rng, 0.9), transform(p=rng.uniform(-0.9, 0.9, 3))
+        tilted, upright = pose_within(rng, 0.9), transform(p=rng.uniform(-0.9, 0.9, 3))
         self.bodies = [
-            Body("box", Box(np.array([0.3, 0.2, 0.5])), random_pose(rng, 0.9)),
+            Body("box", Box(np.array([0.3, 0.2, 0.5])), pose_within(rng, 0.9)),
             Body("wall", Box(np.array([1.5, 0.03, 1.0])), transform(p=rng.uniform(0.4, 1.0, 3))),
             Body("can", Cylinder(0.1, 0.4), upright),
             Body("log", Cylinder(0.08, 0.6), tilted),
-            Body("stone", ConvexMesh((rng.uniform(-0.2, 0.2, (12, 3)),)), random_pose(rng, 0.8)),
+            Body("stone", ConvexMesh((rng.uniform(-0.2, 0.2, (12, 3)),)), pose_within(rng, 0.8)),
         ]
         self.solids, _ = make_solids(self.bodies)
         spans = zip(self.solids.start[:-1], self.solids.start[1:], strict=True)

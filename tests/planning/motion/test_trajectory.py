@@ -13,7 +13,7 @@ from kinematics.inverse import BRISK, descend
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef
+from kinematics.scene import Cabinet, RobotRef, Scene
 from kinematics.shapes import bounds
 from kinematics.transforms import transform
 from planning.io.plan_documents import plan_from_json
@@ -237,10 +237,8 @@ def test_a_pace_that_cannot_be_meant(speed: float) -> None:
 
 
 def test_a_motion_that_goes_nowhere_takes_a_moment(ur5e: Robot) -> None:
-    from test_verify import FAR, scene_of
-
-    scene = scene_of(ur5e, cabinet=FAR)
-    cell = Motions(ur5e, replace(scene, objects=())).cell
+    far = Cabinet(np.array([0.5, 0.5, 0.5]), transform(p=[9.0, 0.0, 0.0]), 0.03)
+    cell = Motions(ur5e, Scene("test", RobotRef(transform(p=ur5e.base_p), ur5e.name), far, (), None, None)).cell
     (smooth,) = timed(cell, {}, [Motion("transit", ur5e.joint_names, ur5e.home[None], np.zeros(1))], Pace())
     assert smooth.t_s.tolist() == [0.0, 0.001]
     assert np.allclose(smooth.at(np.array([0.0005]))[0], ur5e.home, atol=1e-12)

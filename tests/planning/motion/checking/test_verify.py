@@ -10,8 +10,8 @@ import fcl
 import numpy as np
 import pytest
 import test_second_engine as spoilers
+from cluttered_cell import cell_of, cluttered
 from conftest import Handmade, Json, random_q
-from test_kernel_properties import cell_of, cluttered
 
 from kinematics.chain import forward
 from kinematics.collision import sphere_check

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from test_sphere_check import random_chain
+from random_arms import random_chain
 
 from kinematics.chain import Chain, forward
 from kinematics.collision.edge_problem import Scratch, scratch_for

@@ -36,8 +36,8 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
     """The clearance of every stretch; None where nothing is within a metre.
 
     It is measured from the moving links and what is held to all that stands, and from what is held to the links that don't hold it; not
-    among the robot's own links, nor between allowed contacts. Fingers that move are looked at in `FINGERS_AT` places, where the arm moves
-    as well at each of these openings on all of its way. step_m: from one row to the next no point moves further.
+    among the robot's own links, nor between allowed contacts. Fingers that move are looked at in `FINGERS_AT` places and more, where the
+    arm moves as well at each of these openings on all of its way. step_m: from one row to the next no point moves further.
     """
     asked, of = list[Asked](), list[int]()
     for s, stretch in enumerate(packed.stretches):

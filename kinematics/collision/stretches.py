@@ -27,7 +27,9 @@ from kinematics.scene import Held, Scene
 from kinematics.transforms import Array
 
 FINGERS_AT = 5
-"""At so many places of their way, both ends among them, fingers that move are looked at."""
+"""At so many places of their way, both ends among them, fingers that move are looked at, at least."""
+ROWS = 3
+"""Fingers that move alone are looked at in one of so many rows, where that is more: on an arc they come nearer to something in between."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,9 @@ class PackedStretches:
         gripper = q[:, self.robot.gripper_joint]
         if (gripper == gripper[0]).all():
             return (float(gripper[0]),)
-        return tuple(gripper[list(_spread(len(q)))].tolist())
+        arm = self.robot.arm_q(q)
+        alone = bool((arm == arm[0]).all())  # then it is they whose way the rows divide
+        return tuple(gripper[list(_spread(len(q), max(FINGERS_AT, 1 + len(q) // ROWS) if alone else FINGERS_AT))].tolist())
 
     def _pack_parts(self, scene: Scene) -> None:
         first, *others = dict.fromkeys(value for values in self.openings for value in values) or {0.0: None}
@@ -145,9 +149,9 @@ class PackedStretches:
 
 
 @lru_cache(maxsize=256)
-def _spread(rows: int) -> tuple[int, ...]:
+def _spread(rows: int, places: int) -> tuple[int, ...]:
     """The first row, the last one and some between, each once, at which fingers are looked at."""
-    return tuple(np.unique(np.linspace(0, rows - 1, FINGERS_AT).round().astype(np.int64)).tolist())
+    return tuple(np.unique(np.linspace(0, rows - 1, places).round().astype(np.int64)).tolist())
 
 
 def _key(held: Held) -> tuple[str, bytes]:

@@ -16,7 +16,7 @@ from planning.grasping.pads import Pad, under_pads
 
 FRICTION_ANGLE = np.radians(10)
 MESH_FRICTION_ANGLE = np.radians(20)  # smooth meshes face the fingers in no line exactly; friction of 0.5 holds 26.6°
-ON_PAD_M = 0.001  # the line in which pads meet what is round ends so far from their ends, at least
+ON_PAD_M = 0.001  # the line in which fingers meet what is round is so far from their tips, at least
 SPARE_M = 0.004  # by which the fingers must open wider than the object, at least
 
 
@@ -53,8 +53,8 @@ def antipodal(
     point, u = c.point, c.u
     move = c.fit(body, hit.leave - hit.enter, opening)
     if move != STAY:
-        if isinstance(body.shape, Cylinder) and pad is not None and move.along_m > pad.high_z_m - ON_PAD_M:
-            return None  # the line in which they meet it would be before the pads' ends
+        if isinstance(body.shape, Cylinder) and pad is not None and move.along_m > pad.tip_z_m - ON_PAD_M:
+            return None  # the line in which they would meet it is ahead of their tips
         point = point + share * move.by(c.R)
         if not isinstance(body.shape, Cylinder):  # which flat pads meet where it is widest
             middle = (hit.enter + hit.leave) / 2

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from six_joints import box
 
 from kinematics.collision.fcl_solids import hull_solid, touch
 from kinematics.robots.load import load
@@ -20,10 +21,6 @@ from planning.motion.settings import UNCONSTRAINED
 from planning.scenes.fitting.aside import AHEAD_M, aside
 
 
-def _box(size: str, at: str) -> str:
-    return f'<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
-
-
 def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, least: float, most: float) -> str:
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin {at}/><axis xyz="{axis}"/>'
@@ -34,8 +31,8 @@ def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, le
 def _arm(side: str, at: str) -> str:
     """Six joints, fingers that open 80 mm; at 0 it is stretched out ahead."""
     names = [f"{side}{i}" for i in range(6)]
-    links = "".join(f'<link name="{name}">{_box("0.05 0.05 0.15", "0 0 0.09")}</link>' for name in names[:-1])
-    links += f'<link name="{names[-1]}">{_box("0.04 0.1 0.04", "0 0 0.03")}</link>'
+    links = "".join(f'<link name="{name}">{box("0.05 0.05 0.15", "0 0 0.09")}</link>' for name in names[:-1])
+    links += f'<link name="{names[-1]}">{box("0.04 0.1 0.04", "0 0 0.03")}</link>'
     joints = "".join(
         _joint(
             f"j{name}",
@@ -50,14 +47,14 @@ def _arm(side: str, at: str) -> str:
         for i, name in enumerate(names)
     )
     for f, y in (("f", 1), ("g", -1)):
-        links += f'<link name="{side}{f}">{_box("0.02 0.01 0.05", f"0 {0.005 * y} 0.025")}</link>'
+        links += f'<link name="{side}{f}">{box("0.02 0.01 0.05", f"0 {0.005 * y} 0.025")}</link>'
         joints += _joint(f"j{side}{f}", "prismatic", names[-1], side + f, 'xyz="0 0 0.05"', f"0 {y} 0", 0.0, 0.04)
     return links + joints
 
 
 def _robot(tmp_path: Path, other: str, more: str = "") -> Robot:
     """A trunk on a lift with an arm on its left, and another, or none, on its right."""
-    base = f'<link name="base">{_box("0.3 0.3 0.1", "0 0 0.05")}</link><link name="trunk">{_box("0.2 0.2 0.4", "0 0 0.2")}</link>'
+    base = f'<link name="base">{box("0.3 0.3 0.1", "0 0 0.05")}</link><link name="trunk">{box("0.2 0.2 0.4", "0 0 0.2")}</link>'
     lift = _joint("lift", "prismatic", "base", "trunk", 'xyz="0 0 0.3"', "0 0 1", 0.0, 0.3)
     left = _arm("left", 'xyz="0 0.2 0.3" rpy="0 1.5707963 0"')
     right = _arm("right", f'xyz="0 -0.2 0.3" rpy="{other}"') if other else ""
@@ -115,6 +112,6 @@ def test_what_is_put_aside_touches_neither_itself_nor_the_trunk_nor_the_ground(s
 
 def test_an_arm_that_hangs_beside_the_trunk_stays_and_so_does_what_carries_the_robot(tmp_path: Path) -> None:
     assert aside(_robot(tmp_path, "3.1415926 0 0"), 0.0) == {}
-    foot = f'<link name="leg">{_box("0.6 0.05 0.05", "0.3 0 -0.1")}</link>'
+    foot = f'<link name="leg">{box("0.6 0.05 0.05", "0.3 0 -0.1")}</link>'
     leg = _joint("hip", "revolute", "base", "leg", 'xyz="0 0.2 0"', "0 1 0", -1.0, 1.0)
     assert aside(_robot(tmp_path, "", foot + leg), 0.0) == {}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from six_joints import box
 
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
@@ -31,10 +32,6 @@ from planning.verdict import judge_grasp
 SPEC = load_spec("paper")
 
 
-def _box(size: str, at: str) -> str:
-    return f'<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
-
-
 def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, most: float) -> str:
     least = -most if kind == "revolute" else 0.0
     return (
@@ -45,19 +42,19 @@ def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, mo
 
 def _hand(palm: str) -> str:
     """An arm of six joints whose fingers are 50 mm long and open 80 mm, on such a palm."""
-    links = "".join(f'<link name="l{i}">{_box("0.05 0.05 0.15", "0 0 0.09")}</link>' for i in range(1, 6))
+    links = "".join(f'<link name="l{i}">{box("0.05 0.05 0.15", "0 0 0.09")}</link>' for i in range(1, 6))
     joints = "".join(
         _joint(f"a{i}", "revolute", f"l{i - 1}" if i else "base", f"l{i}" if i < 5 else "palm", "0 0 0.2", f"0 {i % 2} {1 - i % 2}", 2.5)
         for i in range(6)
     )
     links = links.replace('name="l5"', 'name="l0"')
-    fingers = "".join(f'<link name="{f}">{_box("0.02 0.01 0.05", f"0 {y} 0.025")}</link>' for f, y in (("f1", 0.005), ("f2", -0.005)))
+    fingers = "".join(f'<link name="{f}">{box("0.02 0.01 0.05", f"0 {y} 0.025")}</link>' for f, y in (("f1", 0.005), ("f2", -0.005)))
     slides = "".join(_joint(f"j{f}", "prismatic", "palm", f, "0 0 0.05", f"0 {y} 0", 0.04) for f, y in (("f1", 1), ("f2", -1)))
-    base = f'<link name="base">{_box("0.1 0.1 0.1", "0 0 0")}</link>'
+    base = f'<link name="base">{box("0.1 0.1 0.1", "0 0 0")}</link>'
     return f'<robot name="r">{base}{links}{joints}<link name="palm">{palm}</link>{fingers}{slides}</robot>'
 
 
-ARM = _hand(_box("0.04 0.2 0.04", "0 0 0.03"))
+ARM = _hand(box("0.04 0.2 0.04", "0 0 0.03"))
 
 
 def block(size: tuple[float, float, float], at: tuple[float, float, float]) -> Array:
@@ -152,17 +149,17 @@ def _small(*, beside_m: float, lean: float, scale: float) -> str:
     axis. lean: of the jaw where it is shut, rad."""
     lengths, axes = (0.1, 0.28, 0.28, 0.06, 0.04), ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1")
     m = [scale * length for length in lengths]
-    links = "".join(f'<link name="l{i}">{_box(f"{0.1 * scale} {0.1 * scale} {0.8 * m[i]}", f"0 0 {m[i] / 2}")}</link>' for i in range(5))
+    links = "".join(f'<link name="l{i}">{box(f"{0.1 * scale} {0.1 * scale} {0.8 * m[i]}", f"0 0 {m[i] / 2}")}</link>' for i in range(5))
     at = (0.05 * scale, *m[:4])
     joints = "".join(_joint(f"a{i}", "revolute", f"l{i - 1}" if i else "base", f"l{i}", f"0 0 {at[i]}", axes[i], 2.6) for i in range(5))
     palm = f'<joint name="flange" type="fixed"><parent link="l4"/><child link="palm"/><origin xyz="0 {beside_m} {m[4]}"/></joint>'
-    fixed = f'<link name="palm">{_box("0.02 0.05 0.02", "0 0.01 0")}{_box("0.014 0.006 0.06", "0 -0.008 0.03")}</link>'
-    jaw = f'<link name="jaw">{_box("0.014 0.006 0.05", "0 0 0.03")}</link>'
+    fixed = f'<link name="palm">{box("0.02 0.05 0.02", "0 0.01 0")}{box("0.014 0.006 0.06", "0 -0.008 0.03")}</link>'
+    jaw = f'<link name="jaw">{box("0.014 0.006 0.05", "0 0 0.03")}</link>'
     hinge = (
         f'<joint name="grip" type="revolute"><parent link="palm"/><child link="jaw"/><origin xyz="0 0.012 0.005" rpy="{lean} 0 0"/>'
         '<axis xyz="-1 0 0"/><limit lower="0" upper="0.9" velocity="1" effort="1"/></joint>'
     )
-    base = f'<link name="base">{_box("0.06 0.06 0.05", "0 0 0.025")}</link>'
+    base = f'<link name="base">{box("0.06 0.06 0.05", "0 0 0.025")}</link>'
     return f'<robot name="small">{base}{links}{joints}{palm}{fixed}{jaw}{hinge}</robot>'
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from six_joints import box
 
 from kinematics.robots.hands.hand_model import NoGripper
 from kinematics.robots.load import load
@@ -16,10 +17,6 @@ from kinematics.transforms import Array, rotation_from_wxyz, rotation_rpy, trans
 
 ROLL = (0.4, -0.9, 1.7)  # how the palm's frame lies to the wrist, so that nothing is along an axis by chance
 SLIDE, TURN = 'type="prismatic"', 'type="revolute"'
-
-
-def box(size: str, xyz: str = "0 0 0") -> str:
-    return f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>'
 
 
 def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str, limits: tuple[float, float], more: str = "") -> str:

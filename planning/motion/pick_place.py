@@ -25,13 +25,14 @@ from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
-from planning.motion.handling.finest_look import FinestLook, can_have_more_room
+from planning.motion.handling.finest_look import FinestLook
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
 from planning.motion.handling.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings, ik_for_proofs
 from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
+from planning.motion.handling.roomier_scene import can_have_more_room
 from planning.motion.handling.stacks import Stacks
 from planning.motion.handling.state_ways import StateWays
 from planning.motion.handling.ways import WAY_IN, WHOLE_WAY

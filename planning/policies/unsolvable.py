@@ -22,10 +22,10 @@ from dataclasses import dataclass
 
 from kinematics.scene import APPROACHES, Grasp, State
 from kinematics.transforms import Array
-from planning.motion.handling.finest_look import thinnest_allowed_m
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.picking import THOROUGH
+from planning.motion.handling.roomier_scene import thinnest_allowed_m
 from planning.motion.pick_place import Motions
 from planning.plan import Unsolvable
 from planning.relaxed_plan import Names, stuck_set

@@ -13,103 +13,35 @@ nothing till little room is left. So no more than MOST_BETWEEN are looked at for
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from heapq import heappop, heappush
-from itertools import count, islice, product
+from itertools import count, islice
 
 import numpy as np
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene
-from kinematics.shapes import Box, Cylinder
-from kinematics.transforms import Array, rotation_about, transform
-from planning.grasping.finger_grasps import open_width
-from planning.grasping.hand_poses import UP, hand_points, level_across
-from planning.grasping.marginal_grasps import SURELY_M, lacks_m
+from kinematics.shapes import Cylinder
+from kinematics.transforms import Array
+from planning.grasping.marginal_grasps import lacks_m
 from planning.grasping.pads import pad_of
-from planning.grasping.sampling import DENSEST, DIAGONAL, Sampling
+from planning.grasping.sampling import DIAGONAL
 from planning.motion.cell.workcell import Workcell
+from planning.motion.handling.neighbourhoods import Levels, Neighbourhood, coarsest, divided, levels_of, sampling_of
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction
 from planning.motion.handling.picking import THOROUGH, Picking, ik_for_proofs
+from planning.motion.handling.roomier_scene import most_room_m, with_more_room
 from planning.motion.handling.ways import let_in
-from planning.motion.search.reaching import APPROACH_M
 from planning.motion.settings import MotionSettings
 from planning.relaxed_plan import Names
 from planning.verdict import judge_hold
 
-STEPS_M = (0.005, 0.003)
-"""How far apart hands are at first, ahead and up."""
-TURN_M = 0.005
-"""So far any point of a hand moves, at most, from one that is looked at first to where it is turned, or pitched, half of the way to the
-next."""
-MOVED_SHARE = 0.45
-"""So much of the room that can be had is for hands moved ahead or up where they are turned and pitched, too: fewest are looked at then."""
-LEAST_TURN_M = 0.001  # or less, where something is so thin that nothing of it would be left; but not less than this
-LEAST_ROOM_M = 0.00005
-"""The room is halved till it is no more than this."""
 AT_ONCE = 128  # so many hands are looked at together
 MOST_BETWEEN = 10_000
 """So many hands between those of the first level are looked at for one object."""
-WIDTHS = 18  # for so many is it asked how far a hand reaches
-LEFT_M = 0.002
-"""What is looked at smaller is still as thick as this, or thicker."""
-
-
-@dataclass(frozen=True)
-class Around:
-    """The hands that one hand stands for: those moved ahead and up by no more than this, m, turned about the middle of what is round, and
-    pitched about the middle of the pads, by no more than this, rad. reach_m: how far from either any point of a hand on its way can be;
-    pad_m: how far any of a pad is from the pads' middle."""
-
-    ahead_m: float
-    up_m: float
-    turn: float = 0.0
-    pitch: float = 0.0
-    reach_m: float = 0.0
-    pad_m: float = 0.0
-
-    @property
-    def moved_m(self) -> float:
-        """How far the hands are moved, at most."""
-        return math.hypot(self.ahead_m, self.up_m)
-
-    @property
-    def room_m(self) -> float:
-        """How far any point of the hand can be from where the one that is looked at has it."""
-        return self.moved_m + (self.turn + self.pitch) * self.reach_m
-
-    @property
-    def lacks_m(self) -> float:
-        """How far the one that is looked at can be from holding what another holds. A turn about what is round changes nothing."""
-        return self.moved_m + self.pitch * self.pad_m
-
-    def halved(self) -> Around:
-        """What each of the hands stands for that stand for this one: half as much, where it matters most."""
-        most = max(self.turn, self.pitch)
-        if most * self.reach_m > self.moved_m:
-            return replace(self, turn=_half_if(self.turn, most), pitch=_half_if(self.pitch, most))
-        return replace(self, ahead_m=self.ahead_m / 2, up_m=self.up_m / 2, turn=self.turn / 2, pitch=self.pitch / 2)
-
-
-def _half_if(angle: float, most: float) -> float:
-    return angle / 2 if angle == most else angle
-
-
-def levels_of(coarsest: Around) -> Levels:
-    """What a hand stands for at first, and after each halving."""
-    levels = [coarsest]
-    while levels[-1].room_m > LEAST_ROOM_M:
-        levels.append(levels[-1].halved())
-    return tuple(levels)
-
-
-Levels = tuple[Around, ...]
-SQUARE = Around(STEPS_M[0] / 2, STEPS_M[1] / 2)
-"""Of level hands that close on the faces of a box, which aren't turned."""
 
 
 class FinestLook:
@@ -135,26 +67,20 @@ class FinestLook:
             kinds.remove(DIAGONAL)
         if kinds:
             levels = self.levels(name)
-            yield sampled(approaches=kinds, sampling=_sampling(levels[0])), levels
+            yield sampled(approaches=kinds, sampling=sampling_of(levels[0])), levels
         if pitched:
             levels = self.levels(name, pitched=True)
-            yield sampled(approaches=[DIAGONAL], sampling=_sampling(levels[0])), levels
+            yield sampled(approaches=[DIAGONAL], sampling=sampling_of(levels[0])), levels
 
     def levels(self, name: str, *, pitched: bool = False) -> Levels:
         """What hands on an object stand for, at first and after each halving. pitched: those of all pitches between two. Round what is
         round they can be turned; an arm of few joints can't choose where its hand looks."""
         key = name, pitched
         if key not in self._levels:
-            shape, coarsest = self.scene.body(name).shape, SQUARE
-            turned = isinstance(shape, Cylinder) and not self.cell_as_it_is.arm.few_joints
-            if turned or pitched:
-                most_m = (thinnest_m(self.scene) - LEFT_M) / 2
-                wider = min(2.0, max(1.0, most_m * MOVED_SHARE / SQUARE.room_m)) if turned and pitched else 1.0
-                coarsest = Around(wider * SQUARE.ahead_m, wider * SQUARE.up_m)
-                reach_m = hand_reach_m(self.robot) + APPROACH_M + (shape.radius_m if isinstance(shape, Cylinder) else 0.0)
-                angle = min(TURN_M, (most_m - coarsest.room_m) / (turned + pitched)) / reach_m
-                coarsest = replace(coarsest, turn=angle * turned, pitch=angle * pitched, reach_m=reach_m, pad_m=_pad_m(self.robot))
-            self._levels[key] = levels_of(coarsest)
+            shape = self.scene.body(name).shape
+            radius_m = shape.radius_m if isinstance(shape, Cylinder) else 0.0
+            turned = radius_m > 0.0 and not self.cell_as_it_is.arm.few_joints
+            self._levels[key] = levels_of(coarsest(self.robot, most_room_m(self.scene), radius_m, turned=turned, pitched=pitched))
         return self._levels[key]
 
     def cell(self, room_m: float) -> Workcell:
@@ -246,104 +172,10 @@ class FinestView:
         """Where what stands is, an object and the target among it."""
         return {other: T for other, T in self.poses.items() if other in {name, *standing, self.look.scene.target_name}}
 
-    def _divided(self, name: str, hand: Grasp, around: Around) -> Iterator[Grasp]:
+    def _divided(self, name: str, hand: Grasp, around: Neighbourhood) -> Iterator[Grasp]:
         opening, width = self.look.robot.opening, hand.width_m
         pads = np.array([0.0, opening.pad_y_at(width), opening.pad_z_at(width)])
         return divided(hand, around, self.poses[name][:3, 3], pads)
 
     def _body(self, name: str) -> Body:
         return replace(self.look.scene.body(name), T_world_body=self.poses[name])
-
-
-def divided(hand: Grasp, around: Around, middle: Array, pads: Array) -> Iterator[Grasp]:
-    """The hands of the next level that stand together for a hand and those around it; middle (3,): of what they hold; pads (3,): the pads'
-    middle in the hand's frame."""
-    finer = around.halved()
-    steps = [was - now for was, now in zip(_extents(around), _extents(finer))]
-    for along, above, turn, pitch in product(*map(_either, steps)):
-        T = transform(p=along * level_across(hand.T_world_hand[:3, 1]) + above * UP) @ hand.T_world_hand
-        if turn:
-            T = _about(middle, rotation_about(UP, turn)) @ T
-        if pitch:
-            T = T @ _about(pads, rotation_about((0.0, 1.0, 0.0), pitch))
-        yield replace(hand, T_world_hand=T)
-
-
-def _about(point: Array, R: Array) -> Array:
-    """A turn (4, 4) by R (3, 3) about a point (3,)."""
-    return transform(p=point) @ transform(R) @ transform(p=-point)
-
-
-def _extents(around: Around) -> tuple[float, ...]:
-    return around.ahead_m, around.up_m, around.turn, around.pitch
-
-
-def _either(way: float) -> tuple[float, ...]:
-    return (-way, way) if way else (0.0,)
-
-
-def _sampling(around: Around) -> Sampling:
-    """Of the hands that are looked at first, each of which stands for all around it. With pitches: natural ones were looked at before."""
-    yaws = math.ceil(np.pi / (2 * around.turn)) if around.turn else DENSEST.yaws
-    sampling = replace(DENSEST, yaws=yaws, steps_m=(2 * around.ahead_m, 2 * around.up_m), beyond_m=around.lacks_m)
-    if not around.pitch:
-        return sampling
-    low, high = min(DENSEST.pitches[DIAGONAL]), max(DENSEST.pitches[DIAGONAL])
-    n = math.ceil((high - low) / (2 * around.pitch))
-    return replace(sampling, heights=(), pitches={DIAGONAL: tuple(low + (np.arange(n) + 0.5) * (high - low) / n)})
-
-
-@lru_cache(maxsize=16)
-def hand_reach_m(robot: Robot) -> float:
-    """How far any point of the hand, open to take something, is from what is between its pads then, at most; the pads' middle moves as they
-    open."""
-    pad, opening = pad_of(robot), robot.opening
-    widths = np.linspace(0.0, opening.max_m, WIDTHS)
-    points = np.concatenate([hand_points(robot, open_width(w, opening), robot.hand_links) - opening.middle(w) for w in widths])
-    return float(np.linalg.norm(points, axis=1).max()) + math.hypot(pad.half_x_m, max(-pad.low_z_m, pad.high_z_m))
-
-
-def _pad_m(robot: Robot) -> float:
-    """How far any of a pad is from the pads' middle, by way of the middle of its face; and a little more, for the square in which it
-    holds."""
-    pad = pad_of(robot)
-    return math.hypot(pad.half_x_m, (pad.high_z_m - pad.low_z_m) / 2) + abs(pad.high_z_m + pad.low_z_m) / 2 + SURELY_M
-
-
-def thinnest_m(scene: Scene) -> float:
-    """How thick the thinnest is of all that stands in a scene, and of its walls; 0 where there is a mesh."""
-    bodies = (*scene.objects, *scene.obstacles)
-    solid = (2 * float(b.shape.half.min()) if isinstance(b.shape, (Box, Cylinder)) else 0.0 for b in bodies)
-    return min(scene.cabinet.wall_m, *solid)
-
-
-def thinnest_allowed_m(scene: Scene) -> float:
-    """What is thinner can't be made smaller by the most room there is in a scene, and something be left of it."""
-    return 2 * (SQUARE.room_m + LEAST_TURN_M * (2 if DIAGONAL in scene.approaches else 1)) + LEFT_M
-
-
-def can_have_more_room(scene: Scene) -> bool:
-    """Whether all that stands in a scene can be made smaller: boxes and cylinders, no plate, no thin wall."""
-    return thinnest_m(scene) >= thinnest_allowed_m(scene)
-
-
-def with_more_room(scene: Scene, by_m: float) -> Scene:
-    """A scene in which objects, obstacles and walls are further from any point by so much."""
-    cabinet = scene.cabinet
-    roomier = replace(
-        cabinet,
-        size_m=cabinet.size_m + np.array([0.0, 2 * by_m, 2 * by_m]),
-        T_world_cabinet=cabinet.T_world_cabinet @ transform(p=[by_m, 0.0, -by_m]),
-        wall_m=cabinet.wall_m - 2 * by_m,  # for links beside, above and below it, too
-    )
-    objects, obstacles = (tuple(_smaller(body, by_m) for body in bodies) for bodies in (scene.objects, scene.obstacles))
-    return replace(scene, cabinet=roomier, objects=objects, obstacles=obstacles)
-
-
-def _smaller(body: Body, by_m: float) -> Body:
-    match body.shape:
-        case Box(size_m):
-            return replace(body, shape=Box(np.asarray(size_m) - 2 * by_m))
-        case Cylinder(radius_m, height_m):
-            return replace(body, shape=Cylinder(radius_m - by_m, height_m - 2 * by_m))
-    raise ValueError(f"{body.name} is a mesh, and can't be made smaller")

@@ -17,7 +17,7 @@ from planning.grasping.hand_poses import level_across, level_hand
 from planning.grasping.marginal_grasps import LEAST_M, SURELY_M, _Outline, _overlapping, lacks_m, marginal_grasps
 from planning.grasping.pads import Pad, inner_pad_of, pad_of
 from planning.grasping.sampling import DENSEST, USUAL, Sampling
-from planning.motion.handling.finest_look import SQUARE, STEPS_M
+from planning.motion.handling.neighbourhoods import SQUARE, STEPS_M
 from planning.verdict import Settings, judge_grasp, judge_hold
 
 CABINET = Cabinet(np.array([3.0, 3.0, 3.0]), transform(p=[-1.0, 0.0, 0.0]), 0.02)

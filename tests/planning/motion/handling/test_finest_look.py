@@ -17,21 +17,12 @@ from kinematics.transforms import Array, apply, inverse, rotation_about, transfo
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import hand_points, level_hand
 from planning.motion.cell.workcell import QUICK_IK
-from planning.motion.handling import finest_look
-from planning.motion.handling.finest_look import (
-    LEAST_ROOM_M,
-    SQUARE,
-    TURN_M,
-    Around,
-    FinestLook,
-    can_have_more_room,
-    divided,
-    levels_of,
-    thinnest_allowed_m,
-    with_more_room,
-)
+from planning.motion.handling import finest_look, neighbourhoods
+from planning.motion.handling.finest_look import FinestLook
+from planning.motion.handling.neighbourhoods import LEAST_ROOM_M, SQUARE, TURN_M, Neighbourhood, divided, levels_of
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.picking import Picking
+from planning.motion.handling.roomier_scene import can_have_more_room, thinnest_allowed_m, with_more_room
 from planning.motion.handling.ways import let_in
 from planning.motion.pick_place import Motions
 from planning.motion.search.reaching import APPROACH_M
@@ -156,7 +147,7 @@ BOTH = replace(TURNED, pitch=TURNED.turn)
 
 
 @pytest.mark.parametrize("coarsest", [SQUARE, TURNED, PITCHED, BOTH], ids=["square", "turned", "pitched", "both"])
-def test_some_hands_stand_together_for_all_around_one(coarsest: Around) -> None:
+def test_some_hands_stand_together_for_all_around_one(coarsest: Neighbourhood) -> None:
     """Whatever hand one stands for, each point of it is no further than the next room from where one of the next hands has it."""
     middle, pads, rng = np.array([0.51, 0.12, 0.3]), np.array([0.0, 0.002, 0.14]), np.random.default_rng(0)
     hand = Grasp(transform(level_hand(np.array([0.6, 0.8, 0.0]), 0.4), [0.40, -0.05, 0.35]), 0.05)
@@ -189,7 +180,7 @@ def test_one_of_the_hands_that_are_looked_at_first_stands_for_any_that_holds(
     ur5e: Robot, shape: Box | Cylinder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Hands drawn at random, of all pitches, that hold an object by the verdict: no point of one is further off than the room there is."""
-    monkeypatch.setattr(finest_look, "TURN_M", 0.010)  # fewer, further apart
+    monkeypatch.setattr(neighbourhoods, "TURN_M", 0.010)  # fewer, further apart
     body, rng = Body("it", shape, transform(rotation_about(UP, 0.4), [0.5, 0.1, 0.26])), np.random.default_rng(3)
     scene = replace(scene_of(body), cabinet=replace(CABINET, wall_m=0.06), approaches=("horizontal", "diagonal", "downward"))
     look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)

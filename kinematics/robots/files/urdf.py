@@ -31,6 +31,8 @@ from kinematics.transforms import Array, rpy_from_rotation
 
 _KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin", "mass", "inertia", "parent", "child", "axis", "limit"}
 _KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
+NO_TRIANGLE = 84
+"""Bytes of an STL file with nothing but its head, as some exporters write one for a frame."""
 _MISPLACED = {("link", "origin"), ("collision", "material")}  # pytorch-kinematics prints a line for each
 
 
@@ -81,7 +83,7 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
 
     Raises: ValueError for a collision mesh that is missing, with the places that were looked at.
     """
-    missing = list[tuple[str, str]]()
+    missing, hollow = list[tuple[str, str]](), dict[str, str]()
     for link in root.iter("link"):
         for kind in ("collision", "visual"):
             for element in link.findall(kind):
@@ -90,7 +92,11 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
                     continue
                 name = mesh.get("filename", "")
                 try:
-                    mesh.set("filename", str(find_mesh(name, file)))
+                    path = find_mesh(name, file)
+                    mesh.set("filename", str(path))
+                    if path.suffix.lower() == ".stl" and path.stat().st_size <= NO_TRIANGLE:
+                        link.remove(element)
+                        hollow[name] = link.get("name", "")
                 except FileNotFoundError as e:
                     if kind == "collision":
                         raise ValueError(f"link {link.get('name')!r} names the mesh {name}, which does not exist: {e}") from e
@@ -98,10 +104,13 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
                     link.remove(element)
         if missing and missing[-1][1] == link.get("name", "") and link.find("visual") is None:
             _draw_collision(link)
+    notes = [f"the mesh {name} of the link {link} has no triangles, and is left out" for name, link in hollow.items()]
+    links = ", ".join(link for _, link in missing)
     if len(missing) > 1:
-        names = ", ".join(link for _, link in missing)
-        return [f"{len(missing)} visual meshes, {missing[0][0]} the first, do not exist; of the links {names} collision geometry is drawn"]
-    return [f"the visual mesh {name} of the link {link} does not exist; its collision geometry is drawn" for name, link in missing]
+        notes.append(f"{len(missing)} visual meshes, {missing[0][0]} the first, do not exist; of the links {links} collision geometry is drawn")
+    elif missing:
+        notes.append(f"the visual mesh {missing[0][0]} of the link {links} does not exist; its collision geometry is drawn")
+    return notes
 
 
 def _draw_collision(link: etree._Element) -> None:

@@ -300,6 +300,15 @@ def test_a_missing_visual_mesh_is_noted_and_a_missing_collision_mesh_an_error(tm
         read(tmp_path, arm('<mesh filename="package://p/meshes/x.stl"/>'))
 
 
+def test_an_stl_file_without_triangles_is_left_out_and_noted(tmp_path: Path) -> None:
+    """Kinova's EndEffector_Link.STL is no more than a head."""
+    (tmp_path / "end.STL").write_bytes(bytes(80))
+    end = '<link name="e"><collision><geometry><mesh filename="end.STL"/></geometry></collision></link>'
+    root, notes = read(tmp_path, arm(more=end + '<joint name="j" type="fixed"><parent link="tip"/><child link="e"/></joint>'))
+    assert notes == ("the mesh end.STL of the link e has no triangles, and is left out",)
+    assert len(root.find("link[@name='e']")) == 0
+
+
 # What meshes mean ------------------------------------------------------------------------------------------------------------------------
 
 

@@ -144,15 +144,17 @@ class _Checker:
         return found
 
     def _nearer(self, course: Course, samples: Sweep, solids: Sequence[Solid], carrier: Int, pairs: Int) -> list[Fault]:
-        """What comes nearer than a motion says that anything does: of moving links and what is held to all that stands, and of what is held
-        to the links that don't hold it, but for allowed contacts."""
+        """What comes nearer than a motion says that anything does: of the links that the arm's joints move and what is held to all that
+        stands, and of what is held to the links that don't hold it, but for allowed contacts."""
         if course.clearance_m is None:
             return []
         names = [s.name for s in solids]
         a, b = pairs.T
         held = (a >= len(self.links)) & (b < len(self.links))
         free = [frozenset((names[i], names[j])) not in course.allowed and not (h and names[j] in self.pads) for i, j, h in zip(a, b, held)]
-        meant = np.array(free, np.bool_) & (held | (carrier[a] > 0))
+        own = set(self.arm.driven_by(self.hand.carrier))  # another arm's joints don't move what they carry
+        driven = {c: not own.isdisjoint(self.arm.driven_by(c)) for c in set(carrier.tolist())}
+        meant = np.array(free, np.bool_) & (held | np.array([driven[c] for c in carrier[a].tolist()], np.bool_))
         asked = _Asked(samples, solids, a[meant], b[meant])
         least, still = course.clearance_m - CLAIM_M, np.zeros(len(asked.a), np.bool_)
         near = [

@@ -107,7 +107,8 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
     notes = [f"the mesh {name} of the link {link} has no triangles, and is left out" for name, link in hollow.items()]
     links = ", ".join(link for _, link in missing)
     if len(missing) > 1:
-        notes.append(f"{len(missing)} visual meshes, {missing[0][0]} the first, do not exist; of the links {links} collision geometry is drawn")
+        words = f"{len(missing)} visual meshes, {missing[0][0]} the first, do not exist"
+        notes.append(f"{words}; of the links {links} collision geometry is drawn")
     elif missing:
         notes.append(f"the visual mesh {missing[0][0]} of the link {links} does not exist; its collision geometry is drawn")
     return notes

@@ -29,8 +29,9 @@ class Limb:
 
 
 def aside(robot: Robot, facing: float) -> dict[str, float]:
-    """Joint values by name with which limbs that reach ahead of the trunk, where a cabinet is to stand, are out of the way: free of
-    everything but the working arm, the least far ahead first. facing: where ahead is, yaw in rad. The same robot always gives the same.
+    """Joint values by name with which limbs that reach ahead of the trunk, where a cabinet is to stand, or touch something at home, are out
+    of the way: free of everything but the working arm, the least far ahead first. facing: where ahead is, yaw in rad. The same robot
+    always gives the same.
     """
     values, q, limbs = dict[str, float](), _half_way_up(robot), _limbs(robot)
     moved = frozenset().union(*(limb.links for limb in limbs), *(_below(robot, i) for i in _turning(robot)))
@@ -41,7 +42,9 @@ def aside(robot: Robot, facing: float) -> dict[str, float]:
     front, lowest = float((trunk @ ahead).max()), float(trunk[:, 2].min())
     for limb in limbs:
         at_home = _points(robot, limb.links, q[None])[0]
-        if (at_home @ ahead).max() <= front + AHEAD_M or at_home[:, 2].min() < lowest:  # what reaches lower than the trunk carries it
+        free = _Free(robot, limb)
+        may_stay, carries = free(q), at_home[:, 2].min() < lowest  # what reaches lower than the trunk
+        if may_stay and (carries or (at_home @ ahead).max() <= front + AHEAD_M):
             continue
         tried = _tried(robot, limb, q)
         points = _points(robot, limb.links, tried)
@@ -49,8 +52,8 @@ def aside(robot: Robot, facing: float) -> dict[str, float]:
         out = np.hypot(points[..., 0], points[..., 1]).max(1)
         across = np.maximum((points @ _to_the_arm(robot, limb, ahead)).max(1), 0.0)
         cost = beyond + ACROSS * across + OUT * out + np.where(points[..., 2].min(1) < lowest, np.inf, 0.0)
-        free = _Free(robot, limb)
-        best = next((k for k in np.argsort(cost, kind="stable") if cost[k] < cost[0] and free(tried[k])), None)
+        most = cost[0] if may_stay else np.inf
+        best = next((k for k in np.argsort(cost, kind="stable") if cost[k] < most and free(tried[k])), None)
         if best is not None:
             q = tried[best]
             values |= {robot.joint_names[j]: round(float(q[j]), 4) for j in limb.joints}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from six_joints import box
 
 from kinematics.collision.fcl_solids import hull_solid, touch
-from kinematics.robots.load import load
+from kinematics.robots.load import forget, load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Cabinet, RobotRef, Scene
 from kinematics.transforms import transform
@@ -76,6 +77,26 @@ def _reach(robot: Robot, values: dict[str, float], of: str) -> float:
 @pytest.fixture(scope="module")
 def stretched(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return _robot(tmp_path_factory.mktemp("two"), "0 1.5707963 0")
+
+
+def test_an_arm_that_touches_itself_at_home_is_put_aside(tmp_path: Path) -> None:
+    """Kinova's example of two: at the lower ends of their joints' ranges the other arm's links lie in each other, and no plan was true."""
+    folded = _robot(tmp_path, "0 -1.5707963 0")
+    text = Path(folded.name).read_text()
+    for joint, least in (("jright1", 1.75), ("jright3", 2.45)):
+        text = re.sub(rf'(name="{joint}".*?lower=")-2.5(")', rf"\g<1>{least}\2", text, count=1)
+    third = f'<link name="right3">{box("0.05 0.05 0.15", "0 0 0.09")}'
+    assert third in text
+    text = text.replace(third, f'<link name="right3">{box("0.3 0.05 0.5", "0 0 0.25")}')
+    Path(folded.name).write_text(text)
+    forget()
+    folded = load(folded.name, gripper_joint="jleftf")
+    q = folded.home.copy()
+    poses = folded.link_poses(q)
+    a, b = (next(hull_solid(h.link, h.vertices, h.faces) for h in folded.hulls if h.link == link) for link in ("right0", "right3"))
+    assert touch(a.move(poses["right0"]), b.move(poses["right3"])) is not None
+    values = aside(folded, 0.0)
+    assert set(values) == {f"jright{i}" for i in range(6)}
 
 
 def test_an_arm_that_is_stretched_ahead_is_put_aside_and_the_working_arm_then_finds_where_to_wait(stretched: Robot) -> None:

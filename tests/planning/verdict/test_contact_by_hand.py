@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_arm import URDF, course, splined
+from toy_arm import JOINTS, URDF, course, splined
 from toy_robot import FINGERS, PALM, solid, toy_robot
 
 from kinematics.collision.fcl_solids import shape_solids
@@ -319,6 +319,22 @@ def test_what_may_touch_may_be_near() -> None:
     assert [f.bodies for f in clearance(0.060, way, near)] == [("left", "near")]  # whose side is 1 cm from the middle, or 5.3 from near
     still = {"base": solid((0.5, 0.6), (0.055, 0.0620), (-0.05, -0.04)), **PALM, **FINGERS}
     assert clearance(0.005, replace(way, q=way.q[:1], t_s=way.t_s[:1]), near, robot=toy_robot(still)) == []  # a base stands where it stands
+
+
+def test_another_limb_that_stands_still_is_no_part_of_what_a_motion_says() -> None:
+    """A motion's clearance is that of the links that the arm's joints move. That limb may touch nothing all the same."""
+    swing = '<link name="limb"/><joint name="swing" type="prismatic"><parent link="base"/><child link="limb"/><axis xyz="0 0 1"/>'
+    urdf = URDF.replace("</robot>", f'{swing}<limit lower="0" upper="1" velocity="1"/></joint></robot>')
+    limb = solid((0.5, 0.6), (0.3, 0.35), (-0.05, 0.05))
+    robot = toy_robot({"limb": limb, **PALM, **FINGERS}, urdf=urdf, joint_names=(*JOINTS, "swing"))
+    way = course((0,), (1,))
+    way = replace(way, q=np.c_[way.q, np.zeros(len(way.q))])
+    assert clearance(0.2, way, block("beside", (0.5, 0.6), (0.351, 0.5)), robot=robot) == []
+    assert said(clearance(0.2, way, block("in", (0.5, 0.6), (0.34, 0.5)), robot=robot)) == [
+        ("transit", ("limb", "in"), "motion 0: limb is 10.00 mm inside in")
+    ]
+    (near,) = clearance(0.2, way, block("near", (0.5, 0.6), (0.2, 0.25)), robot=robot)
+    assert near.bodies == ("palm", "near")
 
 
 def test_what_is_held_keeps_away_from_links_that_do_not_hold_it() -> None:

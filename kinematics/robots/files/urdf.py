@@ -31,8 +31,8 @@ from kinematics.transforms import Array, rpy_from_rotation
 
 _KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin", "mass", "inertia", "parent", "child", "axis", "limit"}
 _KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
-NO_TRIANGLE = 84
-"""Bytes of an STL file with nothing but its head, as some exporters write one for a frame."""
+NO_TRIANGLE = (80, 84)
+"""Bytes of an STL file with nothing but its head, without or with the number of triangles, as some exporters write one for a frame."""
 _MISPLACED = {("link", "origin"), ("collision", "material")}  # pytorch-kinematics prints a line for each
 
 
@@ -94,7 +94,7 @@ def _find_meshes(root: etree._Element, file: Path) -> list[str]:
                 try:
                     path = find_mesh(name, file)
                     mesh.set("filename", str(path))
-                    if path.suffix.lower() == ".stl" and path.stat().st_size <= NO_TRIANGLE:
+                    if path.suffix.lower() == ".stl" and path.stat().st_size in NO_TRIANGLE:
                         link.remove(element)
                         hollow[name] = link.get("name", "")
                 except FileNotFoundError as e:

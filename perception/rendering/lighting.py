@@ -130,14 +130,14 @@ def _eye_of(light: Float32 | Array, centre: Array, radius: float) -> Array:
     return look_at(centre + 5 * radius * light[:3].astype(float), centre)
 
 
-def _focal(radius: float, size: int) -> float:
+def _focal(size: int) -> float:
     """The ball of the solids, seen from 5 radii away, fills the shadow image."""
     return float(size / 2 * np.sqrt(24) * 0.98)
 
 
 def _lights(centre: Array, radius: float, towards: Array, weights: Array, size: int) -> Float32:
     """Lights (L, 16) far away in the directions `towards` (L, 3)."""
-    lights, f, middle = np.zeros((len(towards), 16)), _focal(radius, size), (size - 1) / 2
+    lights, f, middle = np.zeros((len(towards), 16)), _focal(size), (size - 1) / 2
     K = np.array([[f, 0, middle], [0, f, middle], [0, 0, 1]])
     for light, toward, weight in zip(lights, towards, weights):
         light[:3], light[3] = toward / np.linalg.norm(toward), weight
@@ -147,7 +147,7 @@ def _lights(centre: Array, radius: float, towards: Array, weights: Array, size: 
 
 def _shadows(s: Surfaces, centre: Array, radius: float, lights: Float32, size: int) -> Float32:
     """What each light sees: inverse depth (L, M, M), with an empty border."""
-    maps, f, middle = np.zeros((len(lights), size, size), np.float32), _focal(radius, size), (size - 1) / 2
+    maps, f, middle = np.zeros((len(lights), size, size), np.float32), _focal(size), (size - 1) / 2
 
     def draw(i: int) -> None:
         w, _ = inverse_depth(s, _eye_of(lights[i], centre, radius), Intrinsics(size, size, f, f, middle, middle))

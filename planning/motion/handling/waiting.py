@@ -14,6 +14,7 @@ from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.collision.fcl_solids import hull_solid, shape_solids, touch
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.robots.joints import beyond_limits
+from kinematics.robots.robot import Robot
 from kinematics.robots.start import start_q
 from kinematics.robots.tree import FIXED
 from kinematics.scene import Cabinet, Held
@@ -25,6 +26,8 @@ from planning.motion.cell.workcell import IkSearch, Workcell
 from planning.motion.lazy_list import LazyList
 from planning.motion.search.upright import Upright, is_upright
 from planning.plan import Blocked
+from planning.verdict.contact import TOUCH_M
+from planning.verdict.pairs import pairs_of
 
 LEVEL = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
 OUTSIDE_M = 0.03  # before the cabinet's front ends what is pulled straight out of it
@@ -111,6 +114,25 @@ def _limb_in_the_way(cell: Workcell) -> str | None:
     return None
 
 
+@lru_cache(maxsize=16)
+def _limb_on_itself(robot: Robot) -> Blocked | None:
+    """Which links touch each other at home between which there are joints, but none that a plan moves: another arm is folded on itself. The
+    verdict finds them in whatever is planned."""
+    tree, planned = robot.tree, {*robot.arm_joints, robot.gripper_joint}
+    above = {h.link: {int(tree.q_index[i]) for i in tree.path(tree.index[h.link]) if tree.kind[i] != FIXED} for h in robot.hulls}
+    if not any(joints - planned for joints in above.values()):
+        return None
+    poses = tree.poses(robot.home)
+    solids = [hull_solid(h.link, h.vertices, h.faces).move(poses[tree.index[h.link]]) for h in robot.hulls]
+    for one, other in ((solids[i], solids[j]) for i, j in pairs_of(robot).checked):
+        between = above[one.name] ^ above[other.name]
+        if not between & planned and (depth := touch(one, other)) is not None and depth > TOUCH_M:
+            joints = ", ".join(robot.joint_names[j] for j in sorted(between))
+            said = f"at home, and no plan moves {joints}: say in the scene's robot.home where they are"
+            return Blocked("transit", one.name, other.name, detail=said)
+    return None
+
+
 def start(cell: Workcell) -> Array:
     """The full configuration (J,) in which the scene's first motion begins: its robot's q_start if it has one, else `home`.
 
@@ -121,7 +143,9 @@ def start(cell: Workcell) -> Array:
 
 
 def start_blocked(cell: Workcell) -> Blocked | None:
-    """Why no motion can begin at the scene's q_start; None when one can, or when the scene leaves the start open."""
+    """Why no motion can begin: another arm that touches itself, or the scene's q_start; None when one can."""
+    if (limb := _limb_on_itself(cell.robot)) is not None:
+        return limb
     q = start_q(cell.robot, cell.scene.robot)
     if q is None:
         return None

@@ -79,24 +79,43 @@ def stretched(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return _robot(tmp_path_factory.mktemp("two"), "0 1.5707963 0")
 
 
-def test_an_arm_that_touches_itself_at_home_is_put_aside(tmp_path: Path) -> None:
-    """Kinova's example of two: at the lower ends of their joints' ranges the other arm's links lie in each other, and no plan was true."""
-    folded = _robot(tmp_path, "0 -1.5707963 0")
-    text = Path(folded.name).read_text()
+@pytest.fixture(scope="module")
+def folded(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """At the lower ends of their joints' ranges links of the right arm lie in each other, as in Kinova's example of two."""
+    robot = _robot(tmp_path_factory.mktemp("folded"), "0 -1.5707963 0")
+    text = Path(robot.name).read_text()
     for joint, least in (("jright1", 1.75), ("jright3", 2.45)):
         text = re.sub(rf'(name="{joint}".*?lower=")-2.5(")', rf"\g<1>{least}\2", text, count=1)
     third = f'<link name="right3">{box("0.05 0.05 0.15", "0 0 0.09")}'
     assert third in text
     text = text.replace(third, f'<link name="right3">{box("0.3 0.05 0.5", "0 0 0.25")}')
-    Path(folded.name).write_text(text)
+    Path(robot.name).write_text(text)
     forget()
-    folded = load(folded.name, gripper_joint="jleftf")
+    return load(robot.name, gripper_joint="jleftf")
+
+
+def test_an_arm_that_touches_itself_at_home_is_put_aside(folded: Robot) -> None:
     q = folded.home.copy()
     poses = folded.link_poses(q)
     a, b = (next(hull_solid(h.link, h.vertices, h.faces) for h in folded.hulls if h.link == link) for link in ("right0", "right3"))
     assert touch(a.move(poses["right0"]), b.move(poses["right3"])) is not None
     values = aside(folded, 0.0)
     assert set(values) == {f"jright{i}" for i in range(6)}
+
+
+def test_nothing_begins_while_another_arm_touches_itself(folded: Robot) -> None:
+    """The verdict would find that in every motion; no plan moves that arm, and the words say what does."""
+    cabinet = Cabinet(np.array([0.5, 0.8, 0.4]), transform(p=[0.45, 0.0, 0.45]), 0.03)
+    scene = Scene("before it", RobotRef(np.eye(4), urdf=folded.name, gripper_joint="jleftf"), cabinet, (), None, None)
+    cell = Workcell(folded, scene, iterations=1, time_budget_s=None, settings=UNCONSTRAINED)
+    blocked = waiting.start_blocked(cell)
+    assert blocked is not None
+    assert blocked.link is not None
+    assert blocked.body is not None
+    assert {blocked.link[:5], blocked.body[:5]} == {"right"}
+    assert re.search(r"at home, and no plan moves jright\d.*: say in the scene's robot.home where they are", str(blocked))
+    moved = load(folded.name, gripper_joint="jleftf", home=aside(folded, 0.0))
+    assert waiting.start_blocked(Workcell(moved, scene, iterations=1, time_budget_s=None, settings=UNCONSTRAINED)) is None
 
 
 def test_an_arm_that_is_stretched_ahead_is_put_aside_and_the_working_arm_then_finds_where_to_wait(stretched: Robot) -> None:

@@ -110,9 +110,7 @@ def test_a_gripper_that_its_file_shows_in_a_world_hangs_on_the_arm_itself(tmp_pa
     np.testing.assert_allclose(hand_in(tmp_path, end), plain, atol=1e-12)
 
 
-def test_a_gripper_looks_along_the_flanges_x_where_that_is_the_last_joints_axis(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_gripper_looks_along_the_flanges_x_where_that_is_the_last_joints_axis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """ROS has x lead out of a link called flange, and z out of tool0; igus' tool0 is turned as its flange is."""
     arm, hand, end = cut()
     assert hang(tmp_path, arm, hand) == 0

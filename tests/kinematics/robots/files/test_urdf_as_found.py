@@ -291,7 +291,7 @@ def test_a_missing_visual_mesh_is_noted_and_a_missing_collision_mesh_an_error(tm
     more = visual.replace('"v"', '"w"') + joint.replace('"v"', '"w"').replace('"j"', '"k"')
     notes = read(tmp_path, arm(more=visual + joint + more))[1]
     assert notes == ("2 visual meshes, nice.stl the first, do not exist; of the links v, w collision geometry is drawn",)
-    seen = arm().replace("<link name=\"tip\">", '<link name="tip"><visual><geometry><mesh filename="nice.stl"/></geometry></visual>')
+    seen = arm().replace('<link name="tip">', '<link name="tip"><visual><geometry><mesh filename="nice.stl"/></geometry></visual>')
     (drawn,) = read(tmp_path, seen)[0].findall("link[@name='tip']/visual")
     assert drawn.find("geometry/box").get("size") == "0.1 0.1 0.1", "its collision geometry"
     with pytest.raises(ValueError, match=rf"link 'tip' names the mesh nice.stl, which does not exist: {tmp_path}/nice.stl$"):

@@ -90,7 +90,7 @@ class Prover:
             if access.hand is not None:
                 return {name: [access.hand]}, None
             if not access.closed:
-                doubt = f"{name} is hardly reachable, if at all: {access.between} hands between others were looked at, and no more are"
+                doubt = f"{name} is hardly reachable, if at all: {access.between} hands between others do not tell"
         return {}, doubt
 
     def _is_hidden(self, state: State, name: str, stuck: Names) -> bool:

@@ -168,7 +168,7 @@ def test_what_is_in_doubt_is_said_where_no_hand_is_found() -> None:
     for doubtful, hand in (("a", "b"), ("b", "a")):
         finding = found(Cabinet(STUCK, doubtful=doubtful))
         assert (finding.unsolvable, finding.hope) == (None, None)
-        assert finding.undecided == f"{doubtful} is hardly reachable, if at all: 7 hands between others were looked at, and no more are"
+        assert finding.undecided == f"{doubtful} is hardly reachable, if at all: 7 hands between others do not tell"
         open_ = found(Cabinet(STUCK, doubtful=doubtful, finest={**STUCK, hand: [""]}))
         assert (open_.unsolvable, open_.undecided) == (None, None)
         assert open_.hope.hands == [hand]  # type: ignore[union-attr]

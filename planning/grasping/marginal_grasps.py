@@ -141,7 +141,7 @@ def lacks_m(body: Body, opening: Opening, pad: Pad, grasp: Grasp) -> float:
         outline = _Outline(y, z, 2 * x) if abs(R[:, 1] @ T[:3, 0]) > abs(R[:, 1] @ T[:3, 1]) else _Outline(x, z, 2 * y)
     ahead = level_across(R[:, 1])
     z_axis, x_axis = (np.array([axis @ ahead, axis[2]]) for axis in (R[:, 2], R[:, 0]))
-    middle = (grasp.T_world_hand @ [0.0, opening.pad_y_at(grasp.width_m), opening.pad_z_at(grasp.width_m), 1.0])[:3] - T[:3, 3]
+    middle = (grasp.T_world_hand @ [*opening.pads_middle(grasp.width_m), 1.0])[:3] - T[:3, 3]
     face = np.array([middle @ ahead, middle[2]]) + (pad.high_z_m + pad.low_z_m) / 2 * z_axis
     return max(0.0, -float(_left(outline, pad, face[None], z_axis, x_axis, SURELY_M).min()))
 

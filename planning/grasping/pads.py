@@ -66,7 +66,7 @@ def _face(robot: Robot) -> Array | None:
     q = robot.home.copy()
     q[robot.gripper_joint] = robot.opening.value_at(width)
     poses = robot.link_poses(q)
-    T_hand, middle = inverse(poses["hand"]), (0.0, robot.opening.pad_y_at(width), robot.opening.pad_z_at(width))
+    T_hand, middle = inverse(poses["hand"]), robot.opening.pads_middle(width)
     faces = []
     for hull in (h for h in robot.hulls if h.link in robot.fingers):
         points = apply(T_hand @ poses[hull.link], hull.vertices) - middle

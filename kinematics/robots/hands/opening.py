@@ -78,9 +78,13 @@ class Opening:
             return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2])
         return np.asarray(middle - self.pad_z_at(width_m) * R[:, 2] - self.pad_y_at(width_m) * R[:, 1])
 
+    def pads_middle(self, width_m: float) -> Array:
+        """Where (3,) the middle between the pads is in the hand, at a width."""
+        return np.array([0.0, self.pad_y_at(width_m), self.pad_z_at(width_m)])
+
     def middle(self, width_m: float) -> Array:
-        """Where (3,) the middle between the pads is in the hand that comes to close on an object of a width, after `beside`."""
-        closed = np.array([0.0, self.pad_y_at(width_m), self.pad_z_at(width_m)])
+        """The same (3,) in the hand that comes to close on an object of that width, after `beside`."""
+        closed = self.pads_middle(width_m)
         return closed if self._draws is None else closed - BESIDE_M * self._draws
 
     @cached_property

@@ -19,8 +19,6 @@ from functools import partial
 from heapq import heappop, heappush
 from itertools import count, islice
 
-import numpy as np
-
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene
 from kinematics.shapes import Cylinder
@@ -173,9 +171,7 @@ class FinestView:
         return {other: T for other, T in self.poses.items() if other in {name, *standing, self.look.scene.target_name}}
 
     def _divided(self, name: str, hand: Grasp, around: Neighbourhood) -> Iterator[Grasp]:
-        opening, width = self.look.robot.opening, hand.width_m
-        pads = np.array([0.0, opening.pad_y_at(width), opening.pad_z_at(width)])
-        return divided(hand, around, self.poses[name][:3, 3], pads)
+        return divided(hand, around, self.poses[name][:3, 3], self.look.robot.opening.pads_middle(hand.width_m))
 
     def _body(self, name: str) -> Body:
         return replace(self.look.scene.body(name), T_world_body=self.poses[name])

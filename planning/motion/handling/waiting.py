@@ -11,7 +11,7 @@ import numpy as np
 from kinematics import inverse
 from kinematics.collision import edge_check, edge_problem
 from kinematics.collision.edge_problem import MARGIN_M
-from kinematics.collision.fcl_solids import hull_solid, shape_solids, touch
+from kinematics.collision.fcl_solids import shape_solids, touch
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.robots.joints import beyond_limits
 from kinematics.robots.robot import Robot
@@ -27,7 +27,7 @@ from planning.motion.lazy_list import LazyList
 from planning.motion.search.upright import Upright, is_upright
 from planning.plan import Blocked
 from planning.verdict.contact import TOUCH_M
-from planning.verdict.pairs import pairs_of
+from planning.verdict.pairs import link_solids, pairs_of
 
 LEVEL = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], -1)  # the hand looks along the cabinet's x, its x is up
 OUTSIDE_M = 0.03  # before the cabinet's front ends what is pulled straight out of it
@@ -94,23 +94,20 @@ def home(cell: Workcell) -> Array:
             return cell.robot.with_arm(q, gripper)
     words = f"robot {cell.robot.name} finds no place to wait before this cabinet: at home, "
     if (limb := _limb_in_the_way(cell)) is not None:
-        raise ValueError(f"{words}{limb}: say in the scene's robot.home where they are")
+        raise ValueError(f"{words}{limb}")
     raise ValueError(f"{words}{at_home.link} touches {at_home.body}")
 
 
 def _limb_in_the_way(cell: Workcell) -> str | None:
     """What touches at home, wherever the arm is, as joints move it that no plan moves: the link, the body and the joints, in words."""
-    robot, tree = cell.robot, cell.robot.tree
-    poses = cell.scene.robot.T_world_base @ tree.poses(robot.home)
+    robot, poses = cell.robot, cell.scene.robot.T_world_base @ cell.robot.tree.poses(cell.robot.home)
     standing = [s.move(body.T_world_body) for body in cell.scene.fixtures() for s in shape_solids(body.name, body.shape)]
-    for hull in robot.hulls:
-        link = tree.index[hull.link]
-        still = {int(tree.q_index[i]) for i in tree.path(link) if tree.kind[i] != FIXED} - {*robot.arm_joints, robot.gripper_joint}
-        solid = hull_solid(hull.link, hull.vertices, hull.faces).move(poses[link])
-        for body in standing if still else ():
+    moved_by, planned = _moved_by(robot), _planned(robot)
+    for solid in link_solids(robot):
+        solid.move(poses[robot.tree.index[solid.name]])
+        for body in standing if moved_by[solid.name] - planned else ():
             if touch(solid, body) is not None:
-                joints = ", ".join(robot.joint_names[j] for j in sorted(still))
-                return f"{hull.link} touches {body.name}, and no plan moves {joints}"
+                return f"{solid.name} touches {body.name}, {_set_by_hand(robot, moved_by[solid.name] - planned)}"
     return None
 
 
@@ -118,19 +115,32 @@ def _limb_in_the_way(cell: Workcell) -> str | None:
 def _limb_on_itself(robot: Robot) -> Blocked | None:
     """Which links touch each other at home between which there are joints, but none that a plan moves: another arm is folded on itself. The
     verdict finds them in whatever is planned."""
-    tree, planned = robot.tree, {*robot.arm_joints, robot.gripper_joint}
-    above = {h.link: {int(tree.q_index[i]) for i in tree.path(tree.index[h.link]) if tree.kind[i] != FIXED} for h in robot.hulls}
-    if not any(joints - planned for joints in above.values()):
+    moved_by, planned = _moved_by(robot), _planned(robot)
+    if not any(joints - planned for joints in moved_by.values()):
         return None
-    poses = tree.poses(robot.home)
-    solids = [hull_solid(h.link, h.vertices, h.faces).move(poses[tree.index[h.link]]) for h in robot.hulls]
+    poses = robot.tree.poses(robot.home)
+    solids = [solid.move(poses[robot.tree.index[solid.name]]) for solid in link_solids(robot)]
     for one, other in ((solids[i], solids[j]) for i, j in pairs_of(robot).checked):
-        between = above[one.name] ^ above[other.name]
+        between = moved_by[one.name] ^ moved_by[other.name]
         if not between & planned and (depth := touch(one, other)) is not None and depth > TOUCH_M:
-            joints = ", ".join(robot.joint_names[j] for j in sorted(between))
-            said = f"at home, and no plan moves {joints}: say in the scene's robot.home where they are"
-            return Blocked("transit", one.name, other.name, detail=said)
+            return Blocked("transit", one.name, other.name, detail=f"at home, {_set_by_hand(robot, between)}")
     return None
+
+
+def _moved_by(robot: Robot) -> dict[str, set[int]]:
+    """For each link with geometry the joints that move it."""
+    tree = robot.tree
+    return {h.link: {int(tree.q_index[i]) for i in tree.path(tree.index[h.link]) if tree.kind[i] != FIXED} for h in robot.hulls}
+
+
+def _planned(robot: Robot) -> set[int]:
+    """The joints that plans move."""
+    return {*robot.arm_joints, robot.gripper_joint}
+
+
+def _set_by_hand(robot: Robot, joints: set[int]) -> str:
+    names = ", ".join(robot.joint_names[j] for j in sorted(joints))
+    return f"and no plan moves {names}: say in the scene's robot.home where they are"
 
 
 def start(cell: Workcell) -> Array:

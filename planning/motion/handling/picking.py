@@ -12,7 +12,6 @@ import numpy as np
 
 from kinematics.scene import Grasp, Held
 from kinematics.transforms import Array, inverse
-from planning.grasping.finger_grasps import open_width
 from planning.grasping.sampling import DENSE, DENSEST, USUAL, Sampling
 from planning.motion.cell import queries
 from planning.motion.cell.arm import Arm
@@ -20,9 +19,10 @@ from planning.motion.cell.queries import ContactQuery, PlanningQuery
 from planning.motion.cell.workcell import QUICK_IK, IkSearch, Workcell
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.turns import whole_turns
+from planning.motion.handling.ways import open_hand, rounded_width, ways_in
 from planning.motion.lazy_list import LazyList
 from planning.motion.search import reaching
-from planning.motion.search.reaching import APPROACH_STEPS, LIFT_STEPS
+from planning.motion.search.reaching import LIFT_STEPS
 from planning.plan import Blocked
 
 STAGES = {
@@ -159,7 +159,7 @@ class Picking:
         """The picks in the grasps' order, each when it is asked for."""
         cell, hands, found = self.cell, dict[float, _OpenHand](), 0
         for i, grasp in enumerate(grasps):
-            width = round(grasp.width_m, 6)  # all round a cylinder it differs by rounding
+            width = rounded_width(grasp.width_m)
             hand = hands.get(width)
             if hand is None:
                 hand = hands[width] = _OpenHand(cell, poses, name, width)
@@ -194,12 +194,11 @@ class Picking:
         solutions = grasps.solutions(T_hand, i)
         if len(solutions) == 0:
             failures.out_of_reach()
-        found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
-        free = reaching.ways_in(cell.hand, task, T_hand, solutions, cell.memory, found, said)
+        found, said = ways_in(cell, hand.reaching, T_hand, solutions)
         for code, pair in said:
             if code != reaching.OK:
                 failures.note(code, hand.reaching, pair)
-        return found[:free]
+        return found
 
 
 class _Failures:
@@ -233,9 +232,7 @@ class _OpenHand:
     move."""
 
     def __init__(self, cell: Workcell, poses: Mapping[str, Array], name: str, width_m: float) -> None:
-        opening = cell.robot.opening
-        self.opened, self.closed = opening.value_at(open_width(width_m, opening)), opening.closing_value(width_m)
-        self.reaching = cell.problem(poses, self.opened)
+        self.opened, self.closed, self.reaching = open_hand(cell, width_m, poses)
         self._cell, self._poses, self._name = cell, poses, name
 
     @cached_property

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from kinematics.chain import Int
 from kinematics.collision.edge_problem import Problem
 from kinematics.scene import Grasp
 from kinematics.transforms import Array, inverse
@@ -97,18 +98,18 @@ class _Grip:
     reach: Problem
 
 
-_OpenHand = tuple[float, float, PlanningQuery]
+OpenHand = tuple[float, float, PlanningQuery]
 """The gripper's values before and after closing, and what the open hand may meet."""
 
 
-def _open_hand(cell: Workcell, width_m: float, poses: Mapping[str, Array]) -> _OpenHand:
+def open_hand(cell: Workcell, width_m: float, poses: Mapping[str, Array]) -> OpenHand:
     """To close on something of a width, among objects at poses."""
     opening = cell.robot.opening
     opened = opening.value_at(open_width(width_m, opening))
     return opened, opening.closing_value(width_m), cell.problem(poses, opened)
 
 
-def _about(width_m: float) -> float:
+def rounded_width(width_m: float) -> float:
     """All round a cylinder it differs by rounding."""
     return round(width_m, 6)
 
@@ -116,25 +117,27 @@ def _about(width_m: float) -> float:
 def let_in(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], ik: IkSearch) -> list[Grasp]:
     """Those of some grasps to which the walls and objects at poses, what it is to grasp among them, leave the open hand and the arm a way
     in: judged as ways are one by one, but for many grasps of which hardly any has one. ik: how closely the arm's solutions are sought."""
-    widths = np.array([_about(grasp.width_m) for grasp in grasps])
+    widths = np.array([rounded_width(grasp.width_m) for grasp in grasps])
     hands = np.array([cell.robot.opening.beside(grasp.T_world_hand) for grasp in grasps])
     free = np.zeros(len(grasps), np.bool_)
     for width in np.unique(widths):
         of_width = np.flatnonzero(widths == width)
-        *_, open_hand = _open_hand(cell, float(width), poses)
+        *_, hand_open = open_hand(cell, float(width), poses)
         by_hand = np.empty(len(of_width), np.bool_)
-        reaching.hands_way_in(cell.hand, open_hand.task, hands[of_width], cell.memory, by_hand)
+        reaching.hands_way_in(cell.hand, hand_open.task, hands[of_width], cell.memory, by_hand)
         for i in of_width[by_hand]:
             solutions = cell.ik(hands[i], ik, kept=False)
-            free[i] = _ways_in(cell, open_hand, hands[i], solutions)[0] > 0
+            free[i] = len(ways_in(cell, hand_open, hands[i], solutions)[0]) > 0
         cell.forget()
     return [grasp for grasp, may in zip(grasps, free) if may]
 
 
-def _ways_in(cell: Workcell, open_hand: PlanningQuery, T_hand: Array, solutions: Array) -> tuple[int, Array]:
-    """How many straight ways to a hand at T_hand (4, 4) are free, of the arm's solutions (S, A), and their waypoints, first (S, n, A)."""
+def ways_in(cell: Workcell, hand_open: PlanningQuery, T_hand: Array, solutions: Array) -> tuple[Array, Int]:
+    """Waypoints (W, n, A) of the straight ways to a hand at T_hand (4, 4) that are free, of the arm's solutions (S, A); and how far each of
+    these got, with the pair that touched (S, 2); see `reaching.ways_in`."""
     found, said = np.empty((len(solutions), APPROACH_STEPS + 1, solutions.shape[1])), np.empty((len(solutions), 2), np.int64)
-    return reaching.ways_in(cell.hand, open_hand.task, T_hand, solutions, cell.memory, found, said), found
+    free = reaching.ways_in(cell.hand, hand_open.task, T_hand, solutions, cell.memory, found, said)
+    return found[:free], said
 
 
 class Reach:
@@ -147,13 +150,13 @@ class Reach:
     def ways(self) -> Iterator[Way]:
         """The ways of the hand alone, for each grasp to which the walls and the object itself leave one."""
         cell, opening = self.cell, self.cell.robot.opening
-        hands = dict[float, _OpenHand]()
+        hands = dict[float, OpenHand]()
         for number, asked in enumerate(self.grasps_on(self.name, self.T)):
             T_hand = opening.beside(asked.T_world_hand)
             grasp = asked if T_hand is asked.T_world_hand else replace(asked, T_world_hand=T_hand)
-            width = _about(grasp.width_m)
+            width = rounded_width(grasp.width_m)
             if width not in hands:
-                hands[width] = _open_hand(cell, width, {self.name: self.T})
+                hands[width] = open_hand(cell, width, {self.name: self.T})
             opened, closed, alone = hands[width]
             code, _ = reaching.hand_way_in(cell.hand, alone.task, grasp.T_world_hand, cell.memory)
             cell.forget()
@@ -185,8 +188,8 @@ class Reach:
     def _way_in(self, grip: _Grip, q: Array) -> Iterator[Way]:
         """The straight way to the grasp, if the arm can follow it and the walls leave it free."""
         cell, T_hand = self.cell, grip.grasp.T_world_hand
-        free, found = _ways_in(cell, grip.alone, T_hand, q[None])
-        if free:
+        found, _ = ways_in(cell, grip.alone, T_hand, q[None])
+        if len(found):
 
             def test(flags: Flags) -> None:
                 meet_along(grip.reach, found[0], WHOLE, self.queries.open, cell.memory.exact, flags)

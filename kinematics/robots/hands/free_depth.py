@@ -21,8 +21,8 @@ def free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], w
     """
     nearest = float(HEIGHTS_M[0])
     steps = np.linspace(0.0, ROOM_M, 11)
-    for link, vertices, faces in placed:
-        if link not in pads:
+    for link, vertices, faces in sorted(placed, key=lambda hull: -float(hull[1][:, 2].max())):
+        if link not in pads and vertices[:, 2].max() > nearest:
             reach = _furthest(vertices, faces, width / 2 + steps[1:])
             for inner, z in zip(steps, reach):  # what is that far beside it has to be so far behind it
                 if z < pad_z:
@@ -57,6 +57,8 @@ def free_depths(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], 
         if link in pads or not vertices[:, 0].min() < 0.0 < vertices[:, 0].max():
             continue
         ahead = (vertices[:, ::2] - [0.0, pad_z]) @ along
+        if (ahead.max(0)[:, None] <= forward).all():
+            continue
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         reach = _forward(vertices[:, 1], ahead, edges[edges[:, 0] < edges[:, 1]], low, high)
         behind = reach[:, straight] < 0.0

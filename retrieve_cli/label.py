@@ -97,7 +97,6 @@ def run(
     settings["motions"] = {"clearance_m": DEFAULTS.clearance.wanted_m, "max_tilt_deg": DEFAULTS.max_tilt_deg}
     if partly_seen:
         settings["partly_seen"] = partly_seen
-    _folder(out)
     with alone_in(out):
         manifest = _begin(out, settings)
         kept = shards.whole(out, manifest.shards)
@@ -184,16 +183,6 @@ def _made(
         "variety": vars(variety),
     }
     return {"robot": arm.name, "source": source}, specs, variety
-
-
-def _folder(out: Path) -> None:
-    """Make it, unless it is there. Raises: InputError where that can't be."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file, not a folder")
-    try:
-        out.mkdir(exist_ok=True)
-    except FileNotFoundError as e:
-        raise InputError(f"{out}: the folder {out.resolve().parent} does not exist; make it first") from e
 
 
 def _begin(out: Path, settings: Mapping[str, Any]) -> Manifest:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from kinematics.errors import InputError, blame, choose
 from planning.io.files import UNREADABLE, read_scene_lines
 from planning.io.observation_documents import observation_to_json
+from planning.io.outputs import alone_in
 from planning.io.results import scene_writer
 from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say, say_settled
 from retrieve_cli.version import version
@@ -95,6 +97,7 @@ def run(
         "from_views": None if from_views is None else str(from_views.absolute()),
     }
     with (
+        nullcontext() if views is None else alone_in(views),
         scene_writer(out, asked=asked, resume=resume, tell=say) as write,
         progress("scenes", file=scenes, done=write.kept, out=out) as advance,
     ):

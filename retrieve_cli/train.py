@@ -52,14 +52,15 @@ def run(
     with blame("train"):
         data, manifest = dataset.read_all(labels)
         rest, held_out = (data.take(index) for index in dataset.split(data.scene, VALIDATION_SHARE))
-    _prepare(out, resume)
+    _refuse_to_overwrite(out, resume)
     first = None if begin is None else _first_weights(begin, form)
     settings = Settings(
         form=form, epochs=epochs, width=width, batch=batch, lr=learning_rate, seed=seed, threads=threads or torch.get_num_threads(),
         began_with=None if first is None else _digest(first),
     )  # fmt: skip
-    say(f"{len(rest)} states to train on, {len(held_out)} to validate on, of {len(set(data.scene))} scenes; {form} form, on {where}")
     with alone_in(out):
+        (out / "checkpoint").mkdir(exist_ok=True)
+        say(f"{len(rest)} states to train on, {len(held_out)} to validate on, of {len(set(data.scene))} scenes; {form} form, on {where}")
         try:
             results, metrics = _train(rest, held_out, settings, first, out / "checkpoint", manifest["hash"], where)
         except (KeyboardInterrupt, Ended):
@@ -113,11 +114,9 @@ def _digest(weights: Mapping[str, Begin]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _prepare(out: Path, resume: bool) -> None:
-    """Make the folder; refuse to overwrite hours of somebody's processor."""
+def _refuse_to_overwrite(out: Path, resume: bool) -> None:
+    """Raises: InputError where the folder holds hours of somebody's processor, or nothing to go on with."""
     checkpoint = out / "checkpoint"
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file, not a folder")
     begun = checkpoint.is_dir() and any(checkpoint.iterdir())
     if begun and not resume:
         with alone_in(out):  # else another run is in it
@@ -127,10 +126,6 @@ def _prepare(out: Path, resume: bool) -> None:
         raise InputError(f"{out}: {'this model is finished' if done else 'there is no run'}, nothing to resume; leave --resume out")
     if (out / "config.json").is_file() and not begun:
         raise InputError(f"{out}: holds a model already; choose another folder, or remove it first")
-    try:
-        checkpoint.mkdir(parents=True, exist_ok=True)
-    except OSError as e:
-        raise InputError(f"{out}: can't be made: {(e.strerror or str(e)).lower()}") from e
 
 
 def _same_labels(checkpoint: Path, digest: str) -> None:

@@ -94,7 +94,29 @@ def sync_folder(folder: Path) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """While this lasts no other run is in it, where the system has such locks. Raises: InputError when another one is."""
+    """A folder that no other run writes in while this lasts. It is made unless it is there, and goes again if nothing was written.
+
+    Raises: InputError when another run writes in it, and where it can't be made.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file, not a folder")
+    fresh = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(f"{folder}: can't be made: {(e.strerror or str(e)).lower()}") from e
+    with _locked(folder):
+        try:
+            yield
+        finally:
+            if fresh:
+                with suppress(OSError):  # it is not empty
+                    folder.rmdir()
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep other runs out, where the system has such locks. Raises: InputError when one is in it."""
     try:
         import fcntl
     except ImportError:

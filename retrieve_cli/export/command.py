@@ -8,7 +8,7 @@ from pathlib import Path
 from kinematics.errors import InputError, choose
 from kinematics.names import free_name
 from planning.io.files import read_plans
-from planning.io.outputs import replacing, write_text
+from planning.io.outputs import alone_in, replacing, write_text
 from planning.plan import Plan
 from retrieve_cli.terminal import say
 
@@ -28,8 +28,12 @@ def run(
     if rate_hz is not None and not 1 <= rate_hz <= 10_000:
         raise InputError(f"export: --rate: {rate_hz:g} is not within 1 to 10000 Hz")
     wanted = None if joints is None else [name.strip() for name in joints.split(",")]
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; name a folder for the exported plans")
+    with alone_in(out):
+        _export_all(plans, to, out, rate_hz, wanted, unverified)
+    return None
+
+
+def _export_all(plans: Path | None, to: str, out: Path, rate_hz: float | None, joints: list[str] | None, unverified: bool) -> None:
     names, failed = set[str](), list[str]()
     for where, plan in read_plans(plans):
         if not plan.success:
@@ -41,12 +45,11 @@ def run(
         name = free_name(re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan", names)
         names.add(name)
         folder = out / name
-        folder.mkdir(parents=True, exist_ok=True)
-        written = export(plan, to, folder, rate_hz, wanted)
+        folder.mkdir(exist_ok=True)
+        written = export(plan, to, folder, rate_hz, joints)
         say(f"{plan.scene}: {len(written)} file{'' if len(written) == 1 else 's'} in {folder}")
     if not names:
         raise InputError(failed[0] if failed else "export: there is no plan to export")
-    return None
 
 
 def export(plan: Plan, to: str, folder: Path, rate_hz: float | None = None, joints: list[str] | None = None) -> list[Path]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
+from planning.io.outputs import alone_in
 from planning.io.scene_documents import scene_from_json
 from retrieve_cli.plan import run as plan
 from retrieve_cli.plan_job import Job
@@ -82,6 +83,13 @@ def test_the_robot_is_found_in_its_own_pictures_by_how_it_stood(scenes: Path, tm
     cameras.write_text(whole.replace('"robot_q": [', '"robot_q": ["x", '))
     with pytest.raises(InputError, match="robot_q is not a list of finite numbers"):
         sensed(scenes, tmp_path / "c.jsonl", from_views=views)
+
+
+def test_two_runs_do_not_record_into_one_folder_at_once(scenes: Path, tmp_path: Path) -> None:
+    with alone_in(tmp_path / "views"), pytest.raises(InputError, match="another run is writing in it just now"):
+        sensed(scenes, tmp_path / "a.jsonl", views=tmp_path / "views")
+    assert not (tmp_path / "a.jsonl").exists()
+    assert not (tmp_path / "views").exists()
 
 
 def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from kinematics.errors import InputError
 from kinematics.quintic_spline import evaluate, hermite
 from kinematics.scene import Held
 from kinematics.transforms import Array
+from planning.io.outputs import alone_in
 from planning.io.results import plan_writer
 from planning.plan import Blocked, Gripper, GripperState, Motion, Plan
 from retrieve_cli.__main__ import main
@@ -142,6 +143,17 @@ def test_each_plan_has_a_folder_of_its_own(plan: Plan, tmp_path: Path) -> None:
         with np.load(folder / "trajectory.npz", allow_pickle=False) as data:
             scenes[folder.name] = str(data["scene"])
     assert scenes == {"a_2": "a_2", "a": "a", "a_1": "a", "a_3": "a", "a_1_1": "a_1"}
+
+
+def test_two_runs_are_not_in_one_folder_at_once(plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with plan_writer(tmp_path / "plans.jsonl") as write:
+        write(plan)
+    out = tmp_path / "out"
+    with alone_in(out):
+        assert main(["export", str(tmp_path / "plans.jsonl"), "-o", str(out)]) == 2
+        assert list(out.iterdir()) == []
+    assert capsys.readouterr().err == f"{out}: another run is writing in it just now; name another folder\n"
+    assert not out.exists(), "nothing was written in it"
 
 
 def test_csv_and_npz_at_a_millisecond(plan: Plan, tmp_path: Path) -> None:

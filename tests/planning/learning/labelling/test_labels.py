@@ -548,7 +548,7 @@ def test_folders_and_calls_that_will_not_do(quick: Quick, scene: Scene, tmp_path
     for args, says in (
         (["-n", "1", "-o", str(tmp_path / "full")], "is not empty, and holds no labels"),
         (["-n", "1", "-o", str(tmp_path / "file")], "is a file, not a folder"),
-        (["-n", "1", "-o", str(tmp_path / "no" / "labels")], "does not exist; make it first"),
+        (["-n", "1", "-o", str(tmp_path / "file" / "labels")], "can't be made: not a directory"),
         ([str(tmp_path / "scenes.jsonl"), "-n", "1", "-o", str(tmp_path / "a")], "and -n exclude each other"),
         ([str(tmp_path / "scenes.jsonl"), "--fit", "-o", str(tmp_path / "a")], "--fit is for scenes that are generated, with -n: those of"),
         (["-n", "1", "--spec", "papr", "-o", str(tmp_path / "b")], "unknown spec 'papr'"),

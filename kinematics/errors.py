@@ -19,7 +19,7 @@ class InputError(RetrieveError, ValueError):
 
 
 class OptionError(InputError):
-    """What an option asks for can't be meant: no scene is to blame, and no other scene would do better."""
+    """What an option asks for makes no sense: no scene is to blame, and no other scene would do better."""
 
 
 @contextmanager

@@ -72,7 +72,7 @@ def _judged(scene: Scene, plan: Plan, touch: Blocked | None) -> Plan:
 
 
 def failed(scene: str, detail: str, *, name: str, rule: str) -> Plan:
-    """The plan of a scene, told by its id, that can't be meant: nothing was tried."""
+    """The plan of a scene, told by its id, that is invalid: nothing was tried."""
     return Plan(scene, name, str(rule), False, Blocked(SCENE, detail=detail), (), (), 0.0, 0.0, 0.0, 0.0, None)
 
 

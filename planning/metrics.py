@@ -128,7 +128,7 @@ def in_general(why: Blocked, moved: str | None = None) -> str:
 def failure(plan: Plan) -> str:
     """Why a plan failed, one of `KINDS`.
 
-    scene: it can't be meant. verify: the exact check refused its motions. look: the target was not found. moves: more are needed than are
+    scene: it is invalid. verify: the exact check refused its motions. look: the target was not found. moves: more are needed than are
     allowed. unsolvable: no move helps. Else the plan ends in a state where the target can't be taken, and what counts is how far the
     attempts got in that state. pick: no proposed object could be taken hold of; region: one could, but all its proposed places were taken;
     place: one was free, but the object could not be carried there. Where nothing was attempted, retrieve: all moves that are allowed were

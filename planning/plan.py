@@ -17,7 +17,7 @@ PLACE_OUT_OF_REACH = "the place is out of reach"
 """The detail that tells a place's stage "ik" from a grasp's."""
 
 SCENE = "scene"
-"""The stage of what is wrong with a scene itself: it can't be meant."""
+"""The stage of what is wrong with a scene itself: it is invalid."""
 FREE = ("transit", "transfer", "look")
 """The stages of motions that are planned freely, from place to place."""
 
@@ -30,7 +30,7 @@ class Blocked:
 
     stage: a motion's stage, or "ik" (the hand pose is out of reach), "grasp" (no grasp fits the object), "region" (the place itself is
     taken or outside), "select" and "place" (the policy proposed nothing more), "moves" (the limit was reached), "verify" (the final check),
-    "scene" (the scene can't be meant), "unsolvable" (it is proved that no move helps).
+    "scene" (the scene is invalid), "unsolvable" (it is proved that no move helps).
     """
 
     stage: str

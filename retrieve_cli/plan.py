@@ -50,7 +50,7 @@ def run(
 ) -> int:
     """Plan every scene; 1 when `strict` and some scene is unsolved.
 
-    A scene that can't be meant gets a plan that failed at stage `scene`; with `fail_fast`, or when there is no other scene, it is an error.
+    An invalid scene gets a plan that failed at stage `scene`; with `fail_fast`, or when there is no other scene, it is an error.
     """
     check(job)
     _check_world(job, html, one_worker=(workers or 1) == 1 and engine == "local")
@@ -147,7 +147,7 @@ class _Picture:
 
 
 def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
-    """The answers, those about lines that can't be meant held back until there is another one; some: there was one before.
+    """The answers, those about invalid lines held back until there is another one; some: there was one before.
 
     Raises: InputError, the first complaint, when there is no other line at all.
     """
@@ -165,7 +165,7 @@ def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
 
 
 def _refused(plan: Plan) -> bool:
-    """Whether a plan says that its scene can't be meant."""
+    """Whether a plan says that its scene is invalid."""
     return plan.reason is not None and plan.reason.stage == SCENE
 
 

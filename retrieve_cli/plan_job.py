@@ -48,7 +48,7 @@ class Job:
 
 
 def pace(job: Job) -> Pace:
-    """Raises: ValueError for a pace that can't be meant."""
+    """Raises: ValueError for an invalid pace."""
     from planning.motion.trajectory import Pace
 
     return Pace(job.speed, job.hand_speed, job.slow_below_mm / 1000)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What became of a line: its plan, its scene if it has one, and what is wrong with it if it can't be meant."""
+    """What became of a line: its plan, its scene if it has one, and what is wrong with it if it is invalid."""
 
     plan: Plan
     scene: Scene | None
@@ -53,7 +53,7 @@ def plan_line(job: Job, line: SceneLine) -> Answer:
 
 
 def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
-    """The plan of one scene. Raises: InputError, beginning with `where`, when the scene can't be meant: its robot, its target, its x_g."""
+    """The plan of one scene. Raises: InputError, beginning with `where`, when the scene is invalid: its robot, its target, its x_g."""
     from planning import library
     from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS

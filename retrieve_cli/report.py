@@ -49,7 +49,7 @@ def run(*, plans: Sequence[Path], scenes: Sequence[Path], out: Sequence[Path], a
 
 
 def count_objects(scenes: Sequence[Path]) -> tuple[dict[str, int], set[str]]:
-    """How many objects each scene of some files has, the target among them; and which scenes can't be meant. Raises: InputError for two
+    """How many objects each scene of some files has, the target among them; and which scenes are invalid. Raises: InputError for two
     scenes of one name that differ."""
     found, refused = dict[str, int](), set[str]()
     for file in scenes:

@@ -136,7 +136,7 @@ def _load(said: dict[str, Any], where: str) -> Robot:
 
 
 def _settled(scene: Scene, where: str) -> Scene:
-    """The scene with its objects standing free. Raises InputError for one that can't be meant."""
+    """The scene with its objects standing free. Raises InputError for an invalid one."""
     from planning.io.settling import settle
 
     with blame(where):

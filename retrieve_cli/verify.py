@@ -54,7 +54,7 @@ def run(
         for where, plan in read_plans(plans, "verify"):
             if plan.scene in refused and plan.scene not in known:
                 if plan.motions:
-                    raise InputError(f"{where}: its scene can't be meant: {refused[plan.scene]}")
+                    raise InputError(f"{where}: its scene is invalid: {refused[plan.scene]}")
                 yield where, None, plan, None
                 continue
             if plan.scene not in known:
@@ -80,7 +80,7 @@ def run(
 
 
 def by_id(file: Path, noise_m: float) -> tuple[Mapping[str, Scene], Mapping[str, str]]:
-    """The scenes of a file by their ids, settled as they were for planning; and what is wrong with those that can't be meant. Raises:
+    """The scenes of a file by their ids, settled as they were for planning; and what is wrong with those that are invalid. Raises:
     InputError for two of one id that differ."""
     from planning.io.scene_documents import scene_to_json
 
@@ -100,7 +100,7 @@ def moved_strangers(scene: Scene, plan: Plan) -> list[str]:
 
 
 def judged(settings: Settings, as_json: bool, limits: str | None, item: Item) -> tuple[str, bool]:
-    """What is printed of a plan, and whether it is false. A plan without motions may be of a scene that can't be meant: None. Raises:
+    """What is printed of a plan, and whether it is false. A plan without motions may be of an invalid scene: None. Raises:
     InputError when the scene's robot can't be loaded."""
     from kinematics.robots.load import from_ref
     from planning.sensing.on_truth import judge_on_truth

@@ -33,7 +33,7 @@ def load_mesh(
 
     It may have holes, split vertices, inner faces, several bodies and a million triangles. What it encloses is solid; a surface that is
     open by more than small holes is a thin shell. name: what stands for the file in a scene. on_share: told how much is done.
-    Raises: ValueError when the file is missing, unreadable, without volume, or of a size that can't be meant.
+    Raises: ValueError when the file is missing, unreadable, without volume, or of a size that is not allowed.
     """
     if not file.is_file():
         raise ValueError(f"mesh file {file} does not exist")

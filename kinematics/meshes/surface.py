@@ -56,7 +56,7 @@ class Surface:
 def read_surface(file: Path, scale: float = 1.0) -> Surface:
     """Read a mesh file in any format that trimesh knows, its bodies together.
 
-    Raises: ValueError when it is missing, unreadable, empty, or of a size that can't be meant.
+    Raises: ValueError when it is missing, unreadable, empty, or of a size that is not allowed.
     """
     mesh = _read(file)
     vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.int64)
@@ -84,7 +84,7 @@ def _read(file: Path) -> Any:
     try:
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
     except (ValueError, ArithmeticError) as e:  # rows of unlike lengths, or numbers that trimesh can't compare
-        raise ValueError(f"mesh file {file} has vertices that can't be meant: {e}") from e
+        raise ValueError(f"mesh file {file} has invalid vertices: {e}") from e
     return mesh
 
 
@@ -93,7 +93,7 @@ def _check_size(file: Path, extent_m: float, scale: float) -> None:
         return
     factor = min((0.001, 0.0254, 0.01, 10.0, 100.0, 1000.0), key=lambda f: abs(np.log(extent_m * f / 0.15)) if extent_m else f)
     raise ValueError(
-        f"mesh file {file} is {extent_m:.4g} m large at scale {scale:g}, and {SMALLEST_M:g} to {LARGEST_M:g} m can be meant; is it "
+        f"mesh file {file} is {extent_m:.4g} m large at scale {scale:g}, and {SMALLEST_M:g} to {LARGEST_M:g} m are allowed; is it "
         f"{'in millimetres' if factor == 0.001 else 'in other units'}? then its scale is {scale * factor:g}"
     )
 

@@ -38,7 +38,7 @@ class Description:
 def read_description(text: str, name: str, *, apart: bool = True) -> Description:
     """The tree and the hulls of a cleaned URDF. apart: concave meshes are taken apart.
 
-    Raises: ValueError where it has no collision geometry, or a mesh that can't be meant.
+    Raises: ValueError where it has no collision geometry, or a mesh that is invalid.
     """
     import yourdfpy
 

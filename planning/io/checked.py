@@ -17,7 +17,7 @@ from kinematics.errors import InputError, did_you_mean
 from kinematics.transforms import Array, rotation_from_wxyz, transform
 
 SMALLEST_M, LARGEST_M = 1e-4, 100.0
-"""Sizes and places that can be meant, metres."""
+"""Sizes and places that are allowed, metres."""
 MOST_DEEP = 32
 """Levels of objects and arrays in a document; a plan has six."""
 LARGEST_WHOLE = 2**53

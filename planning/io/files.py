@@ -36,7 +36,7 @@ _PLANS_FROM = "name a file of plans or pipe them in: retrieve gen -n 20 | retrie
 class SceneLine:
     """A line of scenes. where: "scenes.jsonl:7"; key: a hash of the line; id: the scene's, or "line 7" where it has none.
 
-    scene: None when the line can't be meant; error: why, beginning with `where`.
+    scene: None when the line is invalid; error: why, beginning with `where`.
     """
 
     where: str
@@ -84,7 +84,7 @@ def read_scene_lines(
 def read_known(
     source: Path | None, command: str, *, noise_m: float = NOISE_M, on_mesh: OnMesh = lambda *_: None
 ) -> tuple[list[tuple[str, Scene]], dict[str, str]]:
-    """(where, scene) of every line of a file that plans were made for, and what is wrong with its lines that can't be meant, by id.
+    """(where, scene) of every line of a file that plans were made for, and what is wrong with its invalid lines, by id.
 
     They did not end the batch, so they don't keep anybody from looking at its plans. Raises: InputError when there is no scene at all."""
     scenes, refused = list[tuple[str, Scene]](), dict[str, str]()

@@ -316,5 +316,5 @@ def _shape(node: Node, load: LoadMesh) -> Shape:
     extent = 2 * mesh.half
     if extent.min() < SMALLEST_M or extent.max() > LARGEST_M:
         size = " × ".join(f"{x:.3g}" for x in extent)
-        raise node.error(f"the mesh is {size} m large at scale {scale:g}, and {SMALLEST_M:g} to {LARGEST_M:g} m can be meant")
+        raise node.error(f"the mesh is {size} m large at scale {scale:g}, and {SMALLEST_M:g} to {LARGEST_M:g} m are allowed")
     return mesh

@@ -3,8 +3,8 @@
 What touches something is parted by a little more than motions must keep, too: a hand lifts nothing out of a touch, and poses that are told
 to the millimetre touch often. What stands on an object or an obstacle is lifted by as much; on the floor it may touch.
 
-What can't be meant is a mistake, whose message names the object, the amount and the likely cause: an object that floats, stands outside the
-cabinet or deep in something, sizes or positions in millimetres. Objects that a camera saw (source "seen") are left as they were fitted.
+What is invalid is refused in a message that names the object, the amount and the likely cause: an object that floats, stands outside
+the cabinet or deep in something, sizes or positions in millimetres. Objects that a camera saw (source "seen") are left as they were fitted.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ HUGE_M, TINY_M, FAR_M = 5.0, 0.002, 20.0
 
 
 class Unsettled(ValueError):
-    """A scene that can't be meant. body: the object that is to blame."""
+    """A scene that is invalid. body: the object that is to blame."""
 
     def __init__(self, body: str, message: str) -> None:
         super().__init__(message)
@@ -54,7 +54,7 @@ def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
     """The scene with its objects standing free of each other and on something; `Scene.settled` says what was moved.
 
     noise_m: how much is taken for noise. The target moves last, for x_g is told for where it stands, and goes along where it touches.
-    Raises: Unsettled for what can't be meant.
+    Raises: Unsettled for what is invalid.
     """
     for body in scene.objects:
         _check_units(scene, body)
@@ -76,7 +76,7 @@ def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
     return replace(scene, objects=tuple(objects[b.name] for b in scene.objects), settled=settled)
 
 
-# What can't be meant --------------------------------------------------------------------------------------------------------------------
+# What is invalid --------------------------------------------------------------------------------------------------------------------------
 
 
 def _check_units(scene: Scene, body: Body) -> None:

@@ -49,7 +49,7 @@ def check_choice(scene: Scene, choice: GraspChoice) -> None:
 
 
 def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGrasps | str:
-    """The grasps of a choice that can be meant (`planning.verdict.judge_grasp`), or why there is none, in words.
+    """The valid grasps of a choice (`planning.verdict.judge_grasp`), or why there is none, in words.
 
     Raises: InputError for a scene without a target, or without the grasp or the list that was chosen.
     """
@@ -64,7 +64,7 @@ def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGras
     judged = [(grasp, judge_grasp(robot, scene, grasp)) for grasp in known]
     good = tuple(grasp for grasp, wrong in judged if wrong is None)
     if choice is GraspChoice.LIST:
-        return TargetGrasps(good) if good else f"none of the {len(judged)} that are listed can be meant; the first: {judged[0][1]}"
+        return TargetGrasps(good) if good else f"none of the {len(judged)} that are listed is valid; the first: {judged[0][1]}"
 
     def more(sampling: Sampling) -> Iterator[Grasp]:
         found = sampled_grasps(robot, scene, target.name, target.T_world_body, sampling=sampling)
@@ -75,7 +75,7 @@ def target_grasps(robot: Robot, scene: Scene, choice: GraspChoice) -> TargetGras
     grasps = TargetGrasps(good, more)
     if grasps.representative() is not None:
         return grasps
-    return f"no grasp that is sampled on {target.name} can be meant: {_why_none(robot, scene)}"
+    return f"no grasp that is sampled on {target.name} is valid: {_why_none(robot, scene)}"
 
 
 def _why_none(robot: Robot, scene: Scene) -> str:

@@ -158,4 +158,4 @@ def _in_short(wrong: str) -> str:
     ):
         if words in wrong:
             return kind
-    return "that can't be meant"
+    return "that are invalid"

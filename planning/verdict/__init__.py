@@ -1,4 +1,4 @@
-"""The independent verdict: what a plan says, judged from scene and plan alone; and whether a grasp can be meant at all."""
+"""The independent verdict: what a plan says, judged from scene and plan alone; and whether a grasp is valid at all."""
 
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.grasp import closes_askew, judge_grasp, judge_hold

@@ -1,4 +1,4 @@
-"""Whether a grasp can be meant, before anything is planned or moved: the hand alone at x_g in the empty cabinet."""
+"""Whether a grasp is valid, before anything is planned or moved: the hand alone at x_g in the empty cabinet."""
 
 from __future__ import annotations
 

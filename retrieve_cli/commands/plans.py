@@ -100,9 +100,7 @@ def plan(
     engine: At = Engine.local,
     address: Address = None,
     resume: Resume = False,
-    fail_fast: Annotated[
-        bool, typer.Option("--fail-fast", help="End at a scene that can't be meant, instead of saying so in its plan.")
-    ] = False,
+    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="End at an invalid scene, instead of saying so in its plan.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell no stories on the terminal.")] = False,
     pose_noise_mm: Annotated[
         float,

@@ -229,7 +229,7 @@ def _table_failures(rows: Sequence[Row]) -> Table:
         "target is still blocked. Then the stages that block the target at the end, and those of all failed attempts"
     )
     if "scene" in kinds:
-        note += ". Scene: it can't be meant"
+        note += ". Scene: it is invalid"
     columns = ("planner", "unsolved", *kinds, "target blocked at", "attempts blocked at")
     return Table("failures", "Why the others failed", note, columns, body)
 

@@ -70,7 +70,7 @@ def test_random_words_come_from_id_and_seed(scenes: Path) -> None:
     assert Scene(**{**vars(scene), "target": "x", "regions_n": 3}).random_word == scene.random_word == words[0]
 
 
-# Lines that can't be meant ---------------------------------------------------------------------------------------------------------------
+# Invalid lines ----------------------------------------------------------------------------------------------------------------------------
 
 
 def mixed(scenes: Path, file: Path) -> Path:
@@ -110,7 +110,7 @@ def test_a_line_that_is_no_scene_gets_a_plan_that_says_so(scenes: Path, tmp_path
         told = [line for line in capsys.readouterr().err.splitlines() if line.endswith("(its plan says so)")]
         assert [line.split(": ")[0] for line in told] == [f"{file}:{n}" for n in (1, 3, 6, 8)]
     assert main(["report", str(tmp_path / "plans-1.jsonl"), "-o", str(tmp_path / "report.md")]) == 0
-    assert "Scene: it can't be meant" in (tmp_path / "report.md").read_text()
+    assert "Scene: it is invalid" in (tmp_path / "report.md").read_text()
     judged_with_what_can_not_be_meant(file, tmp_path / "plans-1.jsonl", tmp_path, capsys)
 
 
@@ -130,7 +130,7 @@ def judged_with_what_can_not_be_meant(file: Path, plans: Path, tmp_path: Path, c
     strange = write(tmp_path / "strange.jsonl", [json.dumps(moving | {"scene": "sized"})])
     assert main(["verify", str(file), str(strange)]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == (
-        f"{strange}:1: its scene can't be meant: {file}:3: cabinet.size_m: -0.5 is not positive"
+        f"{strange}:1: its scene is invalid: {file}:3: cabinet.size_m: -0.5 is not positive"
     )
 
 

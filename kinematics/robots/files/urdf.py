@@ -41,7 +41,7 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
 
     arguments: of a xacro file, by name; the others are at their defaults.
     Returns the root element and notes: what was changed or left out, a line each.
-    Raises: ValueError when the file is missing, is no URDF, says what can't be meant, or names a collision mesh that does not exist.
+    Raises: ValueError when the file is missing, is no URDF, has invalid values, or names a collision mesh that does not exist.
     """
     if not file.is_file():
         raise ValueError(f"URDF file {file} does not exist")

@@ -192,7 +192,7 @@ def test_a_mesh_is_taken_apart_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("scale", "words"),
     [
-        (1.0, "is 100 m large at scale 1, and 0.001 to 3 m can be meant; is it in millimetres? then its scale is 0.001"),
+        (1.0, "is 100 m large at scale 1, and 0.001 to 3 m are allowed; is it in millimetres? then its scale is 0.001"),
         (1e-6, "scale is 0.001"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Pose noise is settled and told; what can't be meant is refused with its amount and the likely cause."""
+"""Pose noise is settled and told; what is invalid is refused with its amount and the likely cause."""
 
 from __future__ import annotations
 

@@ -81,9 +81,7 @@ def test_a_list_of_which_nothing_can_be_meant_says_why(alone: Scene) -> None:
     none = replace(alone, grasp=None, grasps=tuple((beside(g), s) for g, s in alone.grasps))
     plan = plan_scene(none, "local", grasp="list")
     assert plan.reason is not None
-    assert plan.reason.detail.startswith(
-        f"grasp: none of the {len(alone.grasps)} that are listed can be meant; the first: x_g does not hold"
-    )
+    assert plan.reason.detail.startswith(f"grasp: none of the {len(alone.grasps)} that are listed is valid; the first: x_g does not hold")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +98,7 @@ def test_a_target_that_no_sampled_grasp_holds_says_how_large_it_is(ur5e: Robot, 
     other = replace(alone, objects=(replace(alone.target_body, shape=shape, T_world_body=T),), grasp=None, grasps=())
     wrong = target_grasps(ur5e, other, GraspChoice.ANY)
     assert isinstance(wrong, str)
-    assert re.match(f"no grasp that is sampled on {alone.target} can be meant: {why}", wrong)
+    assert re.match(f"no grasp that is sampled on {alone.target} is valid: {why}", wrong)
 
 
 def test_a_can_that_lies_is_too_low_where_the_pads_stay_above_its_axis(ur5e: Robot, alone: Scene) -> None:

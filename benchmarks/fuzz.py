@@ -169,8 +169,9 @@ def read_scene(file: Path) -> None:
 
 
 def read_plan(file: Path) -> None:
+    from planning.episodes import Episode
     from planning.io.files import read_plans
-    from planning.metrics import Episode, rows
+    from planning.metrics import rows
     from retrieve_cli.reporting.forms import WRITERS
     from retrieve_cli.reporting.tables import Report
 

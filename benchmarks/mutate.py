@@ -65,8 +65,8 @@ VERDICT = {
 GROUPS = (
     Group(
         _in("planning/policies", "search", "lookahead", "neural", "regions", "unsolvable", "rrt", "local", "random", "__init__")
-        + _in("planning", "relaxed_plan", "retrieval", "conclusion", "metrics"),
-        ("tests/planning/policies", *_in("tests/planning", "test_relaxed_plan", "test_retrieval", "test_metrics")),
+        + _in("planning", "relaxed_plan", "retrieval", "conclusion", "episodes", "metrics"),
+        ("tests/planning/policies", *_in("tests/planning", "test_relaxed_plan", "test_retrieval", "test_episodes", "test_metrics")),
     ),
     Group(
         _in(

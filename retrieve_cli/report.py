@@ -7,9 +7,9 @@ from pathlib import Path
 
 from kinematics.errors import InputError
 from planning import metrics
+from planning.episodes import Episode
 from planning.io.files import read_known, read_plans
 from planning.io.outputs import write_text
-from planning.metrics import Episode
 from planning.policies import LOOK_AHEAD
 from retrieve_cli import terminal
 from retrieve_cli.reporting.forms import WRITERS, to_json, to_terminal

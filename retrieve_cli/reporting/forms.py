@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from planning.metrics import KINDS, MEASURES, PAPER, SHARES
+from planning.episodes import KINDS
+from planning.metrics import MEASURES, PAPER, SHARES
 from planning.statistics import Share, Spread
 from retrieve_cli import terminal
 from retrieve_cli.reporting.tables import Report, is_figures, tables

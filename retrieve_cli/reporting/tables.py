@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from math import floor, log10
 
 from planning import metrics
-from planning.metrics import KINDS, MEASURES, PAPER, SAID, SHARES, Headline, Pair, Row
+from planning.episodes import KINDS, SAID
+from planning.metrics import MEASURES, PAPER, SHARES, Headline, Pair, Row
 from planning.statistics import Difference, Share, Spread, quantiles
 
 HEADINGS = {

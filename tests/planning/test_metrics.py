@@ -1,49 +1,17 @@
-"""Table I from plans: every column, every reason of failure, pairs and headlines, worked out by hand on plans without motions."""
+"""Table I from plans: every column, pairs and headlines, worked out by hand on plans without motions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
+from bare_plans import episode, failed, plan
 
-from planning import metrics
-from planning.io.plan_documents import plan_from_json, plan_to_json
-from planning.metrics import KINDS, MEASURES, PAPER, SENSED, SHARES, Episode, failure, headlines, in_general, pairs, rows, rule_rank
-from planning.plan import PLACE_OUT_OF_REACH, Blocked, Fault, Motion, Move, Plan, Unsolvable
+from planning.episodes import SENSED, Episode
+from planning.metrics import MEASURES, PAPER, SHARES, PaperRow, headlines, pairs, rows, rule_rank
+from planning.plan import Blocked, Fault, Motion, Move, Unsolvable
 from planning.statistics import Difference, Share, Spread, bootstrap, mcnemar, newcombe, quantiles, wilson
-
-
-def move(done: bool = True, stage: str | None = None, name: str = "a", detail: str | None = None) -> Move:
-    return Move(name, 0, np.eye(4), np.eye(4), done, None if stage is None else Blocked(stage, detail=detail))
-
-
-def failed(stage: str, name: str = "a", detail: str | None = None) -> Move:
-    return move(False, stage, name, detail)
-
-
-def plan(
-    scene: str = "s",
-    policy: str = "random",
-    rule: str = "deep",
-    *,
-    success: bool = True,
-    moves: Sequence[Move] = (),
-    reason: Any = None,
-    **more: Any,
-) -> Plan:
-    given = {"planning_time_s": 0.5, "motion_time_s": 2.0, "hand_travel_m": 3.0, "value": -4.0, "verified": True, **more}
-    return Plan(scene, policy, rule, success, reason, tuple(moves), (), **given)
-
-
-def episode(scene: str, policy: str = "random", rule: str = "deep", *, success: bool = True, moved: int = 1, **more: Any) -> Episode:
-    """One with `moved` moves; a failure is told as a failed retrieval."""
-    return Episode.of(
-        plan(scene, policy, rule, success=success, moves=[move()] * moved, reason=None if success else Blocked("transfer"), **more)
-    )
-
 
 # ------------------------------------------------------------------------------------------------------------------ bounds, proofs, reasons
 
@@ -86,26 +54,6 @@ def test_the_clearance_of_a_plan_is_its_motions_least_and_that_of_its_free_ones_
     assert row.free_clearance_m == (0.0042, 0.009)
 
 
-@pytest.mark.parametrize(
-    ("why", "words"),
-    [
-        (Blocked("approach", "camera", "box_3"), "camera would touch another object (approach)"),
-        (Blocked("lift", "forearm", "ceiling"), "forearm would touch the ceiling (lift)"),
-        (Blocked("transfer", "can_1", "left"), "the object would touch the left (transfer)"),
-        (Blocked("grasp", "hand", "can_1"), "hand would touch the object itself (grasp)"),
-        (Blocked("transit", "wrist", "unknown_7"), "wrist would touch unseen space (transit)"),
-        (Blocked("ik", "hand", None, detail="the grasp is out of reach"), "ik: the grasp is out of reach"),
-        (Blocked("grasp", detail="box_12 stands on can_1 and goes first"), "grasp: an object stands on an object and goes first"),
-        (Blocked("unsolvable", "wrist", "can_5", detail="none of box_9 can be picked"), "it is proved that no picks help"),
-        (Blocked("select"), "select"),
-        (Blocked("look", None, "box_3", detail="nothing but box_3 was seen"), "look: nothing but an object was seen"),
-        (Blocked("look", "camera", None, detail="it is dark"), "look: it is dark"),
-    ],
-)
-def test_reasons_count_alike_in_all_scenes(why: Blocked, words: str) -> None:
-    assert in_general(why, "can_1") == words
-
-
 def test_the_most_frequent_reason_comes_first() -> None:
     def stopped(body: str) -> Move:
         return Move("can_1", 0, np.eye(4), np.eye(4), False, Blocked("approach", "camera", body))
@@ -127,114 +75,12 @@ def test_what_the_fingers_pushed_is_counted_and_no_other_note() -> None:
     assert (row.pushed_m, row.pushing) == ((0.001, 0.003, 0.003), 2)
 
 
-# ----------------------------------------------------------------------------------------------------------------------- one plan's figures
-
-
-def test_what_is_counted_of_a_success() -> None:
-    e = Episode.of(
-        plan("0-7", "local", "region", moves=[failed("ik"), move(), failed("lift"), move(False), move(stage="grasp")], verified=False)
-    )
-    assert (e.scene, e.policy, e.rule, e.success, e.verified) == ("0-7", "local", "region", True, False)
-    assert (e.moved, e.planning_time_s, e.motion_time_s, e.hand_travel_m, e.value) == (2, 0.5, 2.0, 3.0, -4.0)
-    assert e.whole_time_s == 2.5
-    assert (e.reason, e.kind, e.blocked, e.stopped) == (None, None, ("ik", "lift"), ("ik", "lift"))
-
-
-def test_what_is_counted_of_a_failure() -> None:
-    e = Episode.of(plan(success=False, reason=Blocked("transfer", "arm", "can"), moves=[failed("grasp")]))
-    assert (e.success, e.reason, e.kind) == (False, "transfer", "pick")
-    assert Episode.of(plan(success=False)).reason == "unknown"
-    after_all = Episode.of(plan(success=True, reason=Blocked("lift")))
-    assert (after_all.reason, after_all.kept_in) == (None, None)
-
-
 def test_the_names_in_reports() -> None:
     measures = ("moved", "planning_time_s", "motion_time_s", "relocation_travel_m", "hand_travel_m", "duration_s", "value")
     assert measures == MEASURES
     assert set(MEASURES) <= set(Episode.__dataclass_fields__)
-    assert KINDS == ("selection", "pick", "region", "place", "retrieve", "look", "verify", "moves", "unsolvable", "scene")
     assert SHARES == (0.1, 0.5, 0.9, 0.95)
-    assert SENSED == ", sensed"
     assert sorted(["zzz", "strict", "deep", "aaa", "region"], key=rule_rank) == ["deep", "region", "strict", "aaa", "zzz"]
-
-
-# ------------------------------------------------------------------------------------------------------------------------ why a plan failed
-
-
-@pytest.mark.parametrize("stage", ["verify", "look", "scene", "moves", "unsolvable"])
-def test_a_refused_plan_and_a_target_that_was_not_found_go_first(stage: str) -> None:
-    assert failure(plan(success=False, reason=Blocked(stage), moves=[failed("ik")])) == stage
-
-
-@pytest.mark.parametrize(
-    ("stage", "kind"),
-    [
-        *((stage, "pick") for stage in ("ik", "grasp", "transit", "approach", "lift")),
-        *((stage, "place") for stage in ("transfer", "lower", "release", "retreat")),
-        ("region", "region"),
-        ("select", "selection"),
-        ("place", "selection"),
-        ("whatever", "selection"),
-    ],
-)
-def test_the_kind_of_an_attempt(stage: str, kind: str) -> None:
-    assert failure(plan(success=False, moves=[failed(stage)])) == kind
-    assert failure(plan(success=False, moves=[failed(stage, detail="x")], reason=Blocked("ik"))) == kind
-    assert failure(plan(success=False, moves=[failed(stage, detail=PLACE_OUT_OF_REACH)])) == ("region" if stage == "region" else "place")
-
-
-def test_the_furthest_attempt_counts() -> None:
-    in_order = [failed("select"), failed("ik"), failed("region"), failed("lower")]
-    for n, kind in enumerate(("selection", "pick", "region", "place")):
-        assert failure(plan(success=False, moves=in_order[: n + 1])) == kind
-        assert failure(plan(success=False, moves=in_order[n::-1])) == kind
-
-
-def test_attempts_before_the_last_move_do_not_count() -> None:
-    """They were made in another state."""
-    assert failure(plan(success=False, moves=[failed("lower"), move(), failed("ik")])) == "pick"
-    assert failure(plan(success=False, moves=[failed("ik"), move()])) == "selection"
-    assert failure(plan(success=False, moves=[move(), failed("ik"), move(False)])) == "pick"
-    assert failure(plan(success=False, moves=[failed("ik")])) == "pick"
-
-
-@pytest.mark.parametrize(
-    ("rule", "moves", "steps"),
-    [
-        ("deep", [], 0),
-        ("deep", [move()] * 4, 4),
-        ("deep", [move()] * 5, 5),
-        ("deep", [failed("ik")] * 9 + [move()] * 5, 5),
-        ("deep", [failed("ik")] * 9 + [move()] * 4, 4),
-        ("strict", [failed("ik")] * 2 + [move()] * 2, 4),
-        ("strict", [failed("ik")] * 2 + [move()] * 3, 5),
-        ("region", [failed("ik", "a"), failed("ik", "a"), move(name="a"), *[move()] * 3], 4),
-        ("region", [failed("ik", "a"), failed("ik", "a"), move(name="a"), *[move()] * 4], 5),
-        ("region", [failed("ik", "a"), failed("ik", "b"), failed("ik", "b"), move(name="c"), move(), move()], 5),
-        ("region", [failed("ik", "a"), failed("ik", "b"), move(name="b"), move(), move()], 4),
-        ("region", [failed("ik", "a"), failed("ik", "a"), failed("ik", "a")], 1),
-        ("region", [move(), failed("ik", "b"), failed("ik", "c"), failed("ik", "a"), move(name="z")], 5),
-    ],
-)
-def test_the_steps_that_a_plan_took(rule: str, moves: list[Move], steps: int) -> None:
-    """A lost step is one attempt (strict), or the attempts on one object (region); an object that is moved in the end has lost none."""
-    assert metrics._steps(plan(rule=rule, moves=moves)) == steps
-    if moves and moves[-1].done:
-        assert failure(plan(rule=rule, success=False, moves=moves)) == ("retrieve" if steps >= 5 else "selection")
-
-
-def test_moves_beyond_the_limit_count_too() -> None:
-    assert failure(plan(success=False, moves=[move()] * 6)) == "retrieve"
-
-
-@pytest.mark.parametrize(("allowed", "kind"), [(0, "retrieve"), (2, "retrieve"), (3, "selection"), (9, "selection")])
-def test_all_moves_were_made_is_said_of_those_that_were_allowed(allowed: int, kind: str) -> None:
-    """Through a file, too, which says how many, where they are not five."""
-    made = replace(plan(success=False, moves=[move()] * min(allowed, 2)), max_moves=allowed)
-    assert failure(made) == kind
-    assert failure(plan_from_json(plan_to_json(made))) == kind
-    assert ("max_moves" in plan_to_json(made)) == (allowed != 5)
-    assert "max_moves" not in plan_to_json(replace(made, max_moves=5))
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- rows
@@ -384,7 +230,7 @@ def test_the_papers_measures_by_name() -> None:
         "moved": row.moved, "planning_time_s": row.planning_time_s, "motion_time_s": None,
         "relocation_travel_m": row.relocation_travel_m, "hand_travel_m": None, "duration_s": None, "value": None,
     }  # fmt: skip
-    assert metrics.PaperRow("x", row.success, row.moved, row.moved, row.moved).printed
+    assert PaperRow("x", row.success, row.moved, row.moved, row.moved).printed
 
 
 def test_plans_after_sensing_are_a_planner_of_their_own() -> None:

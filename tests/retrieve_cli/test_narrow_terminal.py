@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
+from planning.episodes import Episode
 from planning.io.plan_documents import plan_from_json
-from planning.metrics import Episode
 from retrieve_cli.report import collect
 from retrieve_cli.reporting.forms import to_terminal
 from retrieve_cli.reporting.tables import tables

@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 
 from kinematics.errors import InputError
 from planning import metrics
+from planning.episodes import KINDS, Episode, _attempt_kind, failure
 from planning.io.plan_documents import plan_from_json
-from planning.metrics import KINDS, PAPER, Episode, failure
+from planning.metrics import PAPER
 from planning.plan import PLACE_OUT_OF_REACH, Blocked
 from planning.rules import MAX_MOVES
 from planning.statistics import Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
@@ -151,7 +152,7 @@ def test_every_stage_that_blocks_an_attempt_has_a_kind() -> None:
 
     stages = {*picking.STAGES.values(), *placing.STAGES.values(), "transit", "transfer", "grasp"}
     for stage in stages:
-        assert metrics._attempt_kind(Blocked(stage)) in ("pick", "region", "place"), stage
+        assert _attempt_kind(Blocked(stage)) in ("pick", "region", "place"), stage
 
 
 def test_success_by_number_of_objects() -> None:

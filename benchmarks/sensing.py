@@ -23,7 +23,8 @@ from perception.rendering.synthetic_camera import synthetic_camera
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.scenes.generation import generate, load_spec
-from planning.sensing.look_around import CHOICES, ITERATIONS, Limits, look_around, reachable_views
+from planning.sensing.look_around import CHOICES, ITERATIONS, Limits, look_around
+from planning.sensing.reachable_views import reachable_views
 
 ALL, SHARE = 200, 0.97
 

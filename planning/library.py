@@ -30,7 +30,7 @@ from planning.plan import Plan
 from planning.policies import make_policy
 from planning.retrieval import Policy, retrieve
 from planning.rules import MAX_MOVES, Rule
-from planning.sensing.unseen_space import unseen_space
+from planning.sensing.unknown_space import unknown_boxes
 from planning.target_grasps.allowed import GraspChoice, target_grasps
 from planning.verdict import Fault, judge
 
@@ -100,7 +100,7 @@ def plan_scene(
         return failed(scene.id, f"grasp: {grasps}", name=name, rule=rule)
     if (grasp_of_all := grasps.representative()) is not scene.grasp:
         scene = replace(scene, grasp=grasp_of_all)
-    unseen = unseen_space(scene) if is_seen(scene) and unseen_is_solid else ()
+    unseen = unknown_boxes(scene) if is_seen(scene) and unseen_is_solid else ()
     motions = Motions(
         robot, scene, iterations=iterations, time_budget_s=time_budget_s, obstacles=unseen, settings=settings,
         target_grasps=grasps.first, more_grasps=grasps.more, pace=pace,

@@ -155,8 +155,8 @@ def _look_at(job: _Job, scene: Scene, index: int) -> _Sight:
 def _described(job: _Job, scene: Scene, sight: _Sight) -> Scene:
     """The scene with what was observed, and with the bodies and the grasp that planning needs where nobody has told of objects."""
     from perception.belief import region_flags
-    from planning.sensing.look_around import unknown_mask
     from planning.sensing.recording import may_hide, seen_bodies, seen_scene, with_grasp
+    from planning.sensing.unknown_space import unknown_mask
 
     frames, voxels, belief, blind = sight.frames, sight.voxels, sight.belief, _blind(scene)
     if blind:

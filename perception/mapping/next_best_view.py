@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from kinematics.scene import Cabinet
 from kinematics.transforms import Array, inverse, rotation_about
 from perception.camera import Intrinsics, look_at
-from perception.mapping import grid
+from perception.mapping.carving import LEVELS, pyramid, through_wall
+from perception.mapping.revealed import map_depth, revealed, revealed_at_most, weigh
 from perception.mapping.voxels import OCCUPIED, UNKNOWN, Voxels
 
 FINE, COARSE = 4, 3  # pixels of the camera, in each direction, for one of the preview; pixels of the preview for one of its first guess
@@ -79,7 +80,7 @@ def make_view_candidates(voxels: Voxels, poses: Array, intrinsics: Intrinsics, o
     T_grid_camera = inverse(voxels.T_world_grid) @ poses
     blind = np.empty(own.shape, bool)
     for T, out in zip(T_grid_camera, blind):
-        grid.through_wall(voxels.cabinet.size_m, *_pinhole(fine), np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), out)
+        through_wall(voxels.cabinet.size_m, *_pinhole(fine), np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), out)
     blind |= own
     rows, columns = coarse.height * COARSE, coarse.width * COARSE
     squares = blind[:, :rows, :columns].reshape(-1, coarse.height, COARSE, coarse.width, COARSE)
@@ -112,7 +113,7 @@ class InformationGain:
         # which places each view would reveal when it was last looked at, more than it would reveal now
         self.seen = np.ones((len(views.T), len(self.places)), np.uint8)
         self.guessed = False
-        self._levels = np.empty((grid.LEVELS, views.fine.height, views.fine.width), np.float32)
+        self._levels = np.empty((LEVELS, views.fine.height, views.fine.width), np.float32)
 
     def best(self, voxels: Voxels, cost: Array, usable: Callable[[int], bool], least: float = 0.0) -> tuple[int, float] | None:
         """The view with the greatest gain less its cost (C,), among the usable ones that would reveal at least the share `least` of the
@@ -122,7 +123,7 @@ class InformationGain:
         if not self.guessed:
             self._guess(now)
         bound = np.empty(len(cost))
-        grid.weigh(now.rows, now.weight, self.seen, bound)
+        weigh(now.rows, now.weight, self.seen, bound)
         bound *= self.unit
         fresh, barred = np.zeros(len(cost), bool), np.isinf(cost)
         while not barred.all():
@@ -151,9 +152,9 @@ class InformationGain:
     def _gain(self, now: _Moment, index: int) -> float:
         """The share of the space that a view would reveal; `seen` says which places."""
         camera, T, seen = self.views.fine, self.views.T[index], self.seen[index]
-        grid.map_depth(now.occupied, self.step, *_pinhole(camera), T, self.views.blind[index], self.least_m, self._levels[0])
-        grid.pyramid(self._levels)
-        grid.revealed(now.rows, now.points, self.step, T, self._levels, *_pinhole(camera), seen)
+        map_depth(now.occupied, self.step, *_pinhole(camera), T, self.views.blind[index], self.least_m, self._levels[0])
+        pyramid(self._levels)
+        revealed(now.rows, now.points, self.step, T, self._levels, *_pinhole(camera), seen)
         return float(now.weight @ seen[now.rows]) * self.unit
 
     def _guess(self, now: _Moment) -> None:
@@ -161,8 +162,8 @@ class InformationGain:
         camera = self.views.coarse
         depth = np.empty((camera.height, camera.width), np.float32)
         for T, blind, seen in zip(self.views.T, self.views.blind_coarse, self.seen):
-            grid.map_depth(now.occupied, self.step, *_pinhole(camera), T, blind, self.least_m, depth)
-            grid.revealed_at_most(now.rows, now.points, T, depth, *_pinhole(camera), seen)
+            map_depth(now.occupied, self.step, *_pinhole(camera), T, blind, self.least_m, depth)
+            revealed_at_most(now.rows, now.points, T, depth, *_pinhole(camera), seen)
         self.guessed = True
 
 

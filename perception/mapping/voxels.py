@@ -19,8 +19,9 @@ from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, convex_parts, is_level
 from kinematics.transforms import Array, apply, inverse, transform
 from perception.camera import Intrinsics
-from perception.mapping import grid
-from perception.mapping.grid import FREE, OCCUPIED, UNKNOWN, States
+from perception.mapping import carving
+from perception.mapping.box_cover import cover_with_boxes
+from perception.mapping.carving import FREE, OCCUPIED, UNKNOWN, States
 from perception.pixels import filled, smooth
 
 VOXEL_M = 0.01
@@ -71,12 +72,12 @@ def clear_rays(
     own = np.zeros(depth.shape, bool) if own is None else np.ascontiguousarray(own, bool)
     depth = np.where(own, np.float32(0), depth).astype(np.float32)
     clear = np.empty(depth.shape, np.float32)
-    grid.clear_depth(depth, *f, R, eye, cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, clear)
+    carving.clear_depth(depth, *f, R, eye, cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, clear)
     ends = clear
     if noise_1m_m > 0:
         averaged, count = smooth(depth, np.zeros(depth.shape, np.int32), noise_1m_m, SMOOTH_PX)
         surer = np.empty(depth.shape, np.float32)
-        grid.clear_depth(averaged, *f, R, eye, cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, surer)
+        carving.clear_depth(averaged, *f, R, eye, cabinet.size_m, WALL_SLACK_M, 4 * noise_1m_m, surer)
         clear = np.where(count >= ENOUGH, surer, clear)
         ends = np.where(count >= ENOUGH, surer, np.float32(0))
         clear = filled(clear, own, FILL)
@@ -128,13 +129,13 @@ class Voxels:
     def after(self, rays: ClearRays) -> Voxels:
         """The map after what one depth image says."""
         state, (R, eye) = self.state.copy(), (np.ascontiguousarray(rays.T_grid_camera[:3, :3]), rays.T_grid_camera[:3, 3].copy())
-        levels, negated = (np.empty((grid.LEVELS, *rays.clear.shape), np.float32) for _ in range(2))
+        levels, negated = (np.empty((carving.LEVELS, *rays.clear.shape), np.float32) for _ in range(2))
         levels[0], negated[0] = rays.clear, -rays.clear
-        grid.pyramid(levels)
-        grid.pyramid(negated)
+        carving.pyramid(levels)
+        carving.pyramid(negated)
         T = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3])
-        grid.mark_free(state, self.step, T, levels, negated, *rays.camera, np.empty((2, 3)), np.empty(state.shape[2], np.uint8))
-        grid.mark_occupied(state, self.step, rays.ends, *rays.camera, R, eye)
+        carving.mark_free(state, self.step, T, levels, negated, *rays.camera, np.empty((2, 3)), np.empty(state.shape[2], np.uint8))
+        carving.mark_occupied(state, self.step, rays.ends, *rays.camera, R, eye)
         return replace(self, state=state)
 
     def index(self, points_world: Array) -> NDArray[np.int64]:
@@ -191,7 +192,7 @@ class Voxels:
     def ranges(self, which: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Few boxes (N, 6) that together fill just the voxels in `which` (X, Y, Z): the first voxel and the one after the last."""
         out = np.empty((MOST_BOXES, 6), np.int64)
-        n = grid.merge(np.ascontiguousarray(which, np.uint8), out)
+        n = cover_with_boxes(np.ascontiguousarray(which, np.uint8), out)
         if n < 0:
             raise ValueError(f"more than {MOST_BOXES} boxes are needed around what is unknown: the voxels are too small")
         return out[:n]

@@ -17,7 +17,7 @@ from scipy import ndimage
 from kinematics.scene import Body, Cabinet, object_box
 from kinematics.transforms import Array, inverse
 from perception.frames import Frame
-from perception.mapping.grid import hidden_layers
+from perception.mapping.hidden_layers import hidden_layers
 from perception.objects.clustering import CELL_M, cluster_instances
 from perception.objects.fit import standing_solids
 from perception.objects.instance_points import count_instances, take_points

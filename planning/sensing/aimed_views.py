@@ -18,7 +18,7 @@ from perception.camera import Intrinsics, look_at, project
 from perception.mapping.next_best_view import sample_poses
 from perception.mapping.voxels import OCCUPIED, Voxels
 from perception.rendering.synthetic_camera import DEFAULT
-from planning.sensing.look_around import ReachableViews, views_from
+from planning.sensing.reachable_views import ReachableViews, views_from
 
 DRAWN, KEPT = 1500, 100
 """Camera positions that are drawn, and those of them to which the arm is asked to go."""

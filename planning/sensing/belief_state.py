@@ -22,8 +22,9 @@ from planning.plan import Motion
 from planning.sensing.aimed_views import aimed_views
 from planning.sensing.fine_map import FineMap, Moved, coarsened
 from planning.sensing.hiding_places import COMPLETE
-from planning.sensing.look_around import Limits, Looked, look_around, unknown_mask, unknown_space
+from planning.sensing.look_around import Limits, Looked, look_around
 from planning.sensing.settings import SENSING, SensingSettings
+from planning.sensing.unknown_space import unknown_mask, unknown_space
 from planning.sensing.world import World, configuration, part_done, with_own_pixels
 
 

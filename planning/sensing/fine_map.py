@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kinematics.scene import Body, Cabinet
 from perception.mapping.voxels import FREE, UNKNOWN, VOXEL_M, ClearRays, Voxels, unknown_voxels
 from planning.sensing import hiding_places
-from planning.sensing.look_around import BODY_MARGIN_M, coarser, skin
+from planning.sensing.unknown_space import BODY_MARGIN_M, grown_to_blocks, skin
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class FineMap:
 
     def boxes(self, places: NDArray[np.bool_], bodies: Sequence[Body]) -> tuple[Body, ...]:
         """Obstacles that fill such places (X, Y, Z), and a little more away from the bodies."""
-        return self.voxels.boxes(coarser(self.voxels, places, bodies, round(VOXEL_M / hiding_places.VOXEL_M)))
+        return self.voxels.boxes(grown_to_blocks(self.voxels, places, bodies, round(VOXEL_M / hiding_places.VOXEL_M)))
 
 
 def _refined(which: NDArray[np.bool_], coarse: Voxels, fine: Voxels) -> NDArray[np.bool_]:

@@ -26,7 +26,7 @@ from planning.grasping.finger_grasps import open_width, sample_grasps
 from planning.grasping.pads import pad_of
 from planning.motion.cell.workcell import Workcell
 from planning.motion.search.reaching import APPROACH_M, LARGEST_TURN, LIFT_M
-from planning.sensing.look_around import unknown_mask
+from planning.sensing.unknown_space import unknown_mask
 
 GRASPS, SOLUTIONS = 8, 3  # grasps of one object, and arm configurations of one grasp, that are looked at
 BEST = 3  # of these ways, the ones that lack least

@@ -18,7 +18,7 @@ from kinematics.scene import Body, object_box
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, apply, inverse
 from perception.mapping.voxels import FREE, Voxels
-from planning.sensing.look_around import BODY_MARGIN_M, unknown_mask
+from planning.sensing.unknown_space import BODY_MARGIN_M, unknown_mask
 
 SMALLEST_M = 0.04
 """Nothing in a cabinet is slimmer than this, if nobody says better, or something slimmer was seen."""

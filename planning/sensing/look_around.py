@@ -7,38 +7,33 @@ only ever moves through what earlier views have shown to be free. The next view 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Scene
-from kinematics.shapes import convex_parts
-from kinematics.transforms import Array, inverse
+from kinematics.transforms import Array
 from perception.camera import Intrinsics
 from perception.frames import Frame
-from perception.mapping.next_best_view import InformationGain, ViewCandidates, make_view_candidates, reduced, sample_poses, sweep_poses
-from perception.mapping.voxels import FREE, UNKNOWN, ClearRays, Voxels, clear_rays, unknown_voxels
-from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera, robot_depth
+from perception.mapping.next_best_view import InformationGain, sweep_poses
+from perception.mapping.voxels import ClearRays, Voxels, clear_rays
+from perception.rendering.synthetic_camera import DEFAULT, RANGE_M, Camera
 from planning.motion.cell.queries import PlanningQuery
-from planning.motion.cell.workcell import IkSearch, Workcell
+from planning.motion.cell.workcell import Workcell
 from planning.motion.trajectory import FULL, Pace, timed
 from planning.plan import Blocked, Motion
+from planning.sensing.reachable_views import ReachableViews, reachable_views
+from planning.sensing.unknown_space import unknown_space
 
 SHARE, LEAST, MAX_VIEWS = 0.97, 0.003, 8
 CHOICES = ("gain", "random", "sweep")
-CANDIDATES = 600  # camera poses that are tried; about half of them can be reached in an empty cabinet
-BRANCHES = 2  # arm configurations that are kept for one of them
 ITERATIONS = 1000  # of one RRT-Connect: there are other views
 MOST_UNREACHED = 16  # views that RRT-Connect may fail to reach before the looking ends
 TRAVEL = 0.01  # what a metre of the camera's way costs, as a share of the space
-BODY_MARGIN_M = 0.003  # a voxel this near to an object is the object's
-SKIN_M = 0.012  # and one this near to it is its skin, if it borders on free space: see `unseen`
-NEAR_M = 0.04  # around objects the map counts voxel by voxel, further off in blocks of two
 BLIND = 3  # views in a row that measure nothing, before the looking ends
-
 
 Drive = Callable[[Sequence[Motion]], tuple[Sequence[Motion], Array]]
 """Carries motions out: those that were, the last one perhaps in part, and where the arm is then, q (J,)."""
@@ -71,18 +66,6 @@ class Looked:
     q: Array
     reason: str
     rays: tuple[ClearRays, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class ReachableViews:
-    """Arm configurations q (C, A) that put the camera at T_world_camera (C, 4, 4), free of the cabinet's walls.
-
-    views: what can be told of them beforehand, whatever stands in the cabinet.
-    """
-
-    q: Array
-    T: Array
-    views: ViewCandidates
 
 
 def look_around(
@@ -246,109 +229,3 @@ class KnownFreePaths:
             return False
         self.paths[i] = path
         return True
-
-
-def unknown_space(voxels: Voxels, bodies: Sequence[Body], blocks: int = 2) -> tuple[Body, ...]:
-    """What no motion may enter besides `bodies`: boxes around all space that is not known to be free and that no body explains.
-
-    The one voxel between free space and a body that was seen is the body's skin, not unknown space: a voxel that the body's edge passes
-    close by can't be seen whole from anywhere, for on one side there is the body itself.
-    blocks: away from the bodies voxels are counted in cubes of so many, which makes fewer boxes, never smaller ones.
-    """
-    return voxels.boxes(coarser(voxels, unknown_mask(voxels, bodies), bodies, blocks))
-
-
-def coarser(voxels: Voxels, which: NDArray[np.bool_], bodies: Sequence[Body], blocks: int) -> NDArray[np.bool_]:
-    """The marked voxels (X, Y, Z), and away from the bodies all of every cube of so many voxels of which some are: fewer boxes fill it."""
-    if blocks < 2:
-        return which
-    near = np.zeros(which.shape, bool)
-    for body in bodies:
-        near |= voxels.touched(body, NEAR_M)
-    return np.asarray(which | (_in_blocks(which & ~near, blocks) & ~near))
-
-
-def unknown_mask(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
-    """The voxels (X, Y, Z) that may hold what nobody has seen: not free, no body's own and not its skin."""
-    return np.asarray(voxels.blocked(bodies, BODY_MARGIN_M) & ~skin(voxels, bodies))
-
-
-def skin(voxels: Voxels, bodies: Sequence[Body]) -> NDArray[np.bool_]:
-    """The unknown voxels within SKIN_M of a body that have a free neighbour."""
-    near = np.zeros(voxels.state.shape, bool)
-    for body in bodies:
-        near |= voxels.touched(body, SKIN_M)
-    free = np.pad(voxels.state == FREE, 1)
-    beside = np.zeros(voxels.state.shape, bool)
-    for axis in range(3):
-        for shift in (-1, 1):
-            beside |= np.roll(free, shift, axis)[1:-1, 1:-1, 1:-1]
-    return np.asarray(near & beside & (voxels.state == UNKNOWN))
-
-
-def _in_blocks(which: NDArray[np.bool_], k: int) -> NDArray[np.bool_]:
-    """All of every k × k × k block of which some voxel is marked."""
-    blocks = [-(-n // k) for n in which.shape]
-    padded = np.zeros([n * k for n in blocks], bool)
-    padded[tuple(slice(n) for n in which.shape)] = which
-    some = padded.reshape(blocks[0], k, blocks[1], k, blocks[2], k).any((1, 3, 5))
-    grown = some.repeat(k, 0).repeat(k, 1).repeat(k, 2)
-    return np.asarray(grown[tuple(slice(n) for n in which.shape)])
-
-
-def reachable_views(robot: Robot, empty_scene: Scene, intrinsics: Intrinsics = DEFAULT, seed: int = 0) -> ReachableViews:
-    """Views of the cabinet that the arm can take when nothing is in it, the same for every scene before the same cabinet among the same
-    obstacles; kept.
-
-    Raises: ValueError when the robot has no camera that moves with the hand, or can't take any view.
-    """
-    return _reachable_views(robot, _Cell(_cell_key(empty_scene), replace(empty_scene, objects=())), intrinsics, seed)
-
-
-@dataclass(frozen=True)
-class _Cell:
-    """What stands still about a robot; two of them are equal when their keys are, whatever the scenes are called."""
-
-    key: bytes
-    empty_scene: Scene = field(compare=False)
-
-
-def _cell_key(scene: Scene) -> bytes:
-    """Bytes that tell one robot's cell from another: where its base is, and all that stands still."""
-    still = [scene.robot.T_world_base]
-    for body in scene.fixtures():
-        still += [body.T_world_body, *convex_parts(body.shape)]
-    return b"".join(np.ascontiguousarray(array, float).tobytes() for array in still)
-
-
-@lru_cache(maxsize=4)
-def _reachable_views(robot: Robot, cell: _Cell, intrinsics: Intrinsics, seed: int) -> ReachableViews:
-    cabinet, rng = cell.empty_scene.cabinet, np.random.default_rng(seed)
-    found = views_from(robot, cell.empty_scene, np.concatenate([sweep_poses(cabinet), sample_poses(cabinet, CANDIDATES, rng)]), intrinsics)
-    if found is None:
-        raise ValueError(f"robot {robot.name} can't look into this cabinet from anywhere: is the camera mounted the right way round?")
-    return found
-
-
-def views_from(robot: Robot, empty_scene: Scene, poses: Array, intrinsics: Intrinsics) -> ReachableViews | None:
-    """Of camera poses (C, 4, 4), those that the arm can take when nothing is in the cabinet; None when there are none.
-
-    Raises: ValueError when the robot has no camera that moves with the hand.
-    """
-    T_base = empty_scene.robot.T_world_base
-    carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_base)
-    if "camera" not in carried or carried["camera"][0] != carried["hand"][0]:
-        raise ValueError(f"robot {robot.name} has no camera in its hand: give its URDF a link called camera, fixed to the hand")
-    T_camera_hand = inverse(carried["camera"][1]) @ carried["hand"][1]
-    workcell = Workcell(robot, empty_scene, iterations=ITERATIONS, time_budget_s=None)
-    gripper = float(robot.home[robot.gripper_joint])
-    alone = workcell.problem({}, gripper)
-    found = [(q, T) for T in poses for q in workcell.ik(T @ T_camera_hand, IkSearch(8))[:BRANCHES] if workcell.touch(alone, q) is None]
-    if not found:
-        return None
-    small = reduced(intrinsics)
-    own = np.array([robot_depth(robot, T_base, robot.with_arm(q, gripper), T, small) > 0 for q, T in found])
-    views = np.array([T for _, T in found])
-    return ReachableViews(
-        np.array([q for q, _ in found]), views, make_view_candidates(unknown_voxels(empty_scene.cabinet), views, intrinsics, own)
-    )

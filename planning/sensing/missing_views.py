@@ -22,8 +22,8 @@ from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Plan
 from planning.policies.unsolvable import Prover
 from planning.sensing.focus import wanted
-from planning.sensing.look_around import reachable_views
-from planning.sensing.unseen_space import unknown_cells
+from planning.sensing.reachable_views import reachable_views
+from planning.sensing.unknown_space import unknown_cells
 
 STAGE = "look"
 NEAR_M = 0.3

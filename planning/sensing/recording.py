@@ -32,8 +32,7 @@ from planning.grasping.marginal_grasps import lacks_m
 from planning.grasping.pads import pad_of
 from planning.motion.pick_place import Motions
 from planning.sensing import hiding_places
-from planning.sensing.look_around import coarser
-from planning.sensing.unseen_space import unseen_space
+from planning.sensing.unknown_space import grown_to_blocks, unknown_boxes
 from planning.verdict import judge_grasp
 
 DEEP_M = MOST_M
@@ -93,7 +92,7 @@ def may_hide(
     together = [*bodies, *pieces]
     least = hiding_places.smallest(bodies, given_m)
     places = hiding_places.hiding_places(voxels, together, complete, least)
-    return voxels, coarser(voxels, places, together, round(VOXEL_M / hiding_places.VOXEL_M))
+    return voxels, grown_to_blocks(voxels, places, together, round(VOXEL_M / hiding_places.VOXEL_M))
 
 
 def seen_scene(scene: Scene, bodies: Sequence[Body], pieces: Sequence[Body], observation: Mapping[str, Any]) -> Scene:
@@ -147,7 +146,7 @@ def with_grasp(robot: Robot, scene: Scene) -> Scene:
     floor_z, base = float(scene.cabinet.T_world_cabinet[2, 3]), scene.robot.T_world_base[:2, 3]
     toward = float(np.arctan2(*(target.T_world_body[:2, 3] - base)[::-1]))
     approaches = [a for a in APPROACHES if a in scene.approaches]
-    among = Motions(robot, scene, obstacles=unseen_space(scene), target_grasps=())
+    among = Motions(robot, scene, obstacles=unknown_boxes(scene), target_grasps=())
     alone = Motions(robot, replace(scene, objects=(target,), obstacles=()), target_grasps=())
     found: list[tuple[int, Grasp]] = []
     for grasp in islice(sample_grasps(target, robot.opening, approaches, floor_z, toward, pad=pad_of(robot)), TRIED):

@@ -11,7 +11,8 @@ from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import apply, inverse, rotation_about, transform
 from perception.camera import DepthNoise, cloud, look_at, realsense_d435i
-from perception.mapping import grid
+from perception.mapping import carving
+from perception.mapping.revealed import revealed
 from perception.mapping.voxels import FREE, OCCUPIED, UNKNOWN, Voxels, clear_rays, unknown_voxels
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
@@ -80,9 +81,9 @@ def test_no_free_voxel_holds_any_part_of_an_object(seed: int, n: int, views: int
 @given(seed=st.integers(0, 2**32 - 1), height=st.integers(1, 70), width=st.integers(1, 90))
 def test_levels_hold_the_least_of_their_windows(seed: int, height: int, width: int) -> None:
     """Of pictures of any width, be it less than a vector's or no multiple of it."""
-    levels = np.full((grid.LEVELS, height, width), -7, np.float32)
+    levels = np.full((carving.LEVELS, height, width), -7, np.float32)
     levels[0] = image = np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)
-    grid.pyramid(levels)
+    carving.pyramid(levels)
     for k, level in enumerate(levels[1:], 1):
         size = 2**k
         if height < size or width < size:
@@ -102,7 +103,7 @@ def test_a_ray_is_clear_up_to_what_it_meets(seed: int, along_an_axis: bool) -> N
     eye, size, (slack, noise) = rng.uniform(-0.4, 0.6, 3), rng.uniform(0.3, 0.8, 3), rng.uniform(0, 0.02, 2)
     depth = np.where(rng.random((20, 35)) < 0.1, 0.0, rng.uniform(-0.1, 1.5, (20, 35))).astype(np.float32)
     clear = np.empty_like(depth)
-    grid.clear_depth(depth, 30.0, 28.0, 17.0, 9.0, R, eye, size, slack, noise, clear)
+    carving.clear_depth(depth, 30.0, 28.0, 17.0, 9.0, R, eye, size, slack, noise, clear)
     for (v, u), z in np.ndenumerate(depth.astype(float)):
         enter, leave = 0.0, 1e9
         for d, at, most in zip(R @ [(u - 17.0) / 30.0, (v - 9.0) / 28.0, 1.0], eye, size):
@@ -122,15 +123,17 @@ def test_a_block_of_voxels_is_judged_as_each_of_them_would_be(seed: int, voxel_m
     rng = np.random.default_rng(seed)
     T, voxels = camera_pose(rng), unknown_voxels(CABINET, voxel_m)
     rays = clear_rays(CABINET, view(bodies_in(CABINET, rng, 6), T), CAMERA, T)
-    pyramids = np.empty((2, grid.LEVELS, *rays.clear.shape), np.float32)
+    pyramids = np.empty((2, carving.LEVELS, *rays.clear.shape), np.float32)
     pyramids[:, 0] = rays.clear, -rays.clear
     for levels in pyramids:
-        grid.pyramid(levels)
+        carving.pyramid(levels)
     T_camera_grid, together = np.ascontiguousarray(inverse(rays.T_grid_camera)[:3]), voxels.state.copy()
-    grid.mark_free(together, voxels.step, T_camera_grid, *pyramids, *rays.camera, np.empty((2, 3)), np.empty(together.shape[2], np.uint8))
+    carving.mark_free(
+        together, voxels.step, T_camera_grid, *pyramids, *rays.camera, np.empty((2, 3)), np.empty(together.shape[2], np.uint8)
+    )
     rows, alone = np.arange(voxels.state.size), np.ones(voxels.state.size, np.uint8)
     middles = (np.argwhere(voxels.state == UNKNOWN) + 0.5) * voxels.step
-    grid.revealed(rows, middles, voxels.step, T_camera_grid, pyramids[0], *rays.camera, alone)
+    revealed(rows, middles, voxels.step, T_camera_grid, pyramids[0], *rays.camera, alone)
     assert 0 < alone.sum() < alone.size
     assert np.array_equal(together.ravel() == FREE, alone == 1)
 

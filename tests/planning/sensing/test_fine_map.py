@@ -18,9 +18,11 @@ from planning.scenes.generation import generate, load_spec
 from planning.sensing.belief_state import BeliefState
 from planning.sensing.fine_map import FineMap, Moved, coarsened
 from planning.sensing.hiding_places import SMALLEST_M
-from planning.sensing.look_around import KnownFreePaths, Limits, reachable_views, unknown_space
+from planning.sensing.look_around import KnownFreePaths, Limits
+from planning.sensing.reachable_views import reachable_views
 from planning.sensing.retrieve import retrieve_unseen
 from planning.sensing.settings import SensingSettings
+from planning.sensing.unknown_space import unknown_space
 from planning.sensing.world import SimulatedWorld
 
 CABINET = Cabinet(np.array([0.305, 0.40, 0.25]), transform(p=[0.3, 0.0, 0.1]), 0.03)

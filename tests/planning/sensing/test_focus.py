@@ -18,7 +18,8 @@ from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.scenes.generation import generate, load_spec
 from planning.sensing.focus import SHARE, wanted
-from planning.sensing.look_around import reachable_views, unknown_mask, unknown_space
+from planning.sensing.reachable_views import reachable_views
+from planning.sensing.unknown_space import unknown_mask, unknown_space
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from planning.io.results import scene_writer
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.sensing.recording import box_at_pixel
-from planning.sensing.unseen_space import unseen_space
+from planning.sensing.unknown_space import unknown_boxes
 from planning.verdict import judge_hold
 from retrieve_cli.plan_line import plan_scene
 from retrieve_cli.sense import parse_pixel, run
@@ -92,7 +92,7 @@ def test_what_no_frame_has_shown_is_an_obstacle_and_the_reason_says_where_to_loo
     shown = {
         n: sensed(blank(tmp_path / "a.jsonl", target_box=true), tmp_path / "few", tmp_path / "b.jsonl", smallest_mm=n) for n in (0.0, 40.0)
     }
-    least, most = (sum(float(np.prod(b.shape.size_m)) for b in unseen_space(shown[n])) for n in (40.0, 0.0))  # type: ignore[union-attr]
+    least, most = (sum(float(np.prod(b.shape.size_m)) for b in unknown_boxes(shown[n])) for n in (40.0, 0.0))  # type: ignore[union-attr]
     assert 0 < least < most
     plan = plan_scene(Job("local", "deep", 0, None, None, 5), "here", shown[0.0])
     assert plan.reason is not None
@@ -127,7 +127,7 @@ def test_unseen_space_is_that_of_the_observation(recording: tuple[Path, tuple[Fr
     scene = sensed(blank(tmp_path / "a.jsonl"), recording[0], tmp_path / "b.jsonl")
     assert scene.target is None
     assert scene.observation is not None
-    boxes = unseen_space(scene)
+    boxes = unknown_boxes(scene)
     cells = np.array([b.shape.size_m for b in boxes]) / (CABINET.size_m / [112, 172, 100])
     assert len(boxes)
     assert np.allclose(cells, np.round(cells))

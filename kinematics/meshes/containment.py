@@ -11,7 +11,7 @@ from kinematics.meshes.surface import Surface
 from kinematics.transforms import Array
 
 MOST_ROUNDS = 40
-CHUNK = 20_000
+CHUNK, ENTRIES = 20_000, 200_000
 FINE_M = 8e-5
 """What reaches out of the parts by no more is not looked at closer."""
 
@@ -44,7 +44,8 @@ def _held_by_one(surface: Surface, planes: Sequence[Array], boxes: Array) -> tup
     for (low, high), rows in zip(boxes, planes):
         near = np.flatnonzero(((surface.vertices >= low - FINE_M) & (surface.vertices <= high + FINE_M)).all(1))
         out = np.full(len(surface.vertices), np.inf)
-        for some in (near[i : i + CHUNK] for i in range(0, len(near), CHUNK)):
+        step = max(1, ENTRIES // len(rows))
+        for some in (near[i : i + step] for i in range(0, len(near), step)):
             out[some] = (surface.vertices[some] @ rows[:, :3].T - rows[:, 3]).max(1)
         np.minimum(best, out[surface.faces].max(1), out=best)
     held = best <= FINE_M

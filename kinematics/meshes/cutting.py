@@ -14,6 +14,8 @@ from kinematics.transforms import Array
 
 SAME_M = 1e-9
 """Points no further from a plane than this lie in it."""
+ENTRIES = 200_000
+"""So many distances of points to planes are worked out at once: as many as a core's cache holds."""
 
 
 def cut(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:
@@ -85,3 +87,14 @@ def hull_volume(points: Array) -> float:
 def planes_of(part: Array) -> Array:
     """Planes (H, 4) of a part's hull: n · x ≤ d inside."""
     return np.asarray(ConvexHull(part).equations * (1, 1, 1, -1))
+
+
+def furthest(points: Array, planes: Array) -> tuple[NDArray[np.intp], Array]:
+    """Which of planes (H, 4) each of points (N, 3) is furthest beyond (N,), and how far (N,)."""
+    face, far = np.empty(len(points), np.intp), np.empty(len(points))
+    step = max(1, ENTRIES // len(planes))
+    for some in (slice(i, i + step) for i in range(0, len(points), step)):
+        out = points[some] @ planes[:, :3].T - planes[:, 3]
+        face[some] = np.argmax(out, axis=1)
+        far[some] = np.take_along_axis(out, face[some][:, None], axis=1)[:, 0]
+    return face, far

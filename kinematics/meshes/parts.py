@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from kinematics.meshes.cutting import SAME_M, hull_points, hull_volume, planes_of
+from kinematics.meshes.cutting import SAME_M, furthest, hull_points, hull_volume, planes_of
 from kinematics.transforms import Array
 
 FLAT_M = 1e-4
@@ -92,8 +92,7 @@ def thinned(points: Array, slack_m: float) -> Array:
             planes = planes_of(points[kept])
         except (QhullError, ValueError):
             return points
-        out = points @ planes[:, :3].T - planes[:, 3]
-        face, far = np.argmax(out, axis=1), out.max(1)
+        face, far = furthest(points, planes)
         if far.max() <= slack_m:
             break
         order = np.lexsort((-far, face))

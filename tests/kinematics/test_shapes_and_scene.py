@@ -103,6 +103,7 @@ def _extruded(outline: Array, height: float) -> trimesh.Trimesh:
     [
         ("absent.stl", None, "does not exist"),
         ("empty.stl", b"", r"can't be read|holds no solid"),
+        ("fetched.stl", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 84\n", "git lfs pull"),
         ("words.obj", b"not a mesh", r"can't be read|holds no solid"),
         ("odd.xyz9", b"1 2 3", r"can't be read"),
         ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n", "no volume"),

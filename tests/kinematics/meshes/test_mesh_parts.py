@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -144,6 +145,17 @@ def test_thinned_corners_hold_the_others_to_the_slack() -> None:
     assert len(few) < 200
     assert 0 < outside(points, [few]).max() <= 0.002
     np.testing.assert_array_equal([few.min(0), few.max(0)], [points.min(0), points.max(0)])
+
+
+def test_thinning_a_fine_ball_takes_little_memory() -> None:
+    """All distances of its corners to the faces at once are 600 MB, and of a finer one more than a machine has."""
+    points = np.asarray(trimesh.creation.icosphere(subdivisions=5, radius=0.035).vertices)
+    tracemalloc.start()
+    few = thinned(points, 4e-5)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(few) < len(points) / 2
+    assert peak < 50e6
 
 
 def test_small_holes_are_filled_and_large_ones_are_not() -> None:

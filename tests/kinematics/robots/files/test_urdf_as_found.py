@@ -309,6 +309,12 @@ def test_an_stl_file_without_triangles_is_left_out_and_noted(tmp_path: Path) -> 
     assert len(root.find("link[@name='e']")) == 0
 
 
+def test_a_mesh_that_git_lfs_did_not_fetch_is_named(tmp_path: Path) -> None:
+    (tmp_path / "tip.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1611284\n")
+    with pytest.raises(ValueError, match=r"tip.stl is a pointer of Git LFS, .*git lfs pull"):
+        hulls(tmp_path, arm('<mesh filename="tip.stl"/>'))
+
+
 # What meshes mean ------------------------------------------------------------------------------------------------------------------------
 
 

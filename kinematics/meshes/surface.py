@@ -73,7 +73,7 @@ def refuse_pointer(file: Path) -> None:
     """Raises: ValueError where Git LFS left a pointer in a file's place: a clone without git-lfs has such."""
     with file.open("rb") as start:
         if start.read(len(LFS_POINTER)) == LFS_POINTER:
-            raise ValueError(f"mesh file {file} is a pointer of Git LFS, its content was not fetched: run `git lfs pull` where it is cloned")
+            raise ValueError(f"mesh file {file} is a pointer of Git LFS, not the mesh: run `git lfs pull` where it is cloned")
 
 
 def _read(file: Path) -> Any:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from kinematics.bounded_cache import evict_oldest
 from kinematics.chain import Int
 from kinematics.collision.covers.levels import Levels, box_levels, cylinder_levels, levels
 from kinematics.collision.posed_geometry import (
@@ -20,7 +21,6 @@ from kinematics.collision.posed_geometry import (
     with_covers,
 )
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
-from kinematics.kept import forget_oldest
 from kinematics.robots.robot import Robot
 from kinematics.robots.tree import carried
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, convex_parts
@@ -45,7 +45,7 @@ def link_covers(robot: Robot, on_step: Callable[[str], None] | None = None) -> t
     told: list[str] = []
     if robot not in _covered:
         covers = tuple(levels(hull.vertices, on_step=begins) for hull in robot.hulls)
-        forget_oldest(_covered, ROBOTS)
+        evict_oldest(_covered, ROBOTS)
         _covered[robot] = covers
     return _covered[robot]
 
@@ -115,7 +115,7 @@ class RobotCollisionModel:
         """The link hulls with the fingers at a gripper value; the link behind each is in `links`."""
         known = self._posed
         if gripper not in known:
-            forget_oldest(known, OPENINGS)
+            evict_oldest(known, OPENINGS)
             frames, T = self._carried(gripper)
             if self._home is None:
                 self._home = pose_geometry(self.chain, self.pieces, frames[self._link], T[self._link])
@@ -126,7 +126,7 @@ class RobotCollisionModel:
         """The same, and packed for the sphere check."""
         known = self._packed
         if gripper not in known:
-            forget_oldest(known, OPENINGS)
+            evict_oldest(known, OPENINGS)
             posed = self.posed(gripper)
             if self._model is None:
                 self._model = posed_sphere_model(self.chain, posed)

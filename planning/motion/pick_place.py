@@ -25,16 +25,16 @@ from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
-from planning.motion.handling.finest_look import FinestLook
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
 from planning.motion.handling.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings, ik_for_proofs
 from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
-from planning.motion.handling.roomier_scene import can_have_more_room
+from planning.motion.handling.shrunk_scene import can_be_shrunk
 from planning.motion.handling.stacks import Stacks
 from planning.motion.handling.state_ways import StateWays
+from planning.motion.handling.subdivision import HandSubdivision
 from planning.motion.handling.ways import WAY_IN, WHOLE_WAY
 from planning.motion.lazy_list import LazyList
 from planning.motion.quickest import Choices, quickest
@@ -287,13 +287,13 @@ class Motions:
         return self._with(EXHAUSTIVE) if can_be_exhaustive(self.robot, self.scene) else self.thorough
 
     @cached_property
-    def finest(self) -> FinestLook | None:
-        """The look that proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: with
+    def finest(self) -> HandSubdivision | None:
+        """What proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: with
         meshes, with what does not stand upright, with plates and thin walls, and with a hand of one's own whose pads are askew, where each
         grasp has to be judged. What it calls closed is so whatever unseen space holds; a hand that it finds keeps out of that."""
-        if not can_be_exhaustive(self.robot, self.scene) or not can_have_more_room(self.scene):
+        if not can_be_exhaustive(self.robot, self.scene) or not can_be_shrunk(self.scene):
             return None
-        return FinestLook(self.robot, self.scene, self.settings, self.cell)
+        return HandSubdivision(self.robot, self.scene, self.settings, self.cell)
 
     @cached_property
     def if_free(self) -> Motions:

@@ -7,11 +7,11 @@ make a pick possible. So if every way to x_g is blocked by that set alone, no se
 The proof holds for the grasps that were sampled on the objects, and for the arm's solutions that were found for them: of an arm of more
 than six joints, which has whole lines of them, for some dozen of each hand's. So grasps are sampled far more densely for it than where
 moves are planned, those that hold an object by an edge or deeper than its middle among them: wherever the verdict would call it held; and
-at last in a cabinet with as much more room as there is between one such grasp and the next (`handling/finest_look.py`). Of meshes and what
+at last in a cabinet with as much more room as there is between one such grasp and the next (`handling/subdivision.py`). Of meshes and what
 is not upright, and of hands whose pads are askew, grasps can't be sampled as densely, and plates and thin walls can't be looked at with
 more room: there nothing is proved by what is stuck. It says nothing about pushing.
 
-The finest look may find a hand that takes one of the stuck objects after all. Then there are fewer of them, and either these still are a
+The subdivision may find a hand that takes one of the stuck objects after all. Then there are fewer of them, and either these still are a
 proof, or there is hope: what can be done with those hands.
 """
 
@@ -25,7 +25,7 @@ from kinematics.transforms import Array
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.picking import THOROUGH
-from planning.motion.handling.roomier_scene import thinnest_allowed_m
+from planning.motion.handling.shrunk_scene import thinnest_allowed_m
 from planning.motion.pick_place import Motions
 from planning.plan import Unsolvable
 from planning.relaxed_plan import Names, stuck_set
@@ -34,7 +34,7 @@ from planning.relaxed_plan import Names, stuck_set
 @dataclass(frozen=True)
 class Finding:
     """What is found where no look at grasps holds out hope. unsolvable: the proof that there is none. hope: the motions with hands that the
-    finest look found, if these leave some. undecided: why neither is known, in words."""
+    subdivision found, if these leave some. undecided: why neither is known, in words."""
 
     unsolvable: Unsolvable | None = None
     hope: Motions | None = None
@@ -58,7 +58,7 @@ class Prover:
                 return Finding(hope=look) if hands else Finding()
             if not view.free(self.target, frozenset()):  # whatever goes, the target stays
                 return self._proof(state, frozenset(), stuck)
-            found, doubt = self._finest_look(state, stuck)
+            found, doubt = self._subdivision(state, stuck)
             if found:
                 hands |= found
                 look = self.motions.with_hands(state.poses, hands)
@@ -73,7 +73,7 @@ class Prover:
             return Finding(undecided=f"{self.target} may be reached among what is stuck by a solution of the arm that is hardly found")
         return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck))))
 
-    def _finest_look(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
+    def _subdivision(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
         """A hand that takes one of a set of objects while the others of it stand; or else why it is in doubt that there is none."""
         if not stuck:
             return {}, None

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics import inverse
+from kinematics.bounded_cache import evict_oldest
 from kinematics.chain import Int, forward
 from kinematics.collision.posed_geometry import PosedGeometry, join_posed, without_covers
 from kinematics.collision.robot_model import OPENINGS, RobotCollisionModel, robot_collision_model
 from kinematics.collision.sphere_model import SphereModel, posed_sphere_model
-from kinematics.kept import forget_oldest
 from kinematics.robots.robot import Robot
 from kinematics.transforms import Array
 
@@ -68,7 +68,7 @@ class Arm(RobotCollisionModel):
         pairs (S, 2) of them in which a finger takes part, and which of the links (P,) are fingers."""
         key = (opened, closed)
         if key not in self._moving:
-            forget_oldest(self._moving, OPENINGS)
+            evict_oldest(self._moving, OPENINGS)
             values = [opened + share * (closed - opened) for share in FINGERS_AT]
             posed, links, pairs, moving = self._at_all(values if len(self.fingers) else values[-1:], covered=False)
             self._moving[key] = posed, links, pairs, moving
@@ -78,7 +78,7 @@ class Arm(RobotCollisionModel):
         """The arm with its fingers anywhere between two gripper values; None where these are too far apart for that to pay."""
         key = (min(first, last), max(first, last))
         if key not in self._any_opening:
-            forget_oldest(self._any_opening, OPENINGS)
+            evict_oldest(self._any_opening, OPENINGS)
             self._any_opening[key] = self._between(*key)
         return self._any_opening[key]
 

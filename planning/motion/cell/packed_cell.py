@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kinematics.bounded_cache import evict_oldest
 from kinematics.collision import edge_problem
 from kinematics.collision.edge_problem import MARGIN_M
 from kinematics.collision.geometry import Query, Solids, make_solids, scene_solids, solids_at, some_solids
 from kinematics.collision.posed_geometry import join_posed, pose_geometry
 from kinematics.collision.robot_model import bare_geometry, shape_geometry
 from kinematics.collision.sphere_model import with_more_parts
-from kinematics.kept import forget_oldest
 from kinematics.mount import standing_still
 from kinematics.robots.names import check_names
 from kinematics.robots.robot import Robot
@@ -94,7 +94,7 @@ class PackedCell:
         """
         _, solids, bodies, known, _ = self._standing(poses)
         if (gripper, held) not in known:
-            forget_oldest(known, KNOWN_KEPT)
+            evict_oldest(known, KNOWN_KEPT)
             known[gripper, held] = self._packed_among(solids, bodies, gripper, held)
         return known[gripper, held]
 
@@ -104,7 +104,7 @@ class PackedCell:
         if key in self._elsewhere:
             query = self._elsewhere[key]
             return query._replace(task=task_elsewhere(query.task, solids))
-        forget_oldest(self._elsewhere, ELSEWHERE_KEPT)
+        evict_oldest(self._elsewhere, ELSEWHERE_KEPT)
         query = self._elsewhere[key] = self._pack(solids, bodies, gripper, held)
         return query
 
@@ -149,7 +149,7 @@ class PackedCell:
             return None
         _, solids, bodies, known, _ = self._standing(poses)
         if (first, last) not in known:
-            forget_oldest(known, KNOWN_KEPT)
+            evict_oldest(known, KNOWN_KEPT)
             posed, model, links, pairs, off_m = moving
             check = np.ones((len(links), len(bodies)), np.uint8)
             check[posed.frame == 0] = 0
@@ -180,7 +180,7 @@ class PackedCell:
         """The same query for motions that keep so far from everything but what they may touch and unseen space, in metres."""
         key = id(query), clearance_m
         if key not in self._clear:
-            forget_oldest(self._clear, CLEAR_KEPT)
+            evict_oldest(self._clear, CLEAR_KEPT)
             clear = query._replace(task=self._with_clearance(query.task, query.names[query.parts :], clearance_m, query.off_m))
             self._clear[key] = query, clear
         return self._clear[key][1]
@@ -220,7 +220,7 @@ class PackedCell:
     def _standing(self, poses: Mapping[str, Array]) -> _Bodies:
         found = self._bodies.pop(id(poses), None)
         if found is None:
-            forget_oldest(self._bodies, KEPT)  # the one that was not asked about for longest
+            evict_oldest(self._bodies, KEPT)  # the one that was not asked about for longest
             fixed = self._fixed
             which = tuple(i for i, name in enumerate(self._rows) if name in poses or name in fixed)
             if which not in self._some:

@@ -1,7 +1,7 @@
 """What a hand stands for that is looked at alone: all hands near it, moved, turned and pitched by no more than so much.
 
 Neighbourhoods of the hands that are looked at first cover all hands that may hold an object; each is halved into several, as far as it is
-asked (`finest_look.py`). How far any point of one of these hands can be from where the one that is looked at has it is the room that makes
+asked (`subdivision.py`). How far any point of one of these hands can be from where the one that is looked at has it is the room that makes
 up for looking at one alone.
 """
 

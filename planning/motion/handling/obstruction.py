@@ -21,7 +21,7 @@ from kinematics.scene import Grasp
 from kinematics.transforms import Array
 from planning.motion.cell.workcell import QUICK_IK, IkSearch, Workcell
 from planning.motion.handling.spots import SpotQueries, Spots
-from planning.motion.handling.ways import WHOLE_WAY, FreeWay, GraspsOn, Reach, Way, open_ways
+from planning.motion.handling.ways import WHOLE_WAY, FreeWay, GraspsOn, Way, WaysToObject, open_ways
 from planning.motion.lazy_list import LazyList
 
 
@@ -45,7 +45,7 @@ class Obstruction:
         other._ways = dict(self._ways)
         for name, more in hands.items():
             spot, T = self.spots.at(name, poses[name]), poses[name]
-            ways = Reach(self.queries, name, T, lambda *_, more=more: more, ik).ways()
+            ways = WaysToObject(self.queries, name, T, lambda *_, more=more: more, ik).ways()
             other._ways[spot] = LazyList(chain(ways, self._ways_to(spot)))
         return other
 
@@ -99,7 +99,7 @@ class Obstruction:
     def _ways_to(self, spot: int) -> LazyList[Way]:
         if spot not in self._ways:
             _, name, T = self.spots.members(spot)[0]
-            self._ways[spot] = LazyList(Reach(self.queries, name, T, self.grasps_on, self.ik).ways())
+            self._ways[spot] = LazyList(WaysToObject(self.queries, name, T, self.grasps_on, self.ik).ways())
         return self._ways[spot]
 
 

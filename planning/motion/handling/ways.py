@@ -114,9 +114,10 @@ def rounded_width(width_m: float) -> float:
     return round(width_m, 6)
 
 
-def let_in(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], ik: IkSearch) -> list[Grasp]:
-    """Those of some grasps to which the walls and objects at poses, what it is to grasp among them, leave the open hand and the arm a way
-    in: judged as ways are one by one, but for many grasps of which hardly any has one. ik: how closely the arm's solutions are sought."""
+def approachable(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], ik: IkSearch) -> list[Grasp]:
+    """Those of some grasps that can be approached: walls and objects at poses, what is to be grasped among them, leave the open hand and
+    the arm a way in. Judged as ways are one by one, but for many grasps of which hardly any can be. ik: how closely the arm's solutions are
+    sought."""
     widths = np.array([rounded_width(grasp.width_m) for grasp in grasps])
     hands = np.array([cell.robot.opening.beside(grasp.T_world_hand) for grasp in grasps])
     free = np.zeros(len(grasps), np.bool_)
@@ -140,7 +141,7 @@ def ways_in(cell: Workcell, hand_open: PlanningQuery, T_hand: Array, solutions: 
     return found[:free], said
 
 
-class Reach:
+class WaysToObject:
     """The ways to one object at T (4, 4), and how they are tested. ik: how closely the arm's solutions for each grasp are looked for."""
 
     def __init__(self, queries: SpotQueries, name: str, T: Array, grasps_on: GraspsOn, ik: IkSearch) -> None:

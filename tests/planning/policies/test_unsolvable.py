@@ -13,8 +13,8 @@ from fakes import scene_of
 from kinematics.scene import APPROACHES, State
 from kinematics.transforms import Array
 from planning.motion.cell.workcell import IkSearch
-from planning.motion.handling.finest_look import Access
 from planning.motion.handling.picking import THOROUGH
+from planning.motion.handling.subdivision import Access
 from planning.plan import Unsolvable
 from planning.policies import unsolvable as module
 from planning.policies.unsolvable import Finding, Prover
@@ -55,7 +55,7 @@ class Finest:
 
 class Cabinet:
     """Stands for `Motions`: what blocks what in the exhaustive look, with any grasp of the target, with all approaches, with both, and in
-    the finest look.
+    the subdivision.
 
     made: how often obstructions were built for other grasps than the exhaustive look's own.
     """
@@ -86,7 +86,7 @@ class Cabinet:
         self.reached_closely: list[frozenset[str]] = []
 
     def with_hands(self, poses: Mapping[str, Array], hands: Mapping[str, Sequence[Any]]) -> Any:
-        """With a hand an object can be picked in the way that the finest look has found."""
+        """With a hand an object can be picked in the way that the subdivision has found."""
         assert poses is HERE.poses
         assert self.finest is not None
         assert all(found == [name.upper()] for name, found in hands.items())
@@ -144,7 +144,7 @@ def test_there_is_no_proof_where_the_stuck_ones_leave_a_way() -> None:
     assert found(Cabinet({**STUCK, "t": [""]})) == Finding()
 
 
-def test_hands_that_the_finest_look_finds_leave_hope() -> None:
+def test_hands_that_the_subdivision_finds_leave_hope() -> None:
     """The stuck ones are asked with the others of them standing, and no longer than till one has a hand. Other objects are not asked."""
     cabinet = Cabinet(STUCK, finest={**STUCK, "b": ["c"]})
     finding = found(cabinet)

@@ -1,10 +1,10 @@
-"""The look that a proof rests on: hands a few millimetres apart, in a cabinet with more room than there is.
+"""The proof that no hand takes an object: the poses of the hand are subdivided (branch and bound), each cell against shrunk obstacles.
 
-Where a hand meets something between two hands that were looked at is not known. So objects, obstacles and walls are looked at smaller by as
-much as any point of a hand can lie from where the nearest of the looked-at hands has it: what meets even those is met by all hands
-between them. A hand that meets nothing then is looked at again as several, nearer together, with less room; and so on, till so
-little room is left that a way is taken to be there. That holds for hands moved ahead or up, round what is round for turned ones, and for
-all pitches between those of a diagonal approach; of a box it holds for hands that close square on its faces.
+A collision of one hand says nothing of those beside it. So each hand that is looked at stands for all in its neighbourhood, and objects,
+obstacles and walls are shrunk by as much as any point of those hands can lie from where this one has it: where it meets even the shrunk
+ones, all of them meet something. A hand that meets nothing then is divided into several, nearer together, with obstacles shrunk by
+less; and so on, till these are shrunk by so little that a way is taken to be there. That holds for hands moved ahead or up, round what is
+round for turned ones, and for all pitches between those of a diagonal approach; of a box it holds for hands that close square on its faces.
 
 Whatever meets nothing with more room is looked at in the cabinet as it is, too: a hand that meets nothing there either is one to pick with,
 though it stands between all that are sampled otherwise. Expensive is a gap that is just too narrow all along a finger: all hands in it meet
@@ -31,8 +31,8 @@ from planning.motion.handling.neighbourhoods import Levels, Neighbourhood, coars
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction
 from planning.motion.handling.picking import THOROUGH, Picking, ik_for_proofs
-from planning.motion.handling.roomier_scene import most_room_m, with_more_room
-from planning.motion.handling.ways import let_in
+from planning.motion.handling.shrunk_scene import most_room_m, shrunk
+from planning.motion.handling.ways import approachable
 from planning.motion.settings import MotionSettings
 from planning.relaxed_plan import Names
 from planning.verdict import judge_hold
@@ -42,8 +42,8 @@ MOST_BETWEEN = 10_000
 """So many hands between those of the first level are looked at for one object."""
 
 
-class FinestLook:
-    """Of one scene, from coarse hands with much room to fine ones with little. cell: the cabinet as it is."""
+class HandSubdivision:
+    """Of one scene, from coarse hands among obstacles that are much shrunk to fine ones. cell: the cabinet as it is."""
 
     def __init__(self, robot: Robot, scene: Scene, settings: MotionSettings, cell: Workcell) -> None:
         self.robot, self.scene, self.settings, self.cell_as_it_is = robot, scene, settings, cell
@@ -53,9 +53,9 @@ class FinestLook:
         self._cells: dict[float, Workcell] = {}
         self._levels: dict[tuple[str, bool], Levels] = {}
 
-    def at(self, poses: Mapping[str, Array]) -> FinestView:
+    def at(self, poses: Mapping[str, Array]) -> SubdivisionView:
         """What is in the way of what, if objects stand at poses."""
-        return FinestView(self, poses)
+        return SubdivisionView(self, poses)
 
     def first_hands(self, name: str, T: Array) -> Iterator[tuple[Iterator[Grasp], Levels]]:
         """The hands that are looked at first, of an object at T (4, 4), and what each of them stands for: the level and the steep ones, the
@@ -84,7 +84,7 @@ class FinestLook:
     def cell(self, room_m: float) -> Workcell:
         """The cabinet with so much more room; made when asked for."""
         if room_m not in self._cells:
-            scene = with_more_room(self.scene, room_m)
+            scene = shrunk(self.scene, room_m)
             self._cells[room_m] = Workcell(self.robot, scene, iterations=0, time_budget_s=None, settings=self.settings)
         return self._cells[room_m]
 
@@ -100,10 +100,10 @@ class Access:
 
 
 @dataclass(frozen=True, eq=False)
-class FinestView:
+class SubdivisionView:
     """The same, if objects stand at poses."""
 
-    look: FinestLook
+    look: HandSubdivision
     poses: Mapping[str, Array]
 
     def access(self, name: str, standing: Names) -> Access:
@@ -141,7 +141,7 @@ class FinestView:
                 return found
             cell, lacks_m = self.look.cell(levels[finer].room_m), levels[finer].lacks_m
             near = [hand for hand in left if finer == 0 or self._lacks_m(name, hand) <= lacks_m]  # those of level 0 are sampled so
-            still = self._meet_nothing(cell, let_in(cell, near, here, self.look.picking.ik), name, standing)
+            still = self._meet_nothing(cell, approachable(cell, near, here, self.look.picking.ik), name, standing)
             if finer > level:
                 found += [(hand, finer - 1) for hand in left if not any(hand is other for other in still)]
             left = still

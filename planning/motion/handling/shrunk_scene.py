@@ -1,4 +1,4 @@
-"""A scene in which all that stands, and the walls, are further from any point by so much: smaller objects in a larger cabinet."""
+"""A scene with shrunk obstacles: all that stands, and the walls, are further from any point by so much."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ def most_room_m(scene: Scene) -> float:
     return (thinnest_m(scene) - LEFT_M) / 2
 
 
-def can_have_more_room(scene: Scene) -> bool:
+def can_be_shrunk(scene: Scene) -> bool:
     """Whether all that stands in a scene can be made smaller: boxes and cylinders, no plate, no thin wall."""
     return thinnest_m(scene) >= thinnest_allowed_m(scene)
 
 
-def with_more_room(scene: Scene, by_m: float) -> Scene:
-    """A scene in which objects, obstacles and walls are further from any point by so much."""
+def shrunk(scene: Scene, by_m: float) -> Scene:
+    """A scene in which objects, obstacles and walls are shrunk: further from any point by so much."""
     cabinet = scene.cabinet
-    roomier = replace(
+    larger = replace(
         cabinet,
         size_m=cabinet.size_m + np.array([0.0, 2 * by_m, 2 * by_m]),
         T_world_cabinet=cabinet.T_world_cabinet @ transform(p=[by_m, 0.0, -by_m]),
         wall_m=cabinet.wall_m - 2 * by_m,  # for links beside, above and below it, too
     )
     objects, obstacles = (tuple(_smaller(body, by_m) for body in bodies) for bodies in (scene.objects, scene.obstacles))
-    return replace(scene, cabinet=roomier, objects=objects, obstacles=obstacles)
+    return replace(scene, cabinet=larger, objects=objects, obstacles=obstacles)
 
 
 def _smaller(body: Body, by_m: float) -> Body:

@@ -17,13 +17,13 @@ from kinematics.transforms import Array, apply, inverse, rotation_about, transfo
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import hand_points, level_hand
 from planning.motion.cell.workcell import QUICK_IK
-from planning.motion.handling import finest_look, neighbourhoods
-from planning.motion.handling.finest_look import FinestLook
+from planning.motion.handling import neighbourhoods, subdivision
 from planning.motion.handling.neighbourhoods import LEAST_ROOM_M, SQUARE, TURN_M, Neighbourhood, divided, levels_of
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.picking import Picking
-from planning.motion.handling.roomier_scene import can_have_more_room, thinnest_allowed_m, with_more_room
-from planning.motion.handling.ways import let_in
+from planning.motion.handling.shrunk_scene import can_be_shrunk, shrunk, thinnest_allowed_m
+from planning.motion.handling.subdivision import HandSubdivision
+from planning.motion.handling.ways import approachable
 from planning.motion.pick_place import Motions
 from planning.motion.search.reaching import APPROACH_M
 from planning.motion.settings import DEFAULTS, UNCONSTRAINED
@@ -47,15 +47,15 @@ def inside(body: Body, points: Array, by_m: float) -> Array:
 
 
 def test_everything_is_further_from_any_point_by_as_much_as_is_asked() -> None:
-    """What is in a solid of the roomier scene is in one of the scene, and so much from its surface, but where walls meet walls."""
+    """What is in a solid of the shrunk scene is in one of the scene, and so much from its surface, but where walls meet walls."""
     box = Body("b", Box(np.array([0.08, 0.05, 0.2])), CABINET.T_world_cabinet @ transform(p=[0.2, 0.0, 0.1]))
     can = Body("c", Cylinder(0.04, 0.1), transform(rotation_about((1, 0, 0), 0.7), [0.6, 0.2, 0.3]))
     scene, by_m = replace(scene_of(box, can), obstacles=(replace(box, name="post"),)), 0.004
-    roomier = with_more_room(scene, by_m)
+    less = shrunk(scene, by_m)
     points = np.random.default_rng(0).uniform([0.2, -0.4, 0.1], [1.0, 0.6, 0.7], (200_000, 3))
-    for before, after in zip((*scene.objects, *scene.obstacles), (*roomier.objects, *roomier.obstacles)):
+    for before, after in zip((*scene.objects, *scene.obstacles), (*less.objects, *less.obstacles)):
         assert np.array_equal(inside(after, points, 0.0), inside(before, points, by_m))
-    solid = np.any([inside(wall, points, 0.0) for wall in roomier.cabinet.walls()], 0)
+    solid = np.any([inside(wall, points, 0.0) for wall in less.cabinet.walls()], 0)
     in_cabinet = points @ inverse(CABINET.T_world_cabinet)[:3, :3].T + inverse(CABINET.T_world_cabinet)[:3, 3]
     low, high = np.array([0.0, -0.3, 0.0]), np.array([0.5, 0.3, 0.4])
     nearest = np.clip(in_cabinet, low, high)  # of the space that the walls enclose
@@ -68,25 +68,25 @@ def test_where_something_is_a_plate_a_thin_wall_or_a_mesh_there_is_no_such_look(
     post = Body("post", Box(np.array([0.05, 0.05, 0.3])), CABINET.T_world_cabinet @ transform(p=[0.2, 0.0, 0.15]))
     scene = scene_of(post)
     mesh = replace(post, shape=ConvexMesh((np.eye(3, 4).T * 0.1,)))
-    assert can_have_more_room(scene)
+    assert can_be_shrunk(scene)
     for thin in (Box(np.array([0.05, 0.3, 0.004])), Cylinder(0.1, 0.003), Cylinder(0.003, 0.1)):
-        assert not can_have_more_room(replace(scene, obstacles=(replace(post, shape=thin),)))
-        assert not can_have_more_room(scene_of(replace(post, shape=thin)))
-    assert not can_have_more_room(replace(scene, obstacles=(mesh,)))
-    assert not can_have_more_room(replace(scene, cabinet=replace(scene.cabinet, wall_m=0.005)))
+        assert not can_be_shrunk(replace(scene, obstacles=(replace(post, shape=thin),)))
+        assert not can_be_shrunk(scene_of(replace(post, shape=thin)))
+    assert not can_be_shrunk(replace(scene, obstacles=(mesh,)))
+    assert not can_be_shrunk(replace(scene, cabinet=replace(scene.cabinet, wall_m=0.005)))
     with pytest.raises(ValueError, match="post is a mesh"):
-        with_more_room(replace(scene, obstacles=(mesh,)), 0.001)
+        shrunk(replace(scene, obstacles=(mesh,)), 0.001)
     shelf = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
     assert Motions(ur5e, shelf).finest is not None
     assert Motions(ur5e, replace(shelf, cabinet=replace(shelf.cabinet, wall_m=0.005))).finest is None
 
 
 def test_walls_are_further_from_what_is_outside_too() -> None:
-    """A forearm may pass below the cabinet's floor: no point of a roomier wall is nearer than asked to one that is in no wall."""
+    """A forearm may pass below the cabinet's floor: no point of a shrunk wall is nearer than asked to one that is in no wall."""
     by_m, rng = 0.004, np.random.default_rng(1)
     points = rng.uniform([0.2, -0.4, 0.1], [1.0, 0.6, 0.7], (200_000, 3))
-    roomier = with_more_room(scene_of(Body("b", Box(np.full(3, 0.05)), CABINET.T_world_cabinet)), by_m).cabinet
-    solid = points[np.any([inside(wall, points, 0.0) for wall in roomier.walls()], 0)]
+    less = shrunk(scene_of(Body("b", Box(np.full(3, 0.05)), CABINET.T_world_cabinet)), by_m).cabinet
+    solid = points[np.any([inside(wall, points, 0.0) for wall in less.walls()], 0)]
     ways = rng.normal(size=solid.shape)
     around = solid + (by_m - 1e-9) * ways / np.linalg.norm(ways, axis=1, keepdims=True)
     assert len(solid) > 1000
@@ -97,7 +97,7 @@ def test_what_is_stuck_is_so_by_what_stands_around_it(ur5e: Robot) -> None:
     """Three boxes of a shelf keep each other; what can be picked is free."""
     scene = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
     motions, stuck = Motions(ur5e, scene), frozenset({"box_0", "box_1", "box_4"})
-    look = FinestLook(ur5e, scene, DEFAULTS, motions.cell).at(scene.poses())
+    look = HandSubdivision(ur5e, scene, DEFAULTS, motions.cell).at(scene.poses())
     assert all(look.access(name, stuck - {name}).closed for name in stuck)
     pickable = [name for name in sorted(scene.poses()) if name != scene.target and motions.picks(motions.start(), name)[0]]
     assert pickable
@@ -135,7 +135,7 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
     look = motions.finest.at(motions.scene.poses())
     access = look.access("box", frozenset())
     assert (access.hand, access.closed) == (None, True)
-    monkeypatch.setattr(finest_look, "MOST_BETWEEN", access.between // 2)
+    monkeypatch.setattr(subdivision, "MOST_BETWEEN", access.between // 2)
     doubtful = look.access("box", frozenset())
     assert (doubtful.hand, doubtful.closed) == (None, False)
     assert access.between // 2 <= doubtful.between < access.between
@@ -183,7 +183,7 @@ def test_one_of_the_hands_that_are_looked_at_first_stands_for_any_that_holds(
     monkeypatch.setattr(neighbourhoods, "TURN_M", 0.010)  # fewer, further apart
     body, rng = Body("it", shape, transform(rotation_about(UP, 0.4), [0.5, 0.1, 0.26])), np.random.default_rng(3)
     scene = replace(scene_of(body), cabinet=replace(CABINET, wall_m=0.06), approaches=("horizontal", "diagonal", "downward"))
-    look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
+    look = HandSubdivision(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
     first = [(ahead_of_it(hands), levels[0].room_m) for hands, levels in look.first_hands("it", body.T_world_body)]
     held = 0
     for _ in range(300):
@@ -208,7 +208,7 @@ def test_no_point_of_a_hand_on_its_way_is_further_off_than_is_reckoned_with(ur5e
     """Of all hands that are looked at first on a can: from its middle, level, and from the pads' middle, before the hand goes ahead."""
     can = Body("can", Cylinder(0.028, 0.12), transform(p=[0.5, 0.1, 0.26]))
     scene = replace(scene_of(can), approaches=("horizontal", "diagonal", "downward"))
-    look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
+    look = HandSubdivision(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
     points = hand_points(ur5e, open_width(2 * 0.028, ur5e.opening), ur5e.hand_links)
     for hands, levels in look.first_hands("can", can.T_world_body):
         reach_m = levels[0].reach_m
@@ -228,7 +228,7 @@ def test_hands_judged_together_are_those_that_picks_judge_one_by_one(ur5e: Robot
         hands = list(islice(sampled_grasps(ur5e, scene, name, poses[name]), 0, 200, 5))
         for others in ({scene.target_name}, {*poses}):
             here = {other: T for other, T in poses.items() if other in {name, *others}}
-            together = let_in(cell, hands, here, QUICK_IK)
+            together = approachable(cell, hands, here, QUICK_IK)
             for hand in hands:
                 picks, why = Picking(cell).picks_with([hand], here, cell.without(here, name), name, cell.home_arm)
                 let.append(any(hand is other for other in together))
@@ -243,10 +243,10 @@ def test_hands_on_what_is_round_are_turned_less_where_walls_are_thin(ur5e: Robot
     for wall_m, turn_m in ((0.03, TURN_M), (0.012, 0.005 - SQUARE.room_m), (thinnest_allowed_m(scene_of(can)), 0.001)):
         scene = scene_of(can, box)
         scene = replace(scene, cabinet=replace(scene.cabinet, wall_m=wall_m))
-        look = FinestLook(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
+        look = HandSubdivision(ur5e, scene, DEFAULTS, Motions(ur5e, scene).cell)
         around = look.levels("can")[0]
         assert around.turn * around.reach_m == pytest.approx(turn_m)
-        assert with_more_room(scene, around.room_m).cabinet.wall_m >= 0.00199
+        assert shrunk(scene, around.room_m).cabinet.wall_m >= 0.00199
         assert look.levels("box")[0] == SQUARE
         ((hands, _),) = look.first_hands("can", can.T_world_body)
         yaws = {round(float(np.arctan2(*hand.T_world_hand[:2, 1])), 6) for hand in hands}

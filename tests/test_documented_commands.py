@@ -1,7 +1,8 @@
-"""Every `retrieve …` that README.md and docs/ show is a command line that the program takes."""
+"""Every `retrieve …` that README.md and docs/ show is a command line that the program takes, and every module and name in them is there."""
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import shlex
 from collections.abc import Iterator
@@ -47,3 +48,21 @@ def test_the_program_takes_it(page: str, line: str) -> None:
     except InputError as e:
         if not re.search(r"Missing argument|requires an argument|Missing option", str(e)):  # a part of one, in a sentence
             raise
+
+
+NAMES = sorted(
+    {
+        (page.name, name)
+        for page in PAGES
+        for name in re.findall(r"`((?:kinematics|perception|planning|retrieve_cli)(?:\.\w+)+)`", page.read_text(encoding="utf-8"))
+    }
+)
+
+
+@pytest.mark.parametrize(("page", "name"), NAMES)
+def test_what_a_page_names_is_there(page: str, name: str) -> None:
+    assert pkgutil.resolve_name(name) is not None
+
+
+def test_the_paper_page_says_where_things_are() -> None:
+    assert len([name for page, name in NAMES if page == "paper.md"]) > 5

@@ -59,21 +59,22 @@ def _wall_errors(
 
 
 def in_cabinet(
-    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, margin_m: float, axial: float
+    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, front_m: float, margin_m: float, axial: float
 ) -> tuple[Bool, Image]:
-    """Which pixels (H, W) show something inside the cabinet that is no wall; and every pixel's point (H, W, 3) in the cabinet.
+    """Which pixels (H, W) show something inside the cabinet, or up to front_m before its open side, that is no wall; and every pixel's point
+    (H, W, 3) in the cabinet.
 
     A point is no wall when it is margin_m off, and three standard deviations more, as far as noise along the ray moves it off the wall.
     """
     inside, points = np.zeros(depth.shape, np.bool_), np.zeros((*depth.shape, 3), np.float32)
-    _in_cabinet(depth, arm, fx, fy, cx, cy, T, size, margin_m, axial, inside, points)
+    _in_cabinet(depth, arm, fx, fy, cx, cy, T, size, front_m, margin_m, axial, inside, points)
     return inside, points
 
 
 @jit_entry
 def _in_cabinet(
-    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, margin_m: float, axial: float, inside: Bool,
-    points: Image,
+    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, front_m: float, margin_m: float, axial: float,
+    inside: Bool, points: Image,
 ) -> None:  # fmt: skip
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
@@ -89,7 +90,7 @@ def _in_cabinet(
                 off = margin_m + 3.0 * axial * z * z * abs(slope)
                 low, high = off, size[axis] - off
                 if axis == 0:
-                    low = -0.02  # a little in front of the open side is still the cabinet's
+                    low = -front_m
                 elif axis == 1:
                     low, high = off - size[1] / 2, size[1] / 2 - off
                 good = good and low < p < high

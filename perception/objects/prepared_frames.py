@@ -19,6 +19,8 @@ from perception.pixels import Bool, in_cabinet, smooth, wall_errors
 
 WALL_MARGIN_M = 0.003
 """What is nearer to a wall than this, and than three standard deviations, is taken for the wall."""
+FRONT_M = 0.12
+"""How far before the open side what stands in the cabinet is looked at: large things jut out that far, and don't fall."""
 SMOOTH_PX = 3
 EVERY_PX = 3
 """Noise is measured at every so many columns and rows."""
@@ -73,9 +75,9 @@ def _ready(frame: Frame, cabinet: Cabinet, axial: float) -> ReadyFrame:
     label = np.zeros(depth.shape, np.int32) if frame.instance is None else np.ascontiguousarray(frame.instance, np.int32)
     count = np.ones(depth.shape, np.uint8)
     if axial > 0:
-        kept, _ = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
+        kept, _ = in_cabinet(depth, arm, *camera, T, size, FRONT_M, WALL_MARGIN_M, axial)
         depth, count = smooth(depth, np.where(kept, label, -1).astype(np.int32), axial, SMOOTH_PX)
-    inside, points = in_cabinet(depth, arm, *camera, T, size, WALL_MARGIN_M, axial)
+    inside, points = in_cabinet(depth, arm, *camera, T, size, FRONT_M, WALL_MARGIN_M, axial)
     return ReadyFrame(axial, depth, inside, points, count)
 
 

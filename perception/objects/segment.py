@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from perception.mapping.voxels import Voxels
 
 Int = NDArray[np.int64]
+BEFORE_M = 0.02
+"""What ends further before the cabinet's open side than this stands before it, and is none of its objects."""
 FEWEST_PIXELS = 20
 """What fewer pixels show is no object but noise."""
 GROWN_M = 0.06
@@ -84,7 +86,7 @@ def object_pixels(views: PreparedFrames) -> dict[str, tuple[Array, Int]]:
     out = {}
     for name, first, end in zip(sizes, ends, ends[1:]):
         dense = lie_densely(cloud[first:end])
-        if np.count_nonzero(dense) >= FEWEST_PIXELS:
+        if np.count_nonzero(dense) >= FEWEST_PIXELS and cloud[first:end, 0][dense].max() > -BEFORE_M:
             out[name] = (cloud[first:end][dense], pixels[first:end][dense])
     return out
 

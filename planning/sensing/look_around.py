@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,9 @@ from planning.motion.cell.queries import PlanningQuery
 from planning.motion.cell.workcell import Workcell
 from planning.motion.trajectory import FULL, Pace, timed
 from planning.plan import Blocked, Motion
+from planning.sensing.jutting import Jutting
 from planning.sensing.reachable_views import ReachableViews, reachable_views
-from planning.sensing.unknown_space import unknown_space
+from planning.sensing.unknown_space import SKIN_M, unknown_space
 
 SHARE, LEAST, MAX_VIEWS = 0.97, 0.003, 8
 CHOICES = ("gain", "random", "sweep")
@@ -106,7 +108,7 @@ def look_around(
     spots = spots or reachable_views(robot, empty_scene, intrinsics)
     preview = InformationGain(voxels, spots.views, RANGE_M[0], focus)
     order = _order(choose, spots, empty_scene.cabinet, rng)
-    frames, seen = list[Frame](), list[ClearRays]()
+    frames, seen, jutting = list[Frame](), list[ClearRays](), Jutting(empty_scene.cabinet, noise_1m_m)
     views: list[tuple[Array, float]] = []
     motions: list[Motion] = []
     blind, done, at = 0, np.zeros(len(spots.q), bool), -1
@@ -117,6 +119,7 @@ def look_around(
             voxels.cabinet, frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm, noise_1m_m=noise_1m_m
         )  # fmt: skip
         voxels = voxels.after(rays)
+        jutting.add(frame)
         frames.append(frame)
         seen.append(rays)
         views.append((frame.T_world_camera, voxels.known))
@@ -126,7 +129,7 @@ def look_around(
             break
         if at >= 0:
             preview.taken(voxels, at)
-        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding)
+        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding, jutting.boxes(bodies, SKIN_M))
         if way.blocked is not None:
             reason = f"the arm can't move on: {way.blocked}"
             break
@@ -204,14 +207,18 @@ class KnownFreePaths:
         spots: ReachableViews,
         rng: np.random.Generator,
         hiding: Callable[[], tuple[Body, ...]] | None = None,
+        front: tuple[Body, ...] = (),
     ) -> None:
+        """hiding: obstacles around all that may be in unseen space, asked when the arm stands in some of it; front: around what was seen
+        before the cabinet."""
         self.spots, self.rng, self.paths, self.failed = spots, rng, dict[int, Array](), 0
         self.start, gripper = robot.arm_q(q), float(q[robot.gripper_joint])
         scene = replace(empty_scene, objects=tuple(bodies))
         self.poses = scene.poses()
         unknown: list[Callable[[], tuple[Body, ...]]] = [partial(unknown_space, voxels, bodies, blocks) for blocks in (2, 1)]
-        for walls in unknown if hiding is None else [*unknown, hiding]:  # in blocks the map is quicker, and a little larger
-            self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=walls())
+        tries = unknown if hiding is None else [*unknown, hiding]  # in blocks the map is quicker, and a little larger
+        for walls, more in product(tries, (front, ()) if front else ((),)):
+            self.cell = Workcell(robot, scene, iterations=ITERATIONS, time_budget_s=None, obstacles=(*walls(), *more))
             self.query: PlanningQuery = self.cell.problem(self.poses, gripper)
             touch = self.cell.touch(self.query, self.start)
             if touch is None:

@@ -59,10 +59,11 @@ def _wall_errors(
 
 
 def in_cabinet(
-    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, front_m: float, margin_m: float, axial: float
-) -> tuple[Bool, Image]:
-    """Which pixels (H, W) show something inside the cabinet, or up to front_m before its open side, that is no wall; and every pixel's point
-    (H, W, 3) in the cabinet.
+    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, front_m: float, margin_m: float,
+    axial: float,
+) -> tuple[Bool, Image]:  # fmt: skip
+    """Which pixels (H, W) show something inside the cabinet, or up to front_m before its open side, that is no wall; and every pixel's
+    point (H, W, 3) in the cabinet.
 
     A point is no wall when it is margin_m off, and three standard deviations more, as far as noise along the ray moves it off the wall.
     """
@@ -73,8 +74,8 @@ def in_cabinet(
 
 @jit_entry
 def _in_cabinet(
-    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, front_m: float, margin_m: float, axial: float,
-    inside: Bool, points: Image,
+    depth: Image, arm: Bool, fx: float, fy: float, cx: float, cy: float, T: Array, size: Array, front_m: float, margin_m: float,
+    axial: float, inside: Bool, points: Image,
 ) -> None:  # fmt: skip
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):

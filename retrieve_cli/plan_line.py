@@ -114,9 +114,9 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             world, simulated = own_world(job.world, scene, arm), None
             scene = as_it_is(world, scene, arm)
 
-        def policy_for(motions: Motions) -> Policy:
+        def policy_for(motions: Motions, moves: int) -> Policy:
             return (
-                own_policy(job.policy)(motions) if is_own(job.policy) else make_policy(name, motions, model=model, max_moves=job.max_moves)
+                own_policy(job.policy)(motions) if is_own(job.policy) else make_policy(name, motions, model=model, max_moves=moves)
             )
 
         return retrieve_unseen(

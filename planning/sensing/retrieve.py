@@ -43,7 +43,7 @@ def retrieve_unseen(
     world: World,
     robot: Robot,
     scene: Scene,
-    policy_for: Callable[[Motions], Policy],
+    policy_for: Callable[[Motions, int], Policy],
     *,
     truth: Truth | None = None,
     target_box: Array | None = None,
@@ -56,8 +56,8 @@ def retrieve_unseen(
     """Plan the way to the target from nothing but pictures, as `planning.retrieval.retrieve` does from the truth.
 
     robot, scene: the cell, with the target's name and x_g; its objects are not looked at, but for the verdict at the end where there is a
-    `truth`. policy_for: makes the policy for what is believed at a moment. target_box (6,): where the target is, see `perception.belief`.
-    name: what the policy is called in the plan. on_step: told of each step as it is taken.
+    `truth`. policy_for: makes the policy for what is believed at a moment, and so many moves. target_box (6,): where the target is,
+    see `perception.belief`. name: what the policy is called in the plan. on_step: told of each step as it is taken.
     The reason is stage "look" when the target was not found; otherwise what blocked the last attempt. Its motions are judged twice: by what
     was seen when they were planned, where those that do not hold are not carried out, and by the truth at the end, if there is one;
     `verified` and the reason "verify" tell.
@@ -114,7 +114,7 @@ class _Loop:
     world: World
     known: Truth
     mind: BeliefState
-    policy_for: Callable[[Motions], Policy]
+    policy_for: Callable[[Motions, int], Policy]
     settings: LoopSettings
     sensing: SensingSettings
     rng: np.random.Generator
@@ -212,7 +212,7 @@ class _Loop:
         """Carry out the first of the policy's proposals for which there are motions."""
         mind, hindered, out_of_reach = self.mind, list[tuple[str, Blocked]](), set[str]()
         seen = observation(mind.empty_scene, mind.q, mind.belief)
-        policy = self.policy_for(motions)
+        policy = self.policy_for(motions, self.settings.max_moves - self.steps)
         for object_name, region in proposals(policy, seen, self.settings.rule, self.failed, self.rng, self.thinking, out_of_reach):
             with self.moving:
                 done = self.relocation(motions, state, object_name, region)

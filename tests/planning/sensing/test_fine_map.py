@@ -149,7 +149,7 @@ def test_a_plan_says_what_it_took_for_granted(ur5e: Robot, smallest_m: float) ->
     scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
     world = SimulatedWorld(ur5e, scene, np.random.default_rng(0))
     plan: Plan = retrieve_unseen(
-        world, ur5e, replace(scene, objects=scene.objects), lambda m: make_policy("neural", m), truth=world,
+        world, ur5e, replace(scene, objects=scene.objects), lambda m, moves: make_policy("neural", m, max_moves=moves), truth=world,
         name="neural", sensing=SensingSettings(smallest_m=smallest_m), rng=np.random.default_rng(0),
     )  # fmt: skip
     assert plan.success

@@ -13,6 +13,8 @@ from kinematics.shapes import Box
 from kinematics.transforms import rotation_about, transform
 from perception.belief import believe
 from perception.frames import Frame
+from perception.mapping.voxels import unknown_voxels
+from perception.objects.prepared_frames import FRONT_M
 from perception.objects.segment import segment
 from perception.rendering.synthetic_camera import synthetic_camera
 from planning.library import STAGE
@@ -22,8 +24,6 @@ from planning.scenes.generation import generate, load_spec
 from planning.sensing.jutting import Jutting
 from planning.sensing.look_around import SKIN_M, Looked, look_around
 from planning.sensing.settings import SENSING
-from perception.mapping.voxels import unknown_voxels
-from perception.objects.prepared_frames import FRONT_M
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -45,7 +45,9 @@ def seen(ur5e: Robot, scene: Scene) -> Looked:
 
 def before_the_front_m(scene: Scene, body: Body) -> float:
     """How far a body juts out."""
-    corners = body.T_world_body[:3, 3] + (np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * body.shape.half) @ body.T_world_body[:3, :3].T  # type: ignore[union-attr]
+    corners = (
+        body.T_world_body[:3, 3] + (np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * body.shape.half) @ body.T_world_body[:3, :3].T
+    )  # type: ignore[union-attr]
     return float(scene.cabinet.T_world_cabinet[0, 3] - corners[:, 0].min())
 
 
@@ -66,7 +68,9 @@ def test_it_is_seen_whole(scene: Scene, seen: Looked, by: str) -> None:
 
 def front_box(scene: Scene, x_m: float) -> Body:
     """A turned box on the floor whose middle is so far behind the front."""
-    return Body("stray", Box(np.array([0.05, 0.05, 0.12])), scene.cabinet.T_world_cabinet @ transform(rotation_about(UP, 0.3), [x_m, 0.2, 0.06]))
+    return Body(
+        "stray", Box(np.array([0.05, 0.05, 0.12])), scene.cabinet.T_world_cabinet @ transform(rotation_about(UP, 0.3), [x_m, 0.2, 0.06])
+    )
 
 
 def pictures(ur5e: Robot, scene: Scene, seen: Looked) -> list[Frame]:

@@ -141,7 +141,7 @@ def test_a_plan_from_pictures_of_noise_fails_with_its_reason(ur5e: Robot, scene:
     rng = np.random.default_rng(0)
     world = Noisy(ur5e, scene, rng, by="geometry")
     plan = retrieve_unseen(
-        world, ur5e, scene, lambda m: make_policy("local", m), truth=world, sensing=SensingSettings(by="geometry"), name="local", rng=rng
+        world, ur5e, scene, lambda m, _: make_policy("local", m), truth=world, sensing=SensingSettings(by="geometry"), name="local", rng=rng
     )  # fmt: skip
     assert not plan.success
     assert plan.reason is not None
@@ -184,7 +184,7 @@ def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None
     truth = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 2)
     rng = np.random.default_rng([0, 4, 2])
     world = SimulatedWorld(ur5e, truth, rng)
-    plan = retrieve_unseen(world, ur5e, truth, lambda m: make_policy("local", m), truth=world, name="local", rng=rng)
+    plan = retrieve_unseen(world, ur5e, truth, lambda m, _: make_policy("local", m), truth=world, name="local", rng=rng)
     assert plan.verified
     assert any(m.stage == "look" for m in plan.motions)
     assert verify(ur5e, truth, plan.motions) is None
@@ -192,7 +192,7 @@ def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None
     rng = np.random.default_rng(0)
     world = SimulatedWorld(ur5e, lost, rng)
     still = LoopSettings(max_moves=0)
-    unfound = retrieve_unseen(world, ur5e, lost, lambda m: make_policy("local", m), truth=world, name="local", settings=still, rng=rng)
+    unfound = retrieve_unseen(world, ur5e, lost, lambda m, _: make_policy("local", m), truth=world, name="local", settings=still, rng=rng)
     assert not unfound.success
     assert "not found" in str(unfound.reason)
 
@@ -206,7 +206,7 @@ def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_
     rng = np.random.default_rng([0, 4, 0])
     world = SimulatedWorld(ur5e, truth, rng, noise, "geometry")
     plan = retrieve_unseen(
-        world, ur5e, truth, lambda m: make_policy("neural", m),
+        world, ur5e, truth, lambda m, moves: make_policy("neural", m, max_moves=moves),
         truth=world, name="neural", sensing=SensingSettings("geometry", noise.axial_1m_m if noise else 0.0), rng=rng,
     )  # fmt: skip
     assert plan.success

@@ -38,7 +38,9 @@ def drawn(ur5e: Robot, seed: int, index: int) -> Scene:
 def sensed(ur5e: Robot, scene: Scene) -> Plan:
     rng = np.random.default_rng([0, 4, scene.random_word])
     world = SimulatedWorld(ur5e, scene, rng, None, "mask")
-    return retrieve_unseen(world, ur5e, scene, lambda motions: make_policy("neural", motions), truth=world, name="neural", rng=rng)
+    return retrieve_unseen(
+        world, ur5e, scene, lambda motions, moves: make_policy("neural", motions, max_moves=moves), truth=world, name="neural", rng=rng
+    )
 
 
 @pytest.fixture(scope="module")

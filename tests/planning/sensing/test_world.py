@@ -49,7 +49,9 @@ def planned(robot: Robot, truth: Scene, world: SimulatedWorld) -> Plan:
     scene = replace(truth, objects=())
     rng = np.random.default_rng([0, 4, 0])
     sensing = SensingSettings(by=None)
-    return retrieve_unseen(world, robot, scene, lambda m: make_policy("neural", m), sensing=sensing, name="neural", rng=rng)
+    return retrieve_unseen(
+        world, robot, scene, lambda m, moves: make_policy("neural", m, max_moves=moves), sensing=sensing, name="neural", rng=rng
+    )
 
 
 def test_it_looks_again_and_plans_on_from_where_the_arm_is(ur5e: Robot, truth: Scene) -> None:

@@ -20,7 +20,7 @@ from perception.pixels import Bool, in_cabinet, smooth, wall_errors
 WALL_MARGIN_M = 0.003
 """What is nearer to a wall than this, and than three standard deviations, is taken for the wall."""
 FRONT_M = 0.12
-"""How far before the open side what stands in the cabinet is looked at: large things jut out that far, and don't fall."""
+"""How far before the open side what stands in the cabinet is looked at: large things protrude that far, and don't fall."""
 SMOOTH_PX = 3
 EVERY_PX = 3
 """Noise is measured at every so many columns and rows."""

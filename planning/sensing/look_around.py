@@ -26,7 +26,7 @@ from planning.motion.cell.queries import PlanningQuery
 from planning.motion.cell.workcell import Workcell
 from planning.motion.trajectory import FULL, Pace, timed
 from planning.plan import Blocked, Motion
-from planning.sensing.jutting import Jutting
+from planning.sensing.protrusions import Protrusions
 from planning.sensing.reachable_views import ReachableViews, reachable_views
 from planning.sensing.unknown_space import SKIN_M, unknown_space
 
@@ -108,7 +108,7 @@ def look_around(
     spots = spots or reachable_views(robot, empty_scene, intrinsics)
     preview = InformationGain(voxels, spots.views, RANGE_M[0], focus)
     order = _order(choose, spots, empty_scene.cabinet, rng)
-    frames, seen, jutting = list[Frame](), list[ClearRays](), Jutting(empty_scene.cabinet, noise_1m_m)
+    frames, seen, protrusions = list[Frame](), list[ClearRays](), Protrusions(empty_scene.cabinet, noise_1m_m)
     views: list[tuple[Array, float]] = []
     motions: list[Motion] = []
     blind, done, at = 0, np.zeros(len(spots.q), bool), -1
@@ -119,7 +119,7 @@ def look_around(
             voxels.cabinet, frame.depth, frame.intrinsics, frame.T_world_camera, own=frame.arm, noise_1m_m=noise_1m_m
         )  # fmt: skip
         voxels = voxels.after(rays)
-        jutting.add(frame)
+        protrusions.add(frame)
         frames.append(frame)
         seen.append(rays)
         views.append((frame.T_world_camera, voxels.known))
@@ -129,7 +129,7 @@ def look_around(
             break
         if at >= 0:
             preview.taken(voxels, at)
-        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding, jutting.boxes(bodies, SKIN_M))
+        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding, protrusions.boxes(bodies, SKIN_M))
         if way.blocked is not None:
             reason = f"the arm can't move on: {way.blocked}"
             break

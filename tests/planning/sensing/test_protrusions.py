@@ -1,4 +1,4 @@
-"""What juts out of the cabinet's front is seen whole, and no way to a view leads through it."""
+"""What protrudes of the cabinet's front is seen whole, and no way to a view leads through it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from planning.library import STAGE
 from planning.motion.checking.verify import verify
 from planning.motion.pick_place import Motions
 from planning.scenes.generation import generate, load_spec
-from planning.sensing.jutting import Jutting
 from planning.sensing.look_around import SKIN_M, Looked, look_around
+from planning.sensing.protrusions import Protrusions
 from planning.sensing.settings import SENSING
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -44,14 +44,14 @@ def seen(ur5e: Robot, scene: Scene) -> Looked:
 
 
 def before_the_front_m(scene: Scene, body: Body) -> float:
-    """How far a body juts out."""
+    """How far a body protrudes."""
     corners = (
         body.T_world_body[:3, 3] + (np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * body.shape.half) @ body.T_world_body[:3, :3].T
     )  # type: ignore[union-attr]
     return float(scene.cabinet.T_world_cabinet[0, 3] - corners[:, 0].min())
 
 
-def test_no_way_to_a_view_leads_through_what_juts_out(ur5e: Robot, scene: Scene, seen: Looked) -> None:
+def test_no_way_to_a_view_leads_through_what_protrudes(ur5e: Robot, scene: Scene, seen: Looked) -> None:
     assert max(before_the_front_m(scene, b) for b in scene.objects if isinstance(b.shape, Box)) > 0.05
     assert len(seen.views) > 3
     assert verify(ur5e, scene, seen.motions) is None
@@ -88,13 +88,13 @@ def test_what_stands_before_the_cabinet_is_none_of_its_objects(ur5e: Robot, scen
 
 def test_its_obstacles_hold_all_that_was_seen_there_but_what_is_known(ur5e: Robot, scene: Scene, seen: Looked) -> None:
     stray = front_box(scene, 0.0)
-    jutting = Jutting(scene.cabinet, 0.0)
-    assert jutting.boxes((), SKIN_M) == ()
+    protrusions = Protrusions(scene.cabinet, 0.0)
+    assert protrusions.boxes((), SKIN_M) == ()
     for frame in pictures(ur5e, replace(scene, objects=(stray,), target="stray"), seen):
-        jutting.add(frame)
-    boxes = jutting.boxes((), SKIN_M)
+        protrusions.add(frame)
+    boxes = protrusions.boxes((), SKIN_M)
     assert boxes
-    assert jutting.boxes((stray,), SKIN_M) == ()
+    assert protrusions.boxes((stray,), SKIN_M) == ()
     front_x = scene.cabinet.T_world_cabinet[0, 3]
     corner = stray.T_world_body[:3, 3] + stray.T_world_body[:3, :3] @ (stray.shape.half * [-1, 1, 0])  # type: ignore[union-attr]
     assert corner[0] < front_x - 0.02

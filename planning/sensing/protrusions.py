@@ -1,4 +1,4 @@
-"""What juts out of the cabinet's open front: the map ends there, and the arm passes by before anything is known of objects."""
+"""What protrudes of the cabinet's open front: the map ends there, and the arm passes by before anything is known of objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FEWEST = 3
 """What fewer pixels show in a voxel may be noise."""
 
 
-class Jutting:
+class Protrusions:
     """The space up to FRONT_M before the front, in voxels, and where the pictures of one look show something there."""
 
     def __init__(self, cabinet: Cabinet, noise_1m_m: float) -> None:

@@ -36,6 +36,7 @@ from planning.verdict import Settings, judge_motions
 from retrieve_cli.gen import run as gen
 from retrieve_cli.plan import run as plan
 from retrieve_cli.plan_job import Job
+from retrieve_cli.robot_options import RobotOptions
 from retrieve_cli.sense import record as recorded
 from retrieve_cli.sense import run as sense
 
@@ -108,7 +109,7 @@ def main() -> None:
     if args.scenes:
         truth.write_bytes(args.scenes.read_bytes())
     else:
-        gen(n=args.n, seed=args.seed, robot=None, hand_frame=None, gripper_joint=None, spec=args.spec, out=truth)
+        gen(n=args.n, seed=args.seed, robot=RobotOptions(), spec=args.spec, out=truth)
     views.mkdir(exist_ok=True)
     record(truth, views)
     forget(truth, blank)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from kinematics.errors import blame
 from planning.io.results import scene_writer
 from retrieve_cli.engine import map_ordered
+from retrieve_cli.robot_options import RobotOptions
 from retrieve_cli.terminal import announce_first_run, progress, say
 from retrieve_cli.version import version
 
@@ -29,9 +30,7 @@ def run(
     *,
     n: int,
     seed: int,
-    robot: str | None,
-    hand_frame: str | None,
-    gripper_joint: str | None,
+    robot: RobotOptions,
     spec: str,
     out: Path | None,
     fit: bool = False,
@@ -42,19 +41,18 @@ def run(
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
     from kinematics.collision.robot_model import link_covers
-    from kinematics.robots.load import load
     from planning.scenes.generation import load_spec
 
     announce_first_run()
     with blame("gen"):
         wanted = load_spec(spec)
-        arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
+        arm = robot.load(say)
         link_covers(arm, say)
-    ref = robot_ref(arm, hand_frame)
+    ref = robot_ref(arm, robot.hand_frame)
     if fit:
         wanted, ref = fitted(wanted, arm, ref, "gen")
     make = partial(make_scene, wanted, ref, seed)
-    robots = (arm.name, hand_frame, gripper_joint)
+    robots = (arm.name, robot.hand_frame, robot.gripper_joint)
     asked = {"command": "gen", "version": version(), "seed": seed, "spec": spec_hash(wanted), "robot": robots}
     with scene_writer(out, asked=asked, resume=resume, tell=say) as write, progress("scenes", n, done=write.kept, out=out) as advance:
         for scene in map_ordered(make, write.left(range(n), key=str), workers=workers, engine=engine, address=address):

@@ -19,6 +19,7 @@ from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import Ended
 from retrieve_cli.gen import fitted, robot_ref, spec_hash
+from retrieve_cli.robot_options import RobotOptions
 from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_settled
 
 if TYPE_CHECKING:
@@ -61,9 +62,7 @@ def run(
     out: Path,
     n: int | None,
     spec: Sequence[str],
-    robot: str | None,
-    hand_frame: str | None,
-    gripper_joint: str | None,
+    robot: RobotOptions,
     seed: int,
     paths: int,
     moves: int,
@@ -81,7 +80,7 @@ def run(
 
     if scenes is not None and n is not None:
         raise InputError(f"label: {scenes} and -n exclude each other: label the scenes of a file, or generated ones")
-    ours = {"--robot": robot, "--hand-frame": hand_frame, "--gripper-joint": gripper_joint, "--fit": fit}
+    ours = {"--robot": robot.robot, "--hand-frame": robot.hand_frame, "--gripper-joint": robot.gripper_joint, "--fit": fit}
     if scenes is not None and (asked := next((option for option, value in ours.items() if value), None)):
         raise InputError(f"label: {asked} is for scenes that are generated, with -n: those of {scenes} say it themselves")
     announce_first_run()
@@ -91,7 +90,7 @@ def run(
         total = len(given)
     else:
         given, total = None, n or SCENES
-        about, specs, variety = _made(spec, robot, hand_frame, gripper_joint, vary, fit)
+        about, specs, variety = _made(spec, robot, vary, fit)
         job = replace(job, specs=specs, variety=variety)
     settings = {"seed": seed, "paths": paths, "moves": moves, "objects": objects, **about, "scenes": total, "scenes_a_shard": SHARD}
     settings["motions"] = {"clearance_m": DEFAULTS.clearance.wanted_m, "max_tilt_deg": DEFAULTS.max_tilt_deg}
@@ -164,18 +163,17 @@ def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
 
 
 def _made(
-    spec: Sequence[str], robot: str | None, hand_frame: str | None, gripper_joint: str | None, vary: bool, fit: bool
+    spec: Sequence[str], robot: RobotOptions, vary: bool, fit: bool
 ) -> tuple[dict[str, Any], tuple[tuple[Spec, RobotRef], ...], Variety]:
     """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn, fitted to the arm if
     asked."""
-    from kinematics.robots.load import load
     from planning.learning.labelling.variety import Variety
     from planning.scenes.generation import load_spec
 
     with blame("label"):
         plain = [load_spec(which) for which in spec]
-        arm = load(robot or "ur5e", hand_frame, gripper_joint, on_step=say)
-    ref = robot_ref(arm, hand_frame)
+        arm = robot.load(say)
+    ref = robot_ref(arm, robot.hand_frame)
     specs = tuple(fitted(s, arm, ref, "label") if fit else (s, ref) for s in plain)
     variety = Variety() if vary else Variety(0.0, 0.0, None)
     source = {

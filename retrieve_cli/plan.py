@@ -17,12 +17,12 @@ from planning.io.results import plan_writer
 from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
-from retrieve_cli.other_robot import overridden
 from retrieve_cli.own_code import code_digest
 from retrieve_cli.own_limits import digest
 from retrieve_cli.own_policy import is_own
 from retrieve_cli.plan_job import Job, check
 from retrieve_cli.plan_line import Answer, plan_line
+from retrieve_cli.robot_options import NO_OPTIONS, RobotOptions, overridden
 from retrieve_cli.story import story
 from retrieve_cli.terminal import announce_first_run, mesh_progress, on_terminal, progress, say, say_settled
 from retrieve_cli.version import version
@@ -36,9 +36,7 @@ def run(
     *,
     scenes: Path | None,
     out: Path | None,
-    robot: str | None = None,
-    hand_frame: str | None = None,
-    gripper_joint: str | None = None,
+    robot: RobotOptions = NO_OPTIONS,
     html: Path | None = None,
     strict: bool = False,
     workers: int | None = None,
@@ -57,12 +55,11 @@ def run(
     if html is not None and not is_special(html):
         place_for(html)
     announce_first_run()
-    override = (robot, hand_frame, gripper_joint)
     asked = {
         **asdict(replace(job, fail_fast=False, model=None, limits=None)),
         "command": "plan",
         "version": version(),
-        "robot": override,
+        "robot": robot,
         "networks": _digest(job.model),
         "limits": digest(job.limits),
         "code of --policy": code_digest(job.policy) if is_own(job.policy) else None,
@@ -75,7 +72,7 @@ def run(
         for line in read_scene_lines(scenes, noise_m=pose_noise_mm / 1000, on_mesh=mesh_progress):
             if line.scene is not None:
                 say_settled(line.where, line.scene)
-            line = overridden(line, *override)
+            line = overridden(line, robot)
             picture.asked(line)
             yield line
 

@@ -13,8 +13,8 @@ from kinematics.errors import InputError, blame
 from planning.io.files import read_known, read_plans
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import DONE, UNSOLVED
-from retrieve_cli.other_robot import other_robot
 from retrieve_cli.own_limits import with_limits
+from retrieve_cli.robot_options import RobotOptions, other_robot
 from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say
 
 if TYPE_CHECKING:
@@ -32,9 +32,7 @@ def run(
     as_json: bool,
     mu: float,
     max_tilt_deg: float | None,
-    robot: str | None,
-    hand_frame: str | None,
-    gripper_joint: str | None,
+    robot: RobotOptions,
     workers: int | None = None,
     pose_noise_mm: float = 2.0,
     seen: Path | None = None,
@@ -64,8 +62,8 @@ def run(
                 raise InputError(f"{where}: none of the {len(believed)} scenes in --seen {seen} is {plan.scene}")
             if seen is None and (strange := moved_strangers(scene, plan)):
                 say(f"{where}: scene {scene.id} has no {', '.join(strange)}; if it was planned on what was seen, --seen FILE says on what")
-            if robot or hand_frame or gripper_joint:
-                scene = replace(scene, robot=other_robot(scene.robot, robot, hand_frame, gripper_joint, where))
+            if robot.given:
+                scene = replace(scene, robot=other_robot(scene.robot, robot, where))
             yield where, scene, plan, believed.get(plan.scene)
 
     wrong = 0

@@ -44,14 +44,13 @@ def gen(
 ) -> Job:
     """Generate scenes: the target is blocked at first, and can be reached in the empty cabinet."""
     from retrieve_cli import gen as command
+    from retrieve_cli.robot_options import RobotOptions
 
     return partial(
         command.run,
         n=n,
         seed=seed,
-        robot=robot,
-        hand_frame=hand_frame,
-        gripper_joint=gripper_joint,
+        robot=RobotOptions(robot, hand_frame, gripper_joint),
         spec=spec,
         fit=fit,
         resume=resume,
@@ -150,6 +149,7 @@ def label(
 ) -> Job:
     """Label states for training: which objects block the target, and where each could be put. Goes on where it was stopped."""
     from retrieve_cli import label as command
+    from retrieve_cli.robot_options import RobotOptions
 
     return partial(
         command.run,
@@ -157,9 +157,7 @@ def label(
         out=out,
         n=n,
         spec=spec or ["paper"],
-        robot=robot,
-        hand_frame=hand_frame,
-        gripper_joint=gripper_joint,
+        robot=RobotOptions(robot, hand_frame, gripper_joint),
         fit=fit,
         vary=vary,
         seed=seed,

@@ -113,6 +113,7 @@ def plan(
     """Plan moves and motions that take the target out, or say why there are none."""
     from retrieve_cli import plan as command
     from retrieve_cli.plan_job import Job as PlanJob
+    from retrieve_cli.robot_options import RobotOptions
 
     job = PlanJob(
         policy=policy,
@@ -144,9 +145,7 @@ def plan(
         job,
         scenes=scenes,
         out=out,
-        robot=robot,
-        hand_frame=hand_frame,
-        gripper_joint=gripper_joint,
+        robot=RobotOptions(robot, hand_frame, gripper_joint),
         html=html,
         strict=strict,
         workers=workers,
@@ -179,6 +178,7 @@ def verify(
 ) -> Job:
     """Judge plans from anywhere by their scenes alone: holds, contacts, limits, and whether each plan does what it says."""
     from retrieve_cli import verify as command
+    from retrieve_cli.robot_options import RobotOptions
 
     return partial(
         command.run,
@@ -187,9 +187,7 @@ def verify(
         as_json=as_json,
         mu=mu,
         max_tilt_deg=max_tilt_deg,
-        robot=robot,
-        hand_frame=hand_frame,
-        gripper_joint=gripper_joint,
+        robot=RobotOptions(robot, hand_frame, gripper_joint),
         workers=workers,
         pose_noise_mm=pose_noise_mm,
         seen=seen,

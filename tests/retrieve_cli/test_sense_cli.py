@@ -20,9 +20,10 @@ from retrieve_cli.sense import parse_box, run
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from retrieve_cli.gen import run as gen
+    from retrieve_cli.robot_options import RobotOptions
 
     file = tmp_path_factory.mktemp("sense") / "scenes.jsonl"
-    gen(n=1, seed=71, robot=None, hand_frame=None, gripper_joint=None, spec="paper", out=file)
+    gen(n=1, seed=71, robot=RobotOptions(), spec="paper", out=file)
     return file
 
 

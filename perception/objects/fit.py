@@ -34,6 +34,8 @@ SURE_M, SURE_RAD = 2e-4, 5e-3
 """A face is seen so well that its pixels say where it is, and no single one beyond it."""
 STRAYS, APART_M = 2e-4, 0.001
 """So small a share of the pixels may lie further out by so much than all others, and not count."""
+BELOW = 0.9
+"""Pixels that are lower than so much of the height show the sides."""
 DOUBT = 2.0
 MOST = 0.01
 """No step moves a face by more metres, or turns one by more radians."""
@@ -109,8 +111,10 @@ def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
     pixels = replace(pixels, eyes=pixels.eyes - middle)
     every = max(len(pixels.z) // FEW, 1)
     few = replace(pixels, **{name: getattr(pixels, name)[::every].copy() for name in ("eyes", "rays", "z", "spread")})
-    outline = outline_of(rough[:, :2] - middle[:2])
-    tried = [_fitted(kind, outline, float(rough[:, 2].max()), few) for kind in (BOX, CYLINDER)]
+    height, outline = float(rough[:, 2].max()), outline_of(rough[:, :2] - middle[:2])
+    side = rough[rough[:, 2] < BELOW * height, :2] - middle[:2]
+    starts = [_around(BOX, outline, height, side), _around(CYLINDER, outline, height)]
+    tried = [_fitted(solid, few) for solid in starts]
     error, solid = min(tried, key=lambda pair: pair[0])
     if error > MISFIT:
         if (fallen := lying_cylinder(rough, pixels.spread)) is not None:
@@ -123,9 +127,8 @@ def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
     return shape, transform(p=middle) @ T
 
 
-def _fitted(kind: float, outline: Array, height: float, pixels: Pixels) -> tuple[float, Array]:
-    """The mean square error and the solid of one kind that explains the pixels best, beginning around a convex outline (K, 2)."""
-    solid = _around(kind, outline, height)
+def _fitted(solid: Array, pixels: Pixels) -> tuple[float, Array]:
+    """The mean square error and the solid of the same kind that explains the pixels best, beginning with this one."""
     for _ in range(ROUNDS):
         solid = _reaching(_settled(solid, pixels), pixels)
     args = (pixels.eyes, pixels.rays, pixels.z, pixels.axial, GATE)
@@ -150,12 +153,12 @@ def drawn_in(points: Array, pixels: Pixels) -> Array:
     return np.array([*out, [*points[i, :2], top[i]]])
 
 
-def _around(kind: float, outline: Array, height: float) -> Array:
-    """The solid of one kind around a convex outline (K, 2)."""
+def _around(kind: float, outline: Array, height: float, side: Array | None = None) -> Array:
+    """The solid of one kind around a convex outline (K, 2). side: see `least_rectangle`."""
     if kind == CYLINDER:
         centre, radius = least_circle(outline)
         return np.array([CYLINDER, *centre, radius, 0.0, height, 0.0])
-    centre, size, yaw = least_rectangle(outline)
+    centre, size, yaw = least_rectangle(outline, side)
     c, s = np.cos(yaw), np.sin(yaw)
     u, v = c * centre[0] + s * centre[1], -s * centre[0] + c * centre[1]
     return np.array([BOX, u - size[0] / 2, u + size[0] / 2, v - size[1] / 2, v + size[1] / 2, height, yaw])

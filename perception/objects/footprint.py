@@ -23,7 +23,7 @@ ROUND_M, LARGEST_M, BENT_M = 1e-4, 0.15, 0.002
 """Clean points of a side are on a circle when none is further off, it is no larger, and they don't lie in a strip that is narrower."""
 TOP_M = 5e-4
 """Points that are so much lower than the highest are not on the top."""
-ALIKE, MOST_SIDE = 1.05, 500
+ALIKE, MOST_SIDE = 1.3, 500
 """Rectangles of so much of the least area are told apart by how near to their edges the points of the sides lie, so many of them."""
 
 

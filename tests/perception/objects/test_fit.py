@@ -220,3 +220,27 @@ def test_what_is_taken_for_it_of_its_neighbour_makes_no_object_wider() -> None:
     off = reach(found["can"]) - reach(bodies[0])
     assert isinstance(found["can"].shape, Cylinder)
     assert np.abs(off).max() < SKIN_M
+
+
+LOW = Cabinet(np.array([0.56, 0.86, 0.35]), transform(p=[0.3, 0.0, 0.1]), 0.03)
+UNDER_THE_TOPS = ((-0.1, -0.25, 0.15), (-0.12, 0.0, 0.18), (-0.1, 0.25, 0.15))
+
+
+@pytest.mark.parametrize("noise", [None, DepthNoise()], ids=["clean", "noisy"])
+@pytest.mark.parametrize("seed", range(100, 106))
+def test_what_is_seen_from_the_side_alone_is_of_its_kind_and_size(seed: int, noise: DepthNoise | None) -> None:
+    """No top is in sight: a rectangle along the diagonal of two faces is as small as their box, and a box around half a can smaller."""
+    rng = np.random.default_rng(seed)
+    bodies = []
+    for i, (x, y) in enumerate([(0.15, 0.2), (0.2, -0.02)]):
+        height, half = rng.uniform(0.22, 0.28), rng.uniform(0.02, 0.04, 2)
+        round_ = (seed + i) % 3 == 0
+        bodies.append(can(f"can_{i}", x, y, half[0], height) if round_ else box(f"box_{i}", x, y, [*(2 * half), height], rng.uniform(0, 3)))
+    bodies = placed(bodies, LOW)
+    views = prepare(photograph(bodies, LOW, noise, UNDER_THE_TOPS, CAMERA), LOW)
+    shown = object_pixels(views)
+    found = {b.name: b for b in standing_solids(views, shown, dict.fromkeys(shown, 0.0), LOW)}
+    for body in bodies:
+        assert type(found[body.name].shape) is type(body.shape)
+        off = reach(found[body.name]) - reach(body)
+        assert np.abs(off[:-1]).max() < (0.001 if noise is None else 0.003)

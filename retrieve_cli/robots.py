@@ -89,6 +89,7 @@ def _made(name: str, tool: Path | None, at: str | None, xacro_args: Sequence[str
         raise InputError(f"robots: say where the {what} goes: retrieve robots {name} {words} --urdf OUT.urdf")
     from kinematics.robots.files import urdf
     from kinematics.robots.files.hang_tool import with_tool
+    from kinematics.robots.load import approach_of
 
     arguments = dict(map(_argument, xacro_args))
     with blame("robots"):
@@ -96,8 +97,8 @@ def _made(name: str, tool: Path | None, at: str | None, xacro_args: Sequence[str
             root, _ = urdf.read(Path(name), arguments)
             say(f"the robot is {out}")
         else:
-            root, link, along = with_tool(Path(name), tool, at, arguments)
-            say(f"{tool.name} hangs on the link {link!r}, its z along that link's {along}; the robot is {out}")
+            root, link, how = with_tool(Path(name), tool, at, arguments, lambda joined: approach_of(out, joined))
+            say(f"{tool.name} hangs on the link {link!r}, {how}; the robot is {out}")
     return out, urdf.to_string(root)
 
 

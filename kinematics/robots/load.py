@@ -22,7 +22,7 @@ from kinematics.errors import did_you_mean
 from kinematics.robots.assemble import CACHE_VERSION, assemble, stamps
 from kinematics.robots.derive import read_description
 from kinematics.robots.files import urdf
-from kinematics.robots.files.dialects import visuals_instead
+from kinematics.robots.files.dialects import drop_covers, visuals_instead
 from kinematics.robots.hands.hand_model import Model, NoGripper
 from kinematics.robots.joints import beyond_limits, with_joints
 from kinematics.robots.named import locate, named_robots
@@ -147,6 +147,9 @@ def _load_urdf(
         if grip.filled_by and (drawn := visuals_instead(root, grip.filled_by)):
             words = f"the collision geometry of {', '.join(drawn)} fills the room between the pads: what is drawn is taken for it"
             grip, notes = _grip(file, root, hand_frame, named, T_link_hand, on_step), (*notes, words)
+        if grip.covers and (dropped := drop_covers(root, grip.covers)):
+            words = f"the collision geometry of {', '.join(dropped)}, around another link's, fills the room between the pads: it is left out"
+            grip, notes = _grip(file, root, hand_frame, named, T_link_hand, on_step), (*notes, words)
     except NoGripper as e:
         reasons = [note for note in notes if "<mimic>" in note or note.startswith("xacro arguments")]
         raise NoGripper("; ".join([str(e), *reasons])) from None
@@ -159,6 +162,16 @@ def _load_urdf(
     return replace(robot, grip=grip)
 
 
+def approach_of(file: Path, root: etree._Element) -> tuple[str, Array] | None:
+    """The link of a URDF's last joint before its gripper, and the direction (3,) in it along which that takes things, as measured; None where
+    no gripper is found."""
+    try:
+        grip = _grip(file, root, None, (), np.eye(4), None)
+    except ValueError:
+        return None
+    return grip.link, grip.T_link_hand[:3, 2]
+
+
 def _grip(
     file: Path,
     root: etree._Element,
@@ -169,7 +182,7 @@ def _grip(
 ) -> Grip:
     """How the hand of a URDF of one's own closes: from the cache, or found out."""
     text = urdf.to_string(root)
-    name_in_cache = "grip-12-" + cache.key(CACHE_VERSION, text, *stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
+    name_in_cache = "grip-13-" + cache.key(CACHE_VERSION, text, *stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
     if (data := cache.load(name_in_cache)) is not None:
         return grip_from_arrays(data)
     if on_step:

@@ -23,6 +23,8 @@ from kinematics.transforms import Array, inverse, rotation_about, transform, wxy
 
 ALONG = 0.5
 """A link's z that is meant as the approach leads as near to the measured one as that, at least: the cosine."""
+AROUND_M = 0.01
+"""Collision geometry is around another's that reaches out of its hull by no more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,8 @@ class Grip:
     """What was understood of a gripper. joints: its motors by name, the first drives the others: follows, by name (multiplier, offset).
     limits: of the first, where they are narrower than the URDF's. link: what the hand frame is fixed to, and T_link_hand (4, 4) where.
     kind: in words. measured: whether the frame was measured, because nobody said where it is. frozen: motors of the hand that stand still,
-    and where. filled_by: links with collision geometry where the pads should hold something."""
+    and where. filled_by: links with collision geometry where the pads should hold something; covers: those of them that are solids around
+    the link that they are fixed to."""
 
     joints: tuple[str, ...]
     follows: dict[str, tuple[float, float]]
@@ -41,6 +44,7 @@ class Grip:
     measured: bool
     frozen: tuple[tuple[str, float], ...] = ()
     filled_by: tuple[str, ...] = ()
+    covers: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -74,6 +78,7 @@ def grip_to_arrays(grip: Grip) -> dict[str, NDArray[Any]]:
         "frozen": np.array([name for name, _ in grip.frozen], dtype=np.str_),
         "frozen_at": np.array([value for _, value in grip.frozen], float),
         "filled_by": np.array(grip.filled_by, dtype=np.str_),
+        "covers": np.array(grip.covers, dtype=np.str_),
     }
 
 
@@ -84,8 +89,8 @@ def grip_from_arrays(data: Mapping[str, NDArray[Any]]) -> Grip:
     (low, high), (link, kind) = data["limits"], data["words"]
     T = np.asarray(data["T_link_hand"], float)
     frozen = tuple((str(name), float(value)) for name, value in zip(data["frozen"], data["frozen_at"]))
-    filled_by = tuple(str(name) for name in data["filled_by"])
-    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]), frozen, filled_by)
+    filled_by, covers = (tuple(str(name) for name in data[which]) for which in ("filled_by", "covers"))
+    return Grip(joints, follows, (float(low), float(high)), str(link), T, str(kind), bool(data["measured"][0]), frozen, filled_by, covers)
 
 
 def _numbers(values: Array) -> str:
@@ -182,7 +187,8 @@ def _grip(model: Model, motors: Motors, link: str, T: Array, *, measured: bool) 
     kind = "one jaw against a fixed one" if len(motors.branches) == 1 else motors.kind
     frozen = tuple((names[j], float(model.rest[j])) for j in motors.frozen)
     filled_by = _filled_by(model, motors, link, T) if len(motors.branches) > 1 else ()
-    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured, frozen, filled_by)
+    covers = tuple(name for name in filled_by if _is_around(model, model.tree.index[name]))
+    return Grip((names[motors.first], *follows), follows, motors.limits, link, T, kind, measured, frozen, filled_by, covers)
 
 
 def _filled_by(model: Model, motors: Motors, link: str, T_link_hand: Array) -> tuple[str, ...]:
@@ -199,6 +205,16 @@ def _filled_by(model: Model, motors: Motors, link: str, T_link_hand: Array) -> t
         return bool(((planes[:, :3] @ (inverse(poses[tree.index[hull.link]])[:3] @ [*p, 1.0]) + planes[:, 3]) < 0.0).all())
 
     return tuple(dict.fromkeys(hull.link for hull in model.hulls if hull.link in palm and holds(hull)))
+
+
+def _is_around(model: Model, link: int) -> bool:
+    """Whether a link's collision geometry is around all of that of the link which it is fixed to."""
+    from scipy.spatial import ConvexHull
+
+    tree, carrier = model.tree, int(model.tree.parent[link])
+    inside = model.points([carrier], model.rest, link) if tree.kind[link] == FIXED and carrier >= 0 else np.empty((0, 3))
+    planes = ConvexHull(model.points([link], model.rest, link), qhull_options="QJ").equations
+    return len(inside) > 0 and bool((inside @ planes[:, :3].T + planes[:, 3] <= AROUND_M).all())
 
 
 def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:

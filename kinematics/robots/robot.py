@@ -113,6 +113,10 @@ class Robot:
         there, base = joint[:2, 3], T_world_base[:2, 3]
         return np.asarray(there if upright and np.hypot(*(there - base)) > PIVOT_M else base)
 
+    def shoulder(self, T_world_base: Array) -> float:
+        """How high the arm's first joint is at home, world, m."""
+        return float((T_world_base @ self._poses_at_home[self._movers[0]])[2, 3])
+
     @cached_property
     def planning_limits(self) -> tuple[Array, Array]:
         """Limits (A,) for planning: a revolute joint that turns more than once keeps to a window of 1.3 turns about its home position.

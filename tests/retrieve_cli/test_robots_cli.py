@@ -130,6 +130,23 @@ def test_a_gripper_looks_along_the_flanges_x_where_that_is_the_last_joints_axis(
     assert abs(hand_in(tmp_path, end)[2, 2]) < 1e-6, "where it is said, it is turned as the link is"
 
 
+@pytest.mark.parametrize(("rpy", "axis"), [("0 1.5707963267948966 0", "x"), ("1.5707963267948966 0 0", "-y"), ("3.141592653589793 0 0", "-z")])
+def test_a_gripper_takes_things_away_from_the_flange_whichever_of_its_axes_that_is(
+    rpy: str, axis: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Robotiq's C2 looks along the x of its first link, and hung sideways in the wrist."""
+    arm, hand, end = cut()
+    assert hang(tmp_path, arm, hand) == 0
+    plain = hand_in(tmp_path, end)
+    turned = f'<link name="foot"/><joint name="f" type="fixed"><parent link="foot"/><child link="palm"/><origin rpy="{rpy}"/></joint>'
+    capsys.readouterr()
+    assert hang(tmp_path, arm, hand.replace("</robot>", f"{turned}</robot>")) == 0
+    assert f"hangs on the link {end!r}, its {axis} along that link's z" in capsys.readouterr().err
+    np.testing.assert_allclose(hand_in(tmp_path, end)[:3, 2:], plain[:3, 2:], atol=1e-9)
+    assert hang(tmp_path, arm, hand.replace("</robot>", f"{turned}</robot>"), "--at", end) == 0
+    assert hand_in(tmp_path, end)[2, 2] < 0.1, "where it is said, it is turned as the link is"
+
+
 def test_a_grippers_xacro_takes_arguments_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arm, hand, _ = cut()
     hand = hand.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1).replace('type="prismatic"', 'type="$(arg kind)"')

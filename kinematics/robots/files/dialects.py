@@ -183,6 +183,16 @@ def visuals_instead(root: etree._Element, names: Collection[str]) -> list[str]:
     return replaced
 
 
+def drop_covers(root: etree._Element, names: Collection[str]) -> list[str]:
+    """Take away the collision geometry of links of which nothing is drawn, in place: coarse solids around another link, as Franka's `hand_sc`
+    are. Returns those links."""
+    covers = [link for link in root.iter("link") if link.get("name") in names and link.find("visual") is None]
+    for link in covers:
+        for collision in link.findall("collision"):
+            link.remove(collision)
+    return [link.get("name", "") for link in covers]
+
+
 def _collide(visuals: Iterable[etree._Element]) -> None:
     """Put collision geometry beside each visual element, the same as it."""
     for visual in visuals:

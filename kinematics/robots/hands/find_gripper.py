@@ -133,9 +133,13 @@ def _jaw_or_nothing(model: Model, way: list[int], group: int) -> int:
             "motors"
         )
     last = way[-1] if way else group
+    carrier = model.group(int(model.tree.parent[last])) if len(way) > 1 else last
+    marked = [i for i in rigid(model, carrier) if CUP.search(model.tree.names[i])]
+    if carrier != last and marked and not model.points(model.tree.below(last), model.rest, last).size:  # a joint that stands for a vacuum
+        raise CupFound(f"{model.tree.names[marked[-1]]!r} looks like a suction cup", marked[-1])
     words = [model.tree.names[last], _joint_behind(model, last)] if way else []
     if len(way) > 2 and any(JAW.search(word) for word in words) and not WRIST.search(words[1]):
-        return model.group(int(model.tree.parent[last]))
+        return carrier
     after = [model.tree.names[i] for i in model.tree.below(last)]
     cups = [i for i in model.tree.below(last) if CUP.search(model.tree.names[i])]
     if cups:

@@ -82,17 +82,13 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
         spec = replace(spec, grasp_bearing_share=1.0, grasp_yaw_spread=0.0)
     turned = replace(ref, T_world_base=T_base)
     cup = robot.opening.cup_m > 0
-    places = promising(arm, spec, with_shapes(spec, turned, [one_shape(spec, 0.5, boxes=cup)]), reach)[:EXACTLY]
     found, slimmer, why = Tried(spec, 0.0), 1.0, ""
-    for slimmer in SLIMMER:
-        slim = not_too_slim(slimmed(spec, slimmer), robot)
-        if wrong := not_held(slim, robot, turned, boxes=cup):
-            why = wrong
-            continue
-        found = _best_of(places, slim, robot, turned, cup, on_step)
+    for places in promising(arm, spec, with_shapes(spec, turned, [one_shape(spec, 0.5, boxes=cup)]), reach):
+        tried = _slim_enough(places[:EXACTLY], spec, robot, turned, cup, on_step)
+        if tried[0].share > found.share or not why:
+            found, slimmer, why = tried
         if found.share >= LEAST_SHARE:
             break
-        why = found.why or why
     if found.share < LEAST_SHARE:
         level = "; it may only take them level: --spec paper-any lets it from above and aslant, too"
         raise NoScene(
@@ -107,6 +103,23 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
         turned = replace(turned, home={**(turned.home or {}), **{name: float(q) for name, q in zip(names, found.home)}})
     spec = _thinned(spec, robot, turned, on_step)
     return Fitted(spec, turned, found.share, scale, slimmer, None if others else "boxes" if cup else "cylinders", tuple(limbs))
+
+
+def _slim_enough(
+    places: Sequence[Place], spec: Spec, robot: Robot, ref: RobotRef, cup: bool, on_step: Callable[[str], None]
+) -> tuple[Tried, float, str]:
+    """The best of some places with objects as slim as the hand needs them there, the share of their width, and else what is in the way."""
+    found, slimmer, why = Tried(spec, 0.0), 1.0, ""
+    for slimmer in SLIMMER:
+        slim = not_too_slim(slimmed(spec, slimmer), robot)
+        if wrong := not_held(slim, robot, ref, boxes=cup):
+            why = wrong
+            continue
+        found = _best_of(places, slim, robot, ref, cup, on_step)
+        if found.share >= LEAST_SHARE:
+            break
+        why = found.why or why
+    return found, slimmer, why
 
 
 def _best_of(places: Sequence[Place], spec: Spec, robot: Robot, ref: RobotRef, cup: bool, on_step: Callable[[str], None]) -> Tried:

@@ -28,6 +28,7 @@ DEPTHS, WIDTHS = (1.0, 0.85, 0.7, 0.55, 0.45), (1.0, 0.75, 0.5)
 FAR_M = 100.0  # the cabinet is out of the way there
 BEFORE_M, BESIDE_M = 0.05, 0.01
 """What the cabinet's front keeps from what is fixed to the arm's base, and all of it from a frame of the base that it stands in."""
+SHOULDER = 0.35  # of its reach an arm's first joint is above what it stands on, at most; one that is twice as high stands on a table
 BY_FRAME = 200  # places that are looked at for one within a frame, the best first
 
 
@@ -46,14 +47,30 @@ def worth(share: float, place: Place) -> float:
     return share**2 * float(np.sqrt(place.depth * place.width))
 
 
-def promising(arm: Arm, spec: Spec, scene: Scene, reach: float) -> list[Place]:
+def promising(arm: Arm, spec: Spec, scene: Scene, reach: float) -> Iterator[list[Place]]:
     """Places by how much of the cabinet the arm takes its hand straight into, level and looking in; the best first, and of each front and
-    floor the best size. scene: any of the robot's, its base being where the arm's is."""
+    floor the best size: those before all that is fixed to the base, and then, where others promise more, those within or above it (a
+    table that the arm stands on). scene: any of the robot's, its base being where the arm's is."""
+    base, fixed, ways = float(arm.T_world_base[2, 3]), _fixed(arm), _Ways(arm, scene)
+    least = max([arm.pivot[0], *(float(points[:, 0].max()) for points in fixed)]) + BEFORE_M
+    ordered = _by_worth(arm, spec, ways, reach, base)
+    before = [place for place in ordered if place.front >= least]
+    if before:
+        yield before
+    raised = float(arm.robot.shoulder(arm.T_world_base)) - SHOULDER * reach
+    if raised > base + SHOULDER * reach:
+        ordered = _by_worth(arm, spec, ways, reach, raised)
+    elif ordered[:1] == before[:1]:
+        return
+    yield [place for place in islice((p for p in ordered if p not in before), BY_FRAME) if is_beside(spec, place, fixed)]
+
+
+def _by_worth(arm: Arm, spec: Spec, ways: _Ways, reach: float, base: float) -> list[Place]:
+    """Places up to the arm's reach above a height `base`, world, the best first."""
     depth, width, height = spec.cabinet_size_m
-    base, (x, y) = arm.T_world_base[2, 3], arm.robot.pivot(arm.T_world_base)
+    x, y = arm.pivot
     ahead, up = np.linspace(0.1, 1.1, AHEAD) * reach, np.linspace(0.02, 1.0, HIGH) * reach
     reached, lateral = np.zeros((AHEAD, HIGH, len(LATERAL)), np.bool_), np.array(LATERAL)
-    ways = _Ways(arm, scene)
     for i, k, j in product(range(AHEAD), range(HIGH), range(len(LATERAL))):
         p = np.array([x + ahead[i], y + LATERAL[j] * width / 2, base + up[k]])
         reached[i, k, j] = ways.some(p, spec.grasp_bearing_share * float(np.arctan2(p[1] - y, p[0] - x)))
@@ -71,10 +88,7 @@ def promising(arm: Arm, spec: Spec, scene: Scene, reach: float) -> list[Place]:
                     best = found_worth, -place.front, place
         if best is not None:
             found.append((best[0], best[1], best[2].floor, best[2]))
-    ordered, fixed = [place for *_, place in sorted(found, key=lambda f: f[:3], reverse=True)], _fixed(arm)
-    least = max([x, *(float(points[:, 0].max()) for points in fixed)]) + BEFORE_M
-    before = [place for place in ordered if place.front >= least]  # or else within a frame that is fixed to the base
-    return before or [place for place in islice(ordered, BY_FRAME) if is_beside(spec, place, fixed)]
+    return [place for *_, place in sorted(found, key=lambda f: f[:3], reverse=True)]
 
 
 class _Ways:

@@ -23,7 +23,7 @@ from planning.motion.settings import UNCONSTRAINED
 from planning.scenes.fitting import fit as fitting
 from planning.scenes.fitting import trials
 from planning.scenes.fitting.fit import SCENES, THINNER, Fitted, fit
-from planning.scenes.fitting.places import BESIDE_M, Place, is_beside
+from planning.scenes.fitting.places import BESIDE_M, Place, is_beside, promising
 from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, slimmed
 from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share, solved
 from planning.scenes.generation import NoScene, Spec, generate, load_spec
@@ -70,6 +70,21 @@ def test_a_cabinet_stands_within_a_frame_that_is_fixed_to_the_base() -> None:
     assert not is_beside(SPEC, Place(0.3, 0.1 + 1.5 * BESIDE_M), frame)
     assert not is_beside(SPEC, Place(0.3, 0.1), [*frame, block((0.02, 0.02, 0.3), (0.3 + depth / 2, 0.0, 0.2))])
     assert is_beside(SPEC, Place(0.3, 0.1), [])
+
+
+def test_above_a_table_that_the_arm_stands_on_there_are_places_too(tmp_path: Path) -> None:
+    """A table that is as high as the arm is long, and reaches further ahead than the arm: before it nothing is in reach."""
+    file, table, reach = tmp_path / "arm.urdf", 1.2, 0.9
+    on_it = f'<link name="floor">{box(f"2 2 {table}", f"0 0 {table / 2}")}</link>'
+    stands = f'<joint name="s" type="fixed"><parent link="floor"/><child link="base"/><origin xyz="0 0 {table + 0.05}"/></joint>'
+    file.write_text(ARM.replace("</robot>", f"{on_it}{stands}</robot>"))
+    arm = arm_at(load(str(file)), np.eye(4))
+    ref = RobotRef(np.eye(4), urdf=str(file))
+    scene = trials.with_shapes(SPEC, ref, [one_shape(SPEC, 0.5, boxes=False)])
+    *before, above = promising(arm, SPEC, scene, reach)
+    assert all(place.front > 1.0 for places in before for place in places)
+    assert above
+    assert all(place.front < 1.0 and place.floor > table + SPEC.cabinet_wall_m for place in above)
 
 
 @pytest.mark.parametrize("boxes", [True, False])

@@ -349,6 +349,16 @@ def test_a_palm_that_fills_the_room_between_the_pads_is_as_it_is_drawn(
     assert f"the collision geometry of block fills the room between the pads: {says}" in made.notes
 
 
+def test_a_coarse_solid_around_the_palm_is_left_out_where_it_fills_the_room_between_the_pads(robot: Callable[..., Robot]) -> None:
+    """As Franka's `hand_sc`, of which nothing is drawn: a link beside the hand, fixed to it."""
+    around = '<link name="palm_sc">' + box("0.3 0.3 0.3", "0 0 0.04") + "</link>"
+    made = robot(MIRRORED + around + '<joint name="sc" type="fixed"><parent link="palm"/><child link="palm_sc"/></joint>')
+    assert not [h for h in made.hulls if h.link == "palm_sc"]
+    says = "the collision geometry of palm_sc, around another link's, fills the room between the pads: it is left out"
+    assert says in made.notes
+    assert made.opening.max_m == pytest.approx(robot(MIRRORED).opening.max_m)
+
+
 def test_fixed_joints_that_are_said_to_follow_others_are_named(robot: Callable[..., Robot]) -> None:
     frozen = '<joint name="stiff" type="fixed"><parent link="palm"/><child link="minus"/><mimic joint="f1"/></joint>'
     says = r"joints with <mimic> that are fixed stand still; where they move, say their type: stiff"

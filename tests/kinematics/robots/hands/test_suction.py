@@ -75,6 +75,15 @@ def test_a_link_called_like_a_cup_is_one(robot: Callable[..., Robot]) -> None:
     assert [link.find("collision") for link in tree.iter("link") if link.get("name") == VALVE] == [None]
 
 
+@pytest.mark.parametrize("joint", ["gripper", "valve"])
+def test_a_joint_that_stands_for_a_vacuum_and_moves_nothing_is_no_gripper(joint: str, robot: Callable[..., Robot]) -> None:
+    """As Robotiq's EPick has one for MoveIt, on the cup."""
+    state = f'<link name="vacuum_state"/><joint name="{joint}" type="revolute"><parent link="vacuum_cup"/><child link="vacuum_state"/>'
+    made = robot(NAMED + state + '<axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="1" effort="9"/></joint>')
+    np.testing.assert_allclose(hand_in(made, "vacuum_cup"), transform(p=[0, 0, 0.04]), atol=1e-6)
+    assert (made.arm_joints, made.pads) == ((0, 1, 2, 3), {"vacuum_cup"})
+
+
 @pytest.mark.parametrize(("link", "at"), [("tool", 0.06), ("tip", 0.0)])
 def test_any_link_can_be_declared_a_cup(link: str, at: float, robot: Callable[..., Robot]) -> None:
     """A frame that is in the face already is taken as it is."""

@@ -148,7 +148,8 @@ def _load_urdf(
             words = f"the collision geometry of {', '.join(drawn)} fills the room between the pads: what is drawn is taken for it"
             grip, notes = _grip(file, root, hand_frame, named, T_link_hand, on_step), (*notes, words)
         if grip.covers and (dropped := drop_covers(root, grip.covers)):
-            words = f"the collision geometry of {', '.join(dropped)}, around another link's, fills the room between the pads: it is left out"
+            names = ", ".join(dropped)
+            words = f"the collision geometry of {names}, around another link's, fills the room between the pads: it is left out"
             grip, notes = _grip(file, root, hand_frame, named, T_link_hand, on_step), (*notes, words)
     except NoGripper as e:
         reasons = [note for note in notes if "<mimic>" in note or note.startswith("xacro arguments")]
@@ -163,8 +164,8 @@ def _load_urdf(
 
 
 def approach_of(file: Path, root: etree._Element) -> tuple[str, Array] | None:
-    """The link of a URDF's last joint before its gripper, and the direction (3,) in it along which that takes things, as measured; None where
-    no gripper is found."""
+    """The link of a URDF's last joint before its gripper, and the direction (3,) in it along which that takes things, as measured; None
+    where no gripper is found."""
     try:
         grip = _grip(file, root, None, (), np.eye(4), None)
     except ValueError:

@@ -130,7 +130,9 @@ def test_a_gripper_looks_along_the_flanges_x_where_that_is_the_last_joints_axis(
     assert abs(hand_in(tmp_path, end)[2, 2]) < 1e-6, "where it is said, it is turned as the link is"
 
 
-@pytest.mark.parametrize(("rpy", "axis"), [("0 1.5707963267948966 0", "x"), ("1.5707963267948966 0 0", "-y"), ("3.141592653589793 0 0", "-z")])
+@pytest.mark.parametrize(
+    ("rpy", "axis"), [("0 1.5707963267948966 0", "x"), ("1.5707963267948966 0 0", "-y"), ("3.141592653589793 0 0", "-z")]
+)
 def test_a_gripper_takes_things_away_from_the_flange_whichever_of_its_axes_that_is(
     rpy: str, axis: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -184,8 +184,8 @@ def visuals_instead(root: etree._Element, names: Collection[str]) -> list[str]:
 
 
 def drop_covers(root: etree._Element, names: Collection[str]) -> list[str]:
-    """Take away the collision geometry of links of which nothing is drawn, in place: coarse solids around another link, as Franka's `hand_sc`
-    are. Returns those links."""
+    """Take away the collision geometry of links of which nothing is drawn, in place: coarse solids around another link, as Franka's
+    `hand_sc` are. Returns those links."""
     covers = [link for link in root.iter("link") if link.get("name") in names and link.find("visual") is None]
     for link in covers:
         for collision in link.findall("collision"):

@@ -205,7 +205,7 @@ def test_09_a_recorded_world(program: dict[str, str], tmp_path: Path, ur5e: Robo
     scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
     with scene_writer(tmp_path / "scenes.jsonl") as write:
         write(scene)
-    run(program, tmp_path, "retrieve", "sense", "scenes.jsonl", "--views", "views", "-o", "seen.jsonl")
+    run(program, tmp_path, "retrieve", "sense", "scenes.jsonl", "--views", "views", "--max-views", "8", "-o", "seen.jsonl")
     asked = ["retrieve", "plan", "scenes.jsonl", "--policy", "local", "--sense", "--world", f"{EXAMPLES / '09_recorded_world.py'}:world"]
     run({**program, "VIEWS": "views"}, tmp_path, *asked, "-o", "plans.jsonl")
     ((_, plan),) = read_plans(tmp_path / "plans.jsonl")

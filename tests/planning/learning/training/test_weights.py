@@ -19,11 +19,11 @@ from planning.policies import POLICIES
 from retrieve_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[4]
-LABEL = ("label", "-n", "8", "--paths", "4", "--moves", "1", "--objects", "1", "--seed", "3", "--spec", "paper", "--spec", "shelf")
+LABEL = ("label", "-n", "6", "--paths", "4", "--moves", "1", "--objects", "1", "--seed", "3", "--spec", "paper", "--spec", "shelf")
 TRAIN = ("--epochs", "2", "--width", "16", "--threads", "1", "--device", "cpu")
 MORTAL = """
 import os, signal, sys
-import retrieve_cli.label, planning.learning.training.train
+import retrieve_cli.label
 from retrieve_cli.__main__ import main
 
 retrieve_cli.label.SHARD = 2
@@ -40,7 +40,9 @@ def mortal(function):
     return call
 
 retrieve_cli.label.label_item = mortal(retrieve_cli.label.label_item)
-planning.learning.training.train._save = mortal(planning.learning.training.train._save)
+if sys.argv[2] == "train":  # labels need no torch
+    import planning.learning.training.train as train
+    train._save = mortal(train._save)
 raise SystemExit(main(sys.argv[2:]))
 """
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
-from perception.objects.footprint import DIRECTIONS, LEAST_M, least_circle, least_rectangle, outline_of, upright_solid
+from perception.objects.footprint import DIRECTIONS, LEAST_M, clean_solid, least_circle, least_rectangle, outline_of
 from perception.objects.lying import lying_cylinder
 from perception.objects.prepared_frames import PreparedFrames
 from perception.objects.ray_fit import BOX, CYLINDER, HEIGHT, KIND, YAW, normal_equations, slid
@@ -72,7 +72,7 @@ def standing_solids(
             pixels = pixels_of(views, points, source)
             shape, T = fitted_solid(replace(pixels, eyes=pixels.eyes - up), points - up)
         else:
-            shape, T = upright_solid(points - up)
+            shape, T = clean_solid(points - up)
             if _off(shape, T, points - up) > OFF_M:
                 shape, T = lying_cylinder(points - up, np.zeros(len(points))) or (shape, T)
         sides = seen_sides(shape, T, points - up)
@@ -113,8 +113,8 @@ def fitted_solid(pixels: Pixels, rough: Array) -> tuple[Shape, Array]:
     few = replace(pixels, **{name: getattr(pixels, name)[::every].copy() for name in ("eyes", "rays", "z", "spread")})
     height, outline = float(rough[:, 2].max()), outline_of(rough[:, :2] - middle[:2])
     side = rough[rough[:, 2] < BELOW * height, :2] - middle[:2]
-    starts = [_around(BOX, outline, height, side), _around(CYLINDER, outline, height)]
-    tried = [_fitted(solid, few) for solid in starts]
+    starts = [_around(BOX, outline, height), _around(BOX, outline, height, side), _around(CYLINDER, outline, height)]
+    tried = [_fitted(solid, few) for k, solid in enumerate(starts) if k == 0 or (solid != starts[0]).any()]
     error, solid = min(tried, key=lambda pair: pair[0])
     if error > MISFIT:
         if (fallen := lying_cylinder(rough, pixels.spread)) is not None:

@@ -1,8 +1,7 @@
-"""What stands where points were seen: the cylinder on whose side they lie, or the smaller of the two upright solids around them, a box
-turned about z or a cylinder.
+"""What stands where points were seen: the smaller of the two upright solids around them, a box turned about z or a cylinder.
 
-All contain every point, so none promises more room than was seen. Where the points are on no common circle, the smaller of the two tells a
-can from a carton.
+Both contain every point, so neither promises more room than was seen; which of the two is smaller tells a can from a carton. Clean points
+of a part of the sides tell it better.
 """
 
 from __future__ import annotations
@@ -28,17 +27,28 @@ ALIKE, MOST_SIDE = 1.3, 500
 
 
 def upright_solid(points: Array) -> tuple[Shape, Array]:
-    """The upright cylinder whose side the points (N, 3) show, or the smallest upright box or cylinder around them and their feet on the
-    plane z = 0, and its pose (4, 4) there.
+    """The smallest upright box or cylinder around points (N, 3) and their feet on the plane z = 0, and its pose (4, 4) there.
 
     Without a margin, for grasps leave fractions of a millimetre. Raises: ValueError when there are no points.
     """
+    return _smallest(points)
+
+
+def clean_solid(points: Array) -> tuple[Shape, Array]:
+    """The same of clean points: the cylinder on whose side those below the top lie, or the box along its seen faces."""
+    side = points[points[:, 2] < points[:, 2].max(initial=0.0) - TOP_M, :2]
+    if (seen := _seen_circle(points[:, :2], side)) is None:
+        return _smallest(points, side)
+    height = float(points[:, 2].max())
+    return Cylinder(seen[1], height), transform(p=[*seen[0], height / 2])
+
+
+def _smallest(points: Array, side: Array | None = None) -> tuple[Shape, Array]:
+    """See `upright_solid`; side (K, 2): see `least_rectangle`."""
     if len(points) == 0:
         raise ValueError("there is no solid around no points")
     height = float(max(points[:, 2].max(), LEAST_M))
-    outline, side = outline_of(points[:, :2]), points[points[:, 2] < height - TOP_M, :2]
-    if (seen := _seen_circle(points[:, :2], side)) is not None:
-        return Cylinder(seen[1], height), transform(p=[*seen[0], height / 2])
+    outline = outline_of(points[:, :2])
     corner, size, yaw = least_rectangle(outline, side)
     centre, radius = least_circle(outline)
     size, radius = np.maximum(size, LEAST_M), max(radius, LEAST_M / 2)

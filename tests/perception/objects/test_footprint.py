@@ -7,7 +7,7 @@ import pytest
 
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array
-from perception.objects.footprint import upright_solid
+from perception.objects.footprint import clean_solid
 
 HEIGHT_M = 0.16
 
@@ -29,7 +29,7 @@ def test_a_can_is_known_by_a_part_of_its_side(seed: int) -> None:
     middle, radius, first = rng.uniform(-0.3, 0.3, 2), float(rng.uniform(0.015, 0.06)), float(rng.uniform(0, 6))
     seen = arc(middle, radius, first, first + float(rng.uniform(1.0, 6.2)))
     top = arc(middle, radius * float(rng.uniform(0.2, 1.0)), first, first + 1.0) if rng.random() < 0.5 else None
-    shape, T = upright_solid(upright(seen, top).astype(np.float32).astype(float))
+    shape, T = clean_solid(upright(seen, top).astype(np.float32).astype(float))
     assert isinstance(shape, Cylinder)
     assert abs(shape.radius_m - radius) < 2e-4
     np.testing.assert_allclose(T[:2, 3], middle, atol=2e-4)
@@ -45,7 +45,7 @@ def test_what_is_not_round_is_no_can(seed: int) -> None:
     faces = np.concatenate(
         [np.column_stack([np.linspace(0, a, 60), np.zeros(60)]), np.column_stack([np.zeros(40), np.linspace(0, b * share, 40)])]
     )
-    shape, _ = upright_solid(upright(faces @ R.T + at))
+    shape, _ = clean_solid(upright(faces @ R.T + at))
     assert isinstance(shape, Box)
     np.testing.assert_allclose(np.sort(shape.size_m[:2]), np.sort([a, max(b * share, 0.004)]), atol=1e-6)
 
@@ -53,15 +53,15 @@ def test_what_is_not_round_is_no_can(seed: int) -> None:
 def test_a_can_beside_whose_arc_another_point_was_seen_is_none() -> None:
     seen = arc(np.zeros(2), 0.03, 0.0, 1.5)
     beyond = np.concatenate([seen, [[0.0, 0.034]]])
-    assert isinstance(upright_solid(upright(seen))[0], Cylinder)
-    assert isinstance(upright_solid(upright(beyond))[0], Box)
+    assert isinstance(clean_solid(upright(seen))[0], Cylinder)
+    assert isinstance(clean_solid(upright(beyond))[0], Box)
 
 
 def test_all_points_are_contained() -> None:
     rng = np.random.default_rng(9)
     for _ in range(30):
         points = upright(arc(np.zeros(2), 0.03, 0.0, float(rng.uniform(0.5, 3.0))) + rng.normal(0, 3e-5, (60, 2)))
-        shape, T = upright_solid(points)
+        shape, T = clean_solid(points)
         local = (points - T[:3, 3]) @ T[:3, :3]
         if isinstance(shape, Cylinder):
             assert np.hypot(local[:, 0], local[:, 1]).max() <= shape.radius_m + 1e-9

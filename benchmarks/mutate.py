@@ -91,8 +91,8 @@ GROUPS = (
     Group(("kinematics/robots/plain_urdf.py",), ("tests/kinematics/robots/test_plain_urdf.py",)),
     Group(("planning/motion/checking/verify.py",), ("tests/planning/motion/checking/test_verify_rules.py",)),
     Group(
-        _in("planning/motion/handling", "neighbourhoods", "shrunk_scene", "subdivision"),
-        _in("tests/planning/motion/handling", "test_subdivision"),
+        _in("planning/motion/handling", "neighbourhoods", "shrunk_scene"),
+        _in("tests/planning/motion/handling", "test_neighbourhoods", "test_shrunk_scene"),
     ),
 )
 MODULES = {module: group for group in GROUPS for module in group.modules}

@@ -115,9 +115,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             scene = as_it_is(world, scene, arm)
 
         def policy_for(motions: Motions, moves: int) -> Policy:
-            return (
-                own_policy(job.policy)(motions) if is_own(job.policy) else make_policy(name, motions, model=model, max_moves=moves)
-            )
+            return own_policy(job.policy)(motions) if is_own(job.policy) else make_policy(name, motions, model=model, max_moves=moves)
 
         return retrieve_unseen(
             world,

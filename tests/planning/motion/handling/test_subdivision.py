@@ -1,4 +1,4 @@
-"""The look that proofs rest on has as much more room as there is between two hands that it looks at."""
+"""The subdivision that proofs rest on finds hands between others, and closes what none can take."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from turned_cabinet import CABINET, scene_of
 
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
-from kinematics.shapes import Box, ConvexMesh, Cylinder
-from kinematics.transforms import Array, apply, inverse, rotation_about, transform
+from kinematics.shapes import Box, Cylinder
+from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import hand_points, level_hand
 from planning.motion.cell.workcell import QUICK_IK
 from planning.motion.handling import neighbourhoods, subdivision
-from planning.motion.handling.neighbourhoods import LEAST_ROOM_M, SQUARE, TURN_M, Neighbourhood, divided, levels_of
+from planning.motion.handling.neighbourhoods import SQUARE, TURN_M
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.picking import Picking
-from planning.motion.handling.shrunk_scene import can_be_shrunk, shrunk, thinnest_allowed_m
+from planning.motion.handling.shrunk_scene import shrunk, thinnest_allowed_m
 from planning.motion.handling.subdivision import HandSubdivision
 from planning.motion.handling.ways import approachable
 from planning.motion.pick_place import Motions
@@ -31,66 +32,6 @@ from planning.scenes.generation import generate, load_spec
 from planning.verdict import judge_hold
 
 UP = (0, 0, 1)
-CABINET = Cabinet(np.array([0.5, 0.6, 0.4]), transform(rotation_about(UP, 0.3), [0.3, 0.1, 0.2]), 0.03)
-
-
-def scene_of(*bodies: Body) -> Scene:
-    return Scene("s", RobotRef(np.eye(4), "ur5e"), CABINET, bodies, bodies[0].name, None, approaches=("horizontal",))
-
-
-def inside(body: Body, points: Array, by_m: float) -> Array:
-    """Which of points (N, 3), world frame, are in a solid, and by so much from its surface."""
-    p = (points - body.T_world_body[:3, 3]) @ body.T_world_body[:3, :3]
-    if isinstance(body.shape, Cylinder):
-        return (np.hypot(p[:, 0], p[:, 1]) <= body.shape.radius_m - by_m) & (np.abs(p[:, 2]) <= body.shape.height_m / 2 - by_m)
-    return np.asarray((np.abs(p) <= body.shape.half - by_m).all(1))
-
-
-def test_everything_is_further_from_any_point_by_as_much_as_is_asked() -> None:
-    """What is in a solid of the shrunk scene is in one of the scene, and so much from its surface, but where walls meet walls."""
-    box = Body("b", Box(np.array([0.08, 0.05, 0.2])), CABINET.T_world_cabinet @ transform(p=[0.2, 0.0, 0.1]))
-    can = Body("c", Cylinder(0.04, 0.1), transform(rotation_about((1, 0, 0), 0.7), [0.6, 0.2, 0.3]))
-    scene, by_m = replace(scene_of(box, can), obstacles=(replace(box, name="post"),)), 0.004
-    less = shrunk(scene, by_m)
-    points = np.random.default_rng(0).uniform([0.2, -0.4, 0.1], [1.0, 0.6, 0.7], (200_000, 3))
-    for before, after in zip((*scene.objects, *scene.obstacles), (*less.objects, *less.obstacles)):
-        assert np.array_equal(inside(after, points, 0.0), inside(before, points, by_m))
-    solid = np.any([inside(wall, points, 0.0) for wall in less.cabinet.walls()], 0)
-    in_cabinet = points @ inverse(CABINET.T_world_cabinet)[:3, :3].T + inverse(CABINET.T_world_cabinet)[:3, 3]
-    low, high = np.array([0.0, -0.3, 0.0]), np.array([0.5, 0.3, 0.4])
-    nearest = np.clip(in_cabinet, low, high)  # of the space that the walls enclose
-    assert solid.sum() > 1000
-    assert np.linalg.norm(in_cabinet - nearest, axis=1)[solid].min() > by_m - 1e-9
-
-
-def test_where_something_is_a_plate_a_thin_wall_or_a_mesh_there_is_no_such_look(ur5e: Robot) -> None:
-    """Less than nothing would be left of it, and a hand that misses it by a little be called closed by what is left."""
-    post = Body("post", Box(np.array([0.05, 0.05, 0.3])), CABINET.T_world_cabinet @ transform(p=[0.2, 0.0, 0.15]))
-    scene = scene_of(post)
-    mesh = replace(post, shape=ConvexMesh((np.eye(3, 4).T * 0.1,)))
-    assert can_be_shrunk(scene)
-    for thin in (Box(np.array([0.05, 0.3, 0.004])), Cylinder(0.1, 0.003), Cylinder(0.003, 0.1)):
-        assert not can_be_shrunk(replace(scene, obstacles=(replace(post, shape=thin),)))
-        assert not can_be_shrunk(scene_of(replace(post, shape=thin)))
-    assert not can_be_shrunk(replace(scene, obstacles=(mesh,)))
-    assert not can_be_shrunk(replace(scene, cabinet=replace(scene.cabinet, wall_m=0.005)))
-    with pytest.raises(ValueError, match="post is a mesh"):
-        shrunk(replace(scene, obstacles=(mesh,)), 0.001)
-    shelf = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
-    assert Motions(ur5e, shelf).finest is not None
-    assert Motions(ur5e, replace(shelf, cabinet=replace(shelf.cabinet, wall_m=0.005))).finest is None
-
-
-def test_walls_are_further_from_what_is_outside_too() -> None:
-    """A forearm may pass below the cabinet's floor: no point of a shrunk wall is nearer than asked to one that is in no wall."""
-    by_m, rng = 0.004, np.random.default_rng(1)
-    points = rng.uniform([0.2, -0.4, 0.1], [1.0, 0.6, 0.7], (200_000, 3))
-    less = shrunk(scene_of(Body("b", Box(np.full(3, 0.05)), CABINET.T_world_cabinet)), by_m).cabinet
-    solid = points[np.any([inside(wall, points, 0.0) for wall in less.walls()], 0)]
-    ways = rng.normal(size=solid.shape)
-    around = solid + (by_m - 1e-9) * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    assert len(solid) > 1000
-    assert np.any([inside(wall, around, 0.0) for wall in CABINET.walls()], 0).all()
 
 
 def test_what_is_stuck_is_so_by_what_stands_around_it(ur5e: Robot) -> None:
@@ -139,34 +80,6 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
     doubtful = look.access("box", frozenset())
     assert (doubtful.hand, doubtful.closed) == (None, False)
     assert access.between // 2 <= doubtful.between < access.between
-
-
-TURNED = replace(SQUARE, turn=TURN_M / 0.3, reach_m=0.3)
-PITCHED = replace(SQUARE, pitch=TURN_M / 0.25, reach_m=0.3)
-BOTH = replace(TURNED, pitch=TURNED.turn)
-
-
-@pytest.mark.parametrize("coarsest", [SQUARE, TURNED, PITCHED, BOTH], ids=["square", "turned", "pitched", "both"])
-def test_some_hands_stand_together_for_all_around_one(coarsest: Neighbourhood) -> None:
-    """Whatever hand one stands for, each point of it is no further than the next room from where one of the next hands has it."""
-    middle, pads, rng = np.array([0.51, 0.12, 0.3]), np.array([0.0, 0.002, 0.14]), np.random.default_rng(0)
-    hand = Grasp(transform(level_hand(np.array([0.6, 0.8, 0.0]), 0.4), [0.40, -0.05, 0.35]), 0.05)
-    for around in levels_of(coarsest)[:-1]:
-        finer = around.halved()
-        parts = np.array([part.T_world_hand for part in divided(hand, around, middle, pads)])
-        in_hand = pads + rng.normal(size=(60, 3)) * [0.05, 0.05, 0.1]
-        level = apply(hand.T_world_hand, in_hand)[:, :2] - middle[:2]
-        near = (np.hypot(*level.T) + around.room_m <= 0.3) & (np.linalg.norm(in_hand - pads, axis=1) <= 0.3)
-        in_hand = np.c_[in_hand[near], np.ones(near.sum())]
-        assert len(in_hand) > 20
-        for share in rng.uniform(-1, 1, (30, 4)):
-            moved = transform(p=share[0] * around.ahead_m * np.array([0.6, 0.8, 0.0]) + share[1] * around.up_m * np.array(UP, float))
-            turned = transform(p=middle) @ transform(rotation_about(UP, share[2] * around.turn)) @ transform(p=-middle)
-            pitched = transform(p=pads) @ transform(rotation_about((0, 1, 0), share[3] * around.pitch)) @ transform(p=-pads)
-            there = in_hand @ (turned @ moved @ hand.T_world_hand @ pitched).T
-            apart = np.linalg.norm(in_hand @ parts.transpose(0, 2, 1) - there, axis=2).max(1)
-            assert apart.min() <= finer.room_m + 1e-12
-    assert levels_of(coarsest)[-1].room_m <= LEAST_ROOM_M
 
 
 def ahead_of_it(hands: Iterable[Grasp]) -> Array:

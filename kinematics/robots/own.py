@@ -144,7 +144,9 @@ def _cup(link: int, model: Model, T_link_hand: Array | None, where: str) -> Grip
         T = cup_frame(model, link) if measured else T
     except NoGripper as e:
         raise NoGripper(f"{where}: {e}") from None
-    return Grip((SUCTION,), {}, (0.0, ON_M), model.tree.names[link], T, "a suction cup", measured)
+    cups = [i for i in cup_links(model, rigid(model, model.group(link))) if model.points([i], model.rest, i).size]
+    kind = "a suction cup" if len(cups) < 2 else f"one of {len(cups)} suction cups, used alone"
+    return Grip((SUCTION,), {}, (0.0, ON_M), model.tree.names[link], T, kind, measured)
 
 
 def _palm(model: Model, hand_link: str | None, named: Sequence[int]) -> int:

@@ -75,6 +75,13 @@ def test_a_link_called_like_a_cup_is_one(robot: Callable[..., Robot]) -> None:
     assert [link.find("collision") for link in tree.iter("link") if link.get("name") == VALVE] == [None]
 
 
+def test_of_several_cups_one_is_used_and_that_is_said(robot: Callable[..., Robot]) -> None:
+    """As OnRobot's VGC10 has four."""
+    made = robot("".join(cylinder(f"cup{k}", 0.01, 0.04) + fixed(f"cup{k}", f"{0.03 * k} 0 0.25") for k in range(4)))
+    assert len(made.pads) == 1
+    assert any(note.startswith("one of 4 suction cups, used alone, hand frame measured: ") for note in made.notes)
+
+
 @pytest.mark.parametrize("joint", ["gripper", "valve"])
 def test_a_joint_that_stands_for_a_vacuum_and_moves_nothing_is_no_gripper(joint: str, robot: Callable[..., Robot]) -> None:
     """As Robotiq's EPick has one for MoveIt, on the cup."""

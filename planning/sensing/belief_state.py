@@ -85,7 +85,8 @@ class BeliefState:
         if self.by is None:
             self.by = "geometry" if any(f.instance is None for f in fresh) else "mask"
         if self.by == "geometry":
-            fresh = tuple(without_bodies(f, tuple(self.tracked.values()), self.sensing.noise_1m_m) for f in fresh)
+            known = (*self.empty_scene.obstacles, *self.tracked.values())
+            fresh = tuple(without_bodies(f, known, self.sensing.noise_1m_m) for f in fresh)
         else:
             fresh = tuple(without_objects(f, self.tracked) for f in fresh)
         self.frames += fresh

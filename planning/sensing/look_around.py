@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.mount import mount
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Scene
 from kinematics.transforms import Array
@@ -111,6 +112,7 @@ def look_around(
     frames, seen, protrusions = list[Frame](), list[ClearRays](), Protrusions(empty_scene.cabinet, noise_1m_m)
     views: list[tuple[Array, float]] = []
     motions: list[Motion] = []
+    known = (*bodies, *empty_scene.obstacles, *filter(None, [mount(empty_scene)]))
     blind, done, at = 0, np.zeros(len(spots.q), bool), -1
     while True:
         frame = camera(base @ robot.link_poses(q)["camera"], q)
@@ -129,7 +131,7 @@ def look_around(
             break
         if at >= 0:
             preview.taken(voxels, at)
-        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding, protrusions.boxes(bodies, SKIN_M))
+        way = KnownFreePaths(empty_scene, robot, voxels, bodies, q, spots, rng, hiding, protrusions.boxes(known, SKIN_M))
         if way.blocked is not None:
             reason = f"the arm can't move on: {way.blocked}"
             break

@@ -21,9 +21,11 @@ from planning.library import STAGE
 from planning.motion.checking.verify import verify
 from planning.motion.pick_place import Motions
 from planning.scenes.generation import generate, load_spec
-from planning.sensing.look_around import SKIN_M, Looked, look_around
+from planning.sensing.belief_state import BeliefState
+from planning.sensing.look_around import SKIN_M, Limits, Looked, look_around
 from planning.sensing.protrusions import Protrusions
-from planning.sensing.settings import SENSING
+from planning.sensing.settings import SENSING, SensingSettings
+from planning.sensing.world import SimulatedWorld
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -103,3 +105,18 @@ def test_its_obstacles_hold_all_that_was_seen_there_but_what_is_known(ur5e: Robo
     for b in boxes:
         low, high = b.T_world_body[0, 3] - b.shape.half[0], b.T_world_body[0, 3] + b.shape.half[0]  # type: ignore[union-attr]
         assert front_x - FRONT_M - 1e-9 <= low < high <= front_x + 1e-9
+
+
+def test_an_obstacle_that_is_known_is_no_object_and_no_protrusion(ur5e: Robot, scene: Scene) -> None:
+    stray = front_box(scene, 0.25)
+    at = scene.cabinet.T_world_cabinet @ transform(p=[0.04, -0.25, 0.1])
+    post = Body("post", Box(np.array([0.14, 0.04, 0.2])), at)  # from 3 cm before the front to 11 cm behind it
+    for obstacles in ((), (post,)):
+        bodies = (stray,) if obstacles else (stray, replace(post, name="thing"))
+        there = replace(scene, objects=bodies, target="stray", obstacles=obstacles)
+        world = SimulatedWorld(ur5e, there, np.random.default_rng(0), by="geometry")
+        mind = BeliefState(ur5e, there, np.random.default_rng(0), SensingSettings("geometry"))
+        looked = mind.look(world, Limits(1.0, 0.001, 4), None, lambda _: None)
+        mind.understand()
+        assert len(mind.belief.bodies) == len(bodies)
+        assert verify(ur5e, there, looked.motions) is None

@@ -1,4 +1,4 @@
-"""What protrudes of the cabinet's open front: the map ends there, and the arm passes by before anything is known of objects."""
+"""What protrudes from the cabinet's open front: the map ends there, and the arm passes by before anything is known of objects."""
 
 from __future__ import annotations
 

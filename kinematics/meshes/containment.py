@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.meshes.cutting import planes_of
+from kinematics.meshes.cutting import ENTRIES, planes_of
 from kinematics.meshes.surface import Surface
 from kinematics.transforms import Array
 
 MOST_ROUNDS = 40
-CHUNK, ENTRIES = 20_000, 200_000
+CHUNK = 20_000
 FINE_M = 8e-5
 """What reaches out of the parts by no more is not looked at closer."""
 

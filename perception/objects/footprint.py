@@ -39,7 +39,7 @@ def clean_solid(points: Array) -> tuple[Shape, Array]:
     side = points[points[:, 2] < points[:, 2].max(initial=0.0) - TOP_M, :2]
     if (seen := _seen_circle(points[:, :2], side)) is None:
         return _smallest(points, side)
-    height = float(points[:, 2].max())
+    height = _height(points)
     return Cylinder(seen[1], height), transform(p=[*seen[0], height / 2])
 
 
@@ -47,14 +47,18 @@ def _smallest(points: Array, side: Array | None = None) -> tuple[Shape, Array]:
     """See `upright_solid`; side (K, 2): see `least_rectangle`."""
     if len(points) == 0:
         raise ValueError("there is no solid around no points")
-    height = float(max(points[:, 2].max(), LEAST_M))
-    outline = outline_of(points[:, :2])
+    height, outline = _height(points), outline_of(points[:, :2])
     corner, size, yaw = least_rectangle(outline, side)
     centre, radius = least_circle(outline)
     size, radius = np.maximum(size, LEAST_M), max(radius, LEAST_M / 2)
     if np.pi * radius**2 < size[0] * size[1]:
         return Cylinder(radius, height), transform(p=[*centre, height / 2])
     return Box(np.array([*size, height])), transform(rotation_about((0.0, 0.0, 1.0), yaw), [*corner, height / 2])
+
+
+def _height(points: Array) -> float:
+    """How high an upright solid around points (N, 3) is."""
+    return float(max(points[:, 2].max(), LEAST_M))
 
 
 def _seen_circle(points: Array, side: Array) -> tuple[Array, float] | None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kinematics.scene import Body, Cabinet
-from kinematics.transforms import inverse, transform
+from kinematics.transforms import apply, inverse, transform
 from perception.frames import Frame
 from perception.mapping.voxels import unknown_voxels
 from perception.objects.prepared_frames import FRONT_M, WALL_MARGIN_M, arm_of, pinhole_of
@@ -34,8 +34,7 @@ class Protrusions:
         there, points = in_cabinet(
             depth, arm_of(frame), *pinhole_of(frame), T_before_camera, before.size_m, 0.0, WALL_MARGIN_M, self._noise_1m_m
         )  # fmt: skip
-        at = ((points[there] + [0.0, before.size_m[1] / 2, 0.0]) / self._voxels.step).astype(np.int64)
-        np.add.at(self._pixels, tuple(np.minimum(at, np.array(self._pixels.shape) - 1).T), 1)
+        np.add.at(self._pixels, tuple(self._voxels.index(apply(before.T_world_cabinet, points[there].astype(float))).T), 1)
 
     def boxes(self, bodies: Sequence[Body], margin_m: float) -> tuple[Body, ...]:
         """Obstacles around it, called front_0, front_1, …; what lies within margin_m of known bodies is theirs."""

@@ -7,7 +7,7 @@ import pytest
 
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array
-from perception.objects.footprint import clean_solid
+from perception.objects.footprint import LEAST_M, clean_solid
 
 HEIGHT_M = 0.16
 
@@ -55,6 +55,13 @@ def test_a_can_beside_whose_arc_another_point_was_seen_is_none() -> None:
     beyond = np.concatenate([seen, [[0.0, 0.034]]])
     assert isinstance(clean_solid(upright(seen))[0], Cylinder)
     assert isinstance(clean_solid(upright(beyond))[0], Box)
+
+
+def test_a_flat_can_gets_some_thickness() -> None:
+    seen = np.column_stack([np.tile(arc(np.zeros(2), 0.02, 0.0, 2.0), (3, 1)), np.repeat([0.0, 0.001, 0.002], 60)])
+    shape, T = clean_solid(seen)
+    assert isinstance(shape, Cylinder)
+    assert shape.height_m == LEAST_M == 2 * T[2, 3]
 
 
 def test_all_points_are_contained() -> None:

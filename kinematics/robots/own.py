@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kinematics.errors import did_you_mean
 from kinematics.robots.files import urdf
 from kinematics.robots.files.fixed_joints import freeze
-from kinematics.robots.hands.find_gripper import HINGE_RAD, CupFound, Motors, drive, find_palm, rigid
+from kinematics.robots.hands.find_gripper import HINGE_RAD, CupFound, Motors, drives, find_palm, rigid
 from kinematics.robots.hands.gripper import NotClosing, measure
 from kinematics.robots.hands.hand_frame import hand_frame as measured_frame
 from kinematics.robots.hands.hand_model import Model, NoGripper
@@ -121,7 +121,7 @@ def find_grip(model: Model, where: str, hand_link: str | None, named: Sequence[s
     indices = [joints.index(name) for name in named]
     try:
         palm = _palm(model, hand_link, indices)
-        motors = _narrowed(model, drive(model, palm, indices))
+        motors = _that_close(model, palm, indices)
         if hand_link is not None:
             T = np.eye(4) if T_link_hand is None else T_link_hand
             _check_frame(model, motors, hand_link, T)
@@ -174,6 +174,26 @@ def _whole_hand(model: Model, palm: int, named: Sequence[int]) -> int:
         return palm
 
 
+def _that_close(model: Model, palm: int, named: Sequence[int]) -> Motors:
+    """How the fingers on a group are driven so that they close on something; where they never do, the likeliest way."""
+    ways = drives(model, palm, named)
+    first = motors = _narrowed(model, next(ways))
+    while motors.frozen and not _closes(model, motors):
+        if (other := next(ways, None)) is None:
+            return first
+        motors = _narrowed(model, other)
+    return motors
+
+
+def _closes(model: Model, motors: Motors) -> bool:
+    """Whether the fingers close along the y of the hand frame that is measured."""
+    try:
+        _measure_at(model, motors, motors.palm, measured_frame(model, motors))
+    except (NoGripper, NotClosing):
+        return False
+    return True
+
+
 def _narrowed(model: Model, motors: Motors) -> Motors:
     """A hinged jaw opens only so far that it still faces what it closes on."""
     low, high = motors.limits
@@ -222,8 +242,30 @@ def _is_around(model: Model, link: int) -> bool:
 def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:
     """Raises: NoGripper with the frame that was measured, where the fingers don't close about the one that was given, or a link's own
     frame, with no T_link_hand, looks elsewhere than they do."""
+    try:
+        _measure_at(model, motors, model.tree.index[link], T)
+    except NotClosing as e:
+        raise _elsewhere(model, motors, link, _measured_in(model, motors, link), "", e.fingers) from None
+    if np.array_equal(T, np.eye(4)):
+        try:
+            found = _measured_in(model, motors, link)
+        except NoGripper:
+            return  # it is good for what it was measured by
+        if found[2, 2] < ALONG:
+            off = np.degrees(np.arccos(np.clip(found[2, 2], -1.0, 1.0)))
+            raise _elsewhere(
+                model, motors, link, found, f"the z of the link {link!r} is {off:.0f}° off the approach: ", _fingers(model, motors)
+            )
+
+
+def _fingers(model: Model, motors: Motors) -> list[str]:
+    """The fingers' links with geometry."""
+    return sorted({model.tree.names[i] for branch in motors.branches for i in branch} & {h.link for h in model.hulls})
+
+
+def _measure_at(model: Model, motors: Motors, at: int, T: Array) -> None:
+    """Measure what the fingers leave free about a hand frame T (4, 4) in the link `at`. Raises: NotClosing where they don't close on it."""
     tree = model.tree
-    at = tree.index[link]
     with_hand = Tree(
         (*tree.names, "hand"), np.append(tree.parent, at), np.concatenate([tree.T_joint, T[None]]), np.append(tree.kind, FIXED),
         np.concatenate([tree.axis, [[1.0, 0.0, 0.0]]]), np.append(tree.q_index, -1), np.append(tree.scale, 1.0),
@@ -234,19 +276,8 @@ def _check_frame(model: Model, motors: Motors, link: str, T: Array) -> None:
         with_hand.offset[moves] += with_hand.scale[moves] * offset
         with_hand.scale[moves] *= rate
         with_hand.q_index[moves] = motors.first
-    fingers = frozenset(tree.names[i] for branch in motors.branches for i in branch) & {h.link for h in model.hulls}
-    try:
-        measure(with_hand, tuple(model.hulls), fingers, motors.first, motors.limits, model.rest[: with_hand.coordinates], "")
-    except NotClosing as e:
-        raise _elsewhere(model, motors, link, _measured_in(model, motors, link), "", e.fingers) from None
-    if np.array_equal(T, np.eye(4)):
-        try:
-            found = _measured_in(model, motors, link)
-        except NoGripper:
-            return  # it is good for what it was measured by
-        if found[2, 2] < ALONG:
-            off = np.degrees(np.arccos(np.clip(found[2, 2], -1.0, 1.0)))
-            raise _elsewhere(model, motors, link, found, f"the z of the link {link!r} is {off:.0f}° off the approach: ", sorted(fingers))
+    fingers = frozenset(_fingers(model, motors))
+    measure(with_hand, tuple(model.hulls), fingers, motors.first, motors.limits, model.rest[: with_hand.coordinates], "")
 
 
 def _measured_in(model: Model, motors: Motors, link: str) -> Array:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kinematics.robots.hands.hand_model import Branch, Model, NoGripper
-from kinematics.robots.hands.three_fingers import closing_motor, in_two_sides
+from kinematics.robots.hands.three_fingers import closing_motors, in_two_sides
 from kinematics.robots.tree import SLIDES
 from kinematics.transforms import Array, inverse
 
@@ -158,7 +158,13 @@ def _joint_behind(model: Model, link: int) -> str:
 
 
 def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
-    """How the fingers on a group are driven. named: actuated joints that move them, where somebody says so.
+    """How the fingers on a group are driven: the first of `drives`. Raises: NoGripper, as that."""
+    return next(drives(model, palm, named))
+
+
+def drives(model: Model, palm: int, named: Sequence[int] = ()) -> Iterator[Motors]:
+    """How the fingers on a group may be driven, the likeliest first; several ways where fingers have several motors, and not all of them
+    may close on anything. named: actuated joints that move them, where somebody says so.
 
     Raises: NoGripper where nothing moves on it, or too much.
     """
@@ -191,7 +197,8 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
         raise NoGripper(f"no gripper found: {what}")
     branches = tuple(tuple(model.tree.below(m)) for m in movers)
     if len(branches) in (2, 3) and len(motors) >= 3:
-        return _driven_apart(model, palm, branches, named)
+        yield from _driven_apart(model, palm, branches, named)
+        return
     bodies = _fingers(model, palm, branches, motors)
     if len(bodies) > 2 or len(motors) > 2:
         names = ", ".join(model.joints[j] for j in motors)
@@ -202,12 +209,26 @@ def drive(model: Model, palm: int, named: Sequence[int] = ()) -> Motors:
     endless = [model.joints[j] for j in motors if not np.isfinite([model.lower[j], model.upper[j]]).all()]
     if endless:
         raise NoGripper(f"no gripper that can be used: its joint {endless[0]!r} has no limits, so it is never open or closed")
-    return _coupled(model, palm, motors, bodies)
+    yield _coupled(model, palm, motors, bodies)
 
 
-def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: Sequence[int]) -> Motors:
-    """Two or three fingers with motors of their own, some of which stand still."""
-    closing = [closing_motor(model, palm, branch, named) for branch in branches]
+def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: Sequence[int]) -> Iterator[Motors]:
+    """Two or three fingers with motors of their own, some of which stand still. Raises: NoGripper, of the first way, where there is none."""
+    refused, some = None, False
+    for closing in closing_motors(model, palm, branches, named):
+        try:
+            motors = _closed_by(model, palm, branches, list(closing))
+        except NoGripper as e:
+            refused = refused or e
+        else:
+            some = True
+            yield motors
+    if refused is not None and not some:
+        raise refused
+
+
+def _closed_by(model: Model, palm: int, branches: tuple[Branch, ...], closing: list[int]) -> Motors:
+    """Fingers that are closed by one motor each; the others stand still."""
     sides = in_two_sides(model, palm, branches, closing) if len(branches) == 3 else branches
     endless = [model.joints[j] for j in closing if not np.isfinite([model.lower[j], model.upper[j]]).all()]
     if endless:

@@ -100,13 +100,14 @@ def _along_pad(model: Model, motors: Motors, y: Array, q: Array) -> Array:
 def _axis(model: Model, motors: Motors) -> Array | None:
     """The axis (3,) about which the fingers turn, in the palm's frame; None where they slide. Two that go together may be askew, each to
     its side: theirs is the mean, so that what is held touches both."""
-    first = motors.branches[0][0]
+    closing = {motors.first, *motors.followers}  # a finger may stand on a motor that spreads it
+    links = [i for i in motors.branches[0] if model.tree.kind[i] != FIXED and int(model.tree.q_index[i]) in closing]
+    links = [i for i in links if not set(model.tree.path(i)[:-1]) & set(links)]
+    first = links[0]
     if model.tree.kind[first] == SLIDES:
         return None
-    poses, palm = model.tree.poses(_at(model, motors, 0.5)), model.group(motors.palm)
-    links = [first]
-    if motors.kind == THREE:
-        links = [i for i in motors.branches[0] if model.group(int(model.tree.parent[i])) == palm]
+    poses = model.tree.poses(_at(model, motors, 0.5))
+    links = links if motors.kind == THREE else [first]
     axes = np.array([(inverse(poses[motors.palm]) @ poses[i])[:3, :3] @ model.tree.axis[i] for i in links])
     if len(axes) == 1:
         return np.asarray(axes[0])

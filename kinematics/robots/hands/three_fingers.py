@@ -17,11 +17,16 @@ OPPOSED = 0.3
 LOOKS = 7
 
 
-def closing_motor(model: Model, palm: int, branch: Branch, named: Sequence[int]) -> int:
-    """The actuated joint that closes a finger: the one that is named, or that moves it furthest."""
-    motors = model.motors(branch[0])
-    known = [j for j in motors if j in named]
-    return known[0] if known else max(motors, key=lambda j: _moved(model, palm, branch, j))
+def closing_motors(model: Model, palm: int, branches: Sequence[Branch], named: Sequence[int]) -> list[tuple[int, ...]]:
+    """Which actuated joints may close the fingers, one of each: first those that are named, or that move them furthest. What spreads
+    fingers may move them further than what closes them; so then come those that are as many joints from the tips as each other."""
+    motors = [model.motors(branch[0]) for branch in branches]
+    moved = [{j: _moved(model, palm, branch, j) for j in of} for branch, of in zip(branches, motors)]
+    known = [[j for j in of if j in named] for of in motors]
+    first = tuple(of[0] if of else max(most, key=lambda j: most[j]) for of, most in zip(known, moved))
+    alike = [tuple(of[-k] for of in motors) for k in range(1, min(map(len, motors)) + 1)]
+    alike = [way for way in alike if way != first and all(j in of or not of for j, of in zip(way, known))]
+    return [first, *sorted(alike, key=lambda way: -sum(most[j] for j, most in zip(way, moved)))]
 
 
 def _moved(model: Model, palm: int, branch: Branch, motor: int) -> float:

@@ -53,6 +53,25 @@ def hinged(thumb: float = 0.0) -> str:
     return out
 
 
+def spread() -> str:
+    """As Barrett's: the two that go together stand on links that turn them half round the palm, which moves them further than what closes
+    them."""
+    out = ""
+    for name, (x, side) in PLACES.items():
+        foot, y = ("palm", 0.03 * side) if side < 0 else (f"{name}_foot", 0.03)
+        if side > 0:
+            out += f'<link name="{foot}">{box("0.02 0.05 0.01", "0 0.015 0.005")}</link>'
+            limits = (-3.14, 0.0) if x > 0 else (0.0, 3.14)
+            out += joint(f"s_{name}", "revolute", "palm", foot, f"{x} 0 0.012", "0 0 1", limits)
+        out += f'<link name="{name}">{box("0.018 0.05 0.012", f"0 {0.025 * side} 0.006")}</link>'
+        out += f'<link name="{name}_tip">{box("0.018 0.035 0.010", f"0 {0.0175 * side} 0.005")}</link>'
+        at = f"{x} {y} 0.022" if side < 0 else f"0 {y} 0.01"
+        closes, bends = ((0.0, 1.9), (0.0, 0.8)) if side > 0 else ((-1.9, 0.0), (-0.8, 0.0))
+        out += joint(f"f_{name}", "revolute", foot, name, at, "1 0 0", closes)
+        out += joint(f"t_{name}", "revolute", name, f"{name}_tip", f"0 {0.05 * side} 0", "1 0 0", bends)
+    return out
+
+
 @pytest.fixture
 def robot(tmp_path: Path) -> Callable[..., Robot]:
     def make(hand: str, *args: object, **more: object) -> Robot:
@@ -82,6 +101,23 @@ def test_two_go_together_against_the_thumb(hand: str, robot: Callable[..., Robot
     named = robot(hand, gripper_joint="f_thumb").grip  # one of its joints says which hand, not that its finger is alone
     assert named is not None
     assert (named.kind, set(named.joints)) == ("three fingers", set(grip.joints))
+
+
+def test_a_motor_that_spreads_fingers_does_not_close_them(robot: Callable[..., Robot]) -> None:
+    """Though it moves them further: the hand frame is where those motors close that do, and round things are held there."""
+    made = robot(spread())
+    grip = made.grip
+    assert grip is not None
+    assert (grip.kind, set(grip.joints)) == ("three fingers", {"f_left", "f_right", "f_thumb"})
+    assert {name for name, _ in grip.frozen} == {"s_left", "s_right", "t_left", "t_right", "t_thumb"}
+    T = np.linalg.inv(made.link_poses(made.home)["palm"]) @ made.link_poses(made.home)["hand"]
+    np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=0.05)
+    assert made.opening.max_m > 0.06
+    body = Body("it", Cylinder(0.025, 0.14), CABINET.T_world_cabinet @ transform(p=[0.15, 0.0, 0.07]))
+    scene = Scene("s", replace(robot_ref(made, None), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
+    level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+    grasp = Grasp(transform(level, made.opening.hand_position(body.T_world_body[:3, 3], level, 0.05)), 0.05)
+    assert judge_grasp(made, scene, grasp) is None
 
 
 CAN, BOX = Cylinder(0.025, 0.14), Box(np.array([0.05, 0.05, 0.14]))

@@ -8,7 +8,7 @@ from pathlib import Path
 from kinematics.errors import InputError, choose
 from kinematics.names import free_name
 from planning.io.files import read_plans
-from planning.io.outputs import alone_in, replacing, write_text
+from planning.io.outputs import alone_in, naming, replacing, write_text
 from planning.plan import Plan
 from retrieve_cli.terminal import say
 
@@ -45,8 +45,8 @@ def _export_all(plans: Path | None, to: str, out: Path, rate_hz: float | None, j
         name = free_name(re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan", names)
         names.add(name)
         folder = out / name
-        folder.mkdir(exist_ok=True)
-        written = export(plan, to, folder, rate_hz, joints)
+        with alone_in(folder), naming(folder):
+            written = export(plan, to, folder, rate_hz, joints)
         say(f"{plan.scene}: {len(written)} file{'' if len(written) == 1 else 's'} in {folder}")
     if not names:
         raise InputError(failed[0] if failed else "export: there is no plan to export")

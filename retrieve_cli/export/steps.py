@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from kinematics.transforms import Array
 from planning.plan import Motion, Plan
 
 STILL = 1e-9  # rad or m that a joint which stands still may move
+GAP = 1e-6  # rad or m, by which files may round where one motion ends and the next one begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,20 +76,20 @@ Step = ArmStep | GripperStep
 def steps(plan: Plan, joints: Sequence[str] | None = None) -> list[Step]:
     """What a plan's robot does, in order. joints: the arm's joints in the order that the controller wants, by default the plan's.
 
-    Raises: InputError for a plan without trajectories (version 1, or not successful), and for joints that are not the arm's.
+    Raises: InputError for a plan without trajectories (version 1, or not successful), for one with a motion that does not begin where the
+    one before it ended (a controller would jump, or stop), and for joints that are not the arm's.
     """
     if not plan.motions:
         raise InputError(f"{plan.scene}: the plan has no motions" + (f": {plan.reason}" if plan.reason else ""))
     missing = next((m.stage for m in plan.motions if m.qd is None or m.qdd is None or m.gripper is None), None)
     if missing is not None:
         raise InputError(f"{plan.scene}: {missing}: has waypoints and no trajectory; plan the scene anew, `retrieve plan` writes plan@2")
+    _check_joined(plan)
     names, grip = plan.motions[0].joint_names, {m.gripper.joint for m in plan.motions if m.gripper}
     arm = _arm_joints(plan, names, grip, joints)
     columns = [names.index(name) for name in arm]
     out: list[Step] = []
     for motion in plan.motions:
-        if motion.joint_names != names:
-            raise InputError(f"{plan.scene}: {motion.stage}: has other joints than the motion before it")
         arm_moves = np.ptp(motion.q[:, columns], axis=0).max() > STILL
         if motion.gripper and motion.gripper.before.value != motion.gripper.after.value:
             after, held = motion.gripper.after, _holds(plan, motion)
@@ -97,6 +99,20 @@ def steps(plan: Plan, joints: Sequence[str] | None = None) -> list[Step]:
         if arm_moves:
             _append_arm(out, motion, arm, columns)
     return out
+
+
+def _check_joined(plan: Plan) -> None:
+    """Each motion has the joints of the one before, and begins where that ended. Raises InputError."""
+    for before, motion in pairwise(plan.motions):
+        if motion.joint_names != before.joint_names:
+            raise InputError(f"{plan.scene}: {motion.stage}: has other joints than the motion before it")
+        jump = np.abs(motion.q[0] - before.q[-1])
+        if jump.max() > GAP:
+            name = motion.joint_names[int(np.argmax(jump))]
+            raise InputError(
+                f"{plan.scene}: {motion.stage}: starts {jump.max():.3g} from where {name} ended before; was the plan edited? "
+                "retrieve verify judges it, and retrieve plan makes it anew"
+            )
 
 
 def _arm_joints(plan: Plan, names: Sequence[str], gripper: set[str], joints: Sequence[str] | None) -> tuple[str, ...]:

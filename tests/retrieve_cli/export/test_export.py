@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import json
 import sys
@@ -20,7 +21,7 @@ from planning.io.outputs import alone_in
 from planning.io.results import plan_writer
 from planning.plan import Blocked, Gripper, GripperState, Motion, Plan
 from retrieve_cli.__main__ import main
-from retrieve_cli.export.command import export
+from retrieve_cli.export.command import export, run
 from retrieve_cli.export.steps import ArmStep, GripperStep, steps
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -82,7 +83,9 @@ def test_motions_become_trajectories_with_commands_between(plan: Plan) -> None:
 def test_fingers_that_move_beside_the_arm_are_told_before_it_sets_out(plan: Plan, tmp_path: Path) -> None:
     wide = GripperState(0.1, 0.07)
     first = motion("transit", plan.motions[0].q[0, :6], plan.motions[0].q[-1, :6], OPEN, wide)
-    both = replace(plan, motions=(first, *plan.motions[1:]))
+    second = motion("approach", plan.motions[1].q[0, :6], plan.motions[1].q[-1, :6], wide, wide)
+    close = motion("grasp", plan.motions[2].q[0, :6], plan.motions[2].q[-1, :6], wide, SHUT)
+    both = replace(plan, motions=(first, second, close, *plan.motions[3:]))
     grip, arm, *_ = steps(both)
     assert grip == GripperStep("finger", 0.1, 0.07, None, None, 0.0)
     assert isinstance(arm, ArmStep)
@@ -202,6 +205,36 @@ def test_franka_wants_seven_joints(plan: Plan, tmp_path: Path) -> None:
 def _with_a_joint(m: Motion) -> Motion:
     wider = [np.concatenate([np.zeros((len(x), 1)), x], 1) for x in (m.q, m.qd, m.qdd) if x is not None]
     return replace(m, joint_names=("rail", *m.joint_names), q=wider[0], qd=wider[1], qdd=wider[2])
+
+
+def test_motions_that_do_not_follow_one_another_are_refused(plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever a plan says of itself: without its grasp the fingers would jump, and with a moved row the arm. No folder is left."""
+    moved = plan.motions[1].q.copy()
+    moved[-1, 2] += 0.02
+    without, edited = (*plan.motions[:2], *plan.motions[3:]), (plan.motions[0], replace(plan.motions[1], q=moved), *plan.motions[2:])
+    for motions, says in (
+        (without, "scene/7: lift: starts 0.4 from where finger ended before"),
+        (edited, "scene/7: grasp: starts 0.02 from where joint_2 ended before"),
+    ):
+        with plan_writer(tmp_path / "plans.jsonl") as write:
+            write(replace(plan, motions=motions))
+        assert main(["export", str(tmp_path / "plans.jsonl"), "-o", str(tmp_path / "out")]) == 2
+        assert says in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("form", ["ros2", "npz"])
+def test_a_full_disk_names_the_folder(form: str, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that a writer of others' makes, too: an error that names no file is not stdout's."""
+
+    def full(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with plan_writer(tmp_path / "plans.jsonl") as write:
+        write(plan)
+    monkeypatch.setattr(Path, "write_text" if form == "ros2" else "write_bytes", full)
+    with pytest.raises(InputError, match=rf"{tmp_path}/out/scene_7.*: can't be written: no space left on device"):
+        run(plans=tmp_path / "plans.jsonl", to=form, out=tmp_path / "out")
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ VOID = 255
 def read_json(file: Path) -> Any:
     """The document in a file. Raises: ValueError."""
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
+        return json.loads(file.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as e:
         raise ValueError(f"{file}: is no JSON: {e}") from e
 

@@ -99,7 +99,7 @@ def in_general(why: Blocked, moved: str | None = None) -> str:
 
     def called(name: str) -> str:
         if name in _FIXED:
-            return f"the {name}"
+            return f"the {name} wall" if name in ("left", "right", "back") else f"the {name}"
         return "the object itself" if name == moved else "unseen space" if name.startswith("unknown_") else "another object"
 
     if why.stage == "unsolvable":

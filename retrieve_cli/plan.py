@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError
 from planning.io.files import SceneLine, read_plans, read_scene_lines
-from planning.io.outputs import is_special, place_for
+from planning.io.outputs import is_special, place_for, refuse_input
 from planning.io.results import plan_writer
 from planning.plan import SCENE, Plan
 from retrieve_cli.engine import map_ordered
@@ -52,6 +52,8 @@ def run(
     """
     check(job)
     _check_world(job, html, one_worker=(workers or 1) == 1 and engine == "local")
+    for written in (out, html):
+        refuse_input(written, scenes)
     if html is not None and not is_special(html):
         place_for(html)
     announce_first_run()

@@ -9,7 +9,7 @@ from kinematics.errors import InputError
 from planning import metrics
 from planning.episodes import Episode
 from planning.io.files import read_known, read_plans
-from planning.io.outputs import write_text
+from planning.io.outputs import refuse_input, write_text
 from planning.policies import LOOK_AHEAD
 from retrieve_cli import terminal
 from retrieve_cli.reporting.forms import WRITERS, to_json, to_terminal
@@ -25,6 +25,7 @@ def run(*, plans: Sequence[Path], scenes: Sequence[Path], out: Sequence[Path], a
         if file.suffix.lower() not in WRITERS:
             ending = repr(file.suffix.lower() or "none")
             raise InputError(f"{file}: the ending says the form, and {ending} is not one of {', '.join(WRITERS)}")
+        refuse_input(file, *plans, *scenes)
     sources: Sequence[Path | None] = plans or [None]
     if any(str(s) == "-" for s in scenes) and any(s is None or str(s) == "-" for s in sources):
         raise InputError("report: plans and scenes can't both come from stdin; give one of them as a file")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from kinematics.errors import InputError, blame, choose
 from planning.io.files import UNREADABLE, read_scene_lines
 from planning.io.observation_documents import observation_to_json
-from planning.io.outputs import alone_in
+from planning.io.outputs import alone_in, naming
 from planning.io.results import scene_writer
 from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say, say_settled
 from retrieve_cli.version import version
@@ -148,7 +148,8 @@ def _look_at(job: _Job, scene: Scene, index: int) -> _Sight:
     target_box = job.box if job.pixel is None else box_at_pixel(frames, *job.pixel)
     belief = believe(replace(scene, objects=(), observation=None), frames, voxels, by=job.by, target_box=target_box)
     if job.views is not None:
-        write_ply(write_frames(job.views, frames, scene=index) / CLOUD, frames)
+        with naming(job.views):
+            write_ply(write_frames(job.views, frames, scene=index) / CLOUD, frames)
     return _Sight(arm, frames, noise_1m_m, voxels, shares, belief, reason)
 
 
@@ -171,6 +172,8 @@ def _described(job: _Job, scene: Scene, sight: _Sight) -> Scene:
     sensed = with_grasp(sight.arm, seen_scene(scene, bodies, pieces, document)) if blind else replace(scene, observation=document)
     target = "" if sensed.target in belief.boxes else f", the target {scene.target} not among them" if scene.target else ", no target"
     say(f"{scene.id}: {len(frames)} views, {100 * voxels.known:.1f} % known, {len(belief.boxes)} objects{target}; {sight.reason}")
+    if job.from_views is not None and not blind:
+        say(f"{scene.id}: it lists objects of its own, and plans are made on those; with objects [] they are made on what was seen")
     if blind and voxels.known < HARDLY:
         say(f"{scene.id}: hardly any of the cabinet was seen: are depth_scale, cam_K and the poses (world to camera, mm) right?")
     if blind and sensed.grasp is not scene.grasp:

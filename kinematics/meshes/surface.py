@@ -63,8 +63,6 @@ def read_surface(file: Path, scale: float = 1.0) -> Surface:
     vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.int64)
     if len(faces) == 0 or len(vertices) < 4:
         raise ValueError(f"mesh file {file} holds no solid")
-    if not np.isfinite(vertices).all():
-        raise ValueError(f"mesh file {file} has vertices that are no numbers")
     _check_size(file, float(np.ptp(vertices, axis=0).max()), scale)
     return clean_surface(vertices, faces)
 
@@ -88,6 +86,8 @@ def _read(file: Path) -> Any:
         raise ValueError(f"mesh file {file} can't be read: {e}") from e
     if not isinstance(mesh, trimesh.Trimesh):
         raise ValueError(f"mesh file {file} holds no triangles")
+    if not np.isfinite(mesh.vertices).all():
+        raise ValueError(f"mesh file {file} has vertices that are no numbers")
     if len(mesh.faces) and not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
         raise ValueError(f"mesh file {file} has faces with corners that it does not list: {len(mesh.vertices)} vertices are in it")
     try:

@@ -64,7 +64,7 @@ def joint_limits(
 def read_tables(file: Path) -> dict[str, Any]:
     """What a TOML file holds. Raises: ValueError that names the file when it can't be read."""
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except OSError as e:
         raise ValueError(f"{file}: {e.strerror or e}") from e
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:

@@ -53,6 +53,11 @@ def read_grasps(file: Path, convention: str) -> ReadGrasps:
     if T.ndim != 3 or T.shape[1:] != (4, 4):
         raise InputError(f"{file}: {convention} grasps are poses (N, 4, 4), and these are {T.shape}")
     _check_rotations(file, T[:, :3, :3])
+    if len(odd := np.flatnonzero(np.abs(T[:, 3] - (0, 0, 0, 1)).max(1, initial=0) > 1e-6)):
+        raise InputError(
+            f"{file}: grasp {odd[0]} is no pose: its last row is {', '.join(f'{v:g}' for v in T[odd[0], 3])}, and 0, 0, 0, 1 belongs "
+            "there: are rows and columns exchanged?"
+        )
     scores = next((_numbers(file, arrays[name]).ravel() for name in _SCORES if name in arrays), np.ones(len(T)))
     if len(scores) != len(T):
         raise InputError(f"{file}: {len(scores)} scores do not go with {len(T)} grasps")
@@ -95,7 +100,7 @@ def _arrays(file: Path) -> Mapping[str, Any]:
         raise InputError(f"{file}: no such file")
     try:
         if file.suffix == ".json":
-            data = json.loads(file.read_text(encoding="utf-8"))
+            data = json.loads(file.read_text(encoding="utf-8-sig"))
             return data if isinstance(data, dict) else {"array": data}
         if file.suffix in (".npy", ".npz"):
             with file.open("rb") as stream:

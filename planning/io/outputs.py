@@ -43,6 +43,15 @@ def write_text(out: Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
+def refuse_input(out: Path | None, *sources: Path | None) -> None:
+    """Raises: InputError where `out` is one of the files that are read, which would then be lost."""
+    if out is None or not out.is_file():
+        return
+    for source in sources:
+        if source is not None and source.is_file() and out.samefile(source):
+            raise InputError(f"{out}: is read, and would be overwritten; write to another file")
+
+
 def is_special(out: Path) -> bool:
     """Whether `out` is there and no ordinary file. Raises: InputError when it is a folder, or can't be looked at."""
     with naming(out):

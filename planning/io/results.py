@@ -142,7 +142,7 @@ class _File(Results[T]):
             os.truncate(self.part, [0, *ends][self.kept])
             os.truncate(self.log, words[self.kept])
         self._begun = True
-        self._tell(f"{self._name}: {self.kept} results are there; going on")
+        self._tell(f"{self._name}: {_are(self.kept)} there; going on")
 
     def _put(self, line: str) -> None:
         if self._stream is None:
@@ -162,7 +162,9 @@ class _File(Results[T]):
             lines = len(_line_ends(self.part))
             self.close()
             os.replace(self.part, aside)
-            self._tell(f"{self._name}: an earlier run left {self.part.name} ({lines} results): it is kept as {aside.name}")
+            self._tell(
+                f"{self._name}: an earlier run left {self.part.name} ({lines} result{'s' * (lines != 1)}): it is kept as {aside.name}"
+            )
             self._open()
         self._begun = True
         assert self._log is not None
@@ -213,7 +215,7 @@ class _File(Results[T]):
             self.part.unlink(missing_ok=True)
             self.log.unlink(missing_ok=True)
         else:
-            self._tell(f"{self._name}: {count} results are in {self.part.name}; the same call with --resume goes on there")
+            self._tell(f"{self._name}: {_are(count)} in {self.part.name}; the same call with --resume goes on there")
         try:
             self.close()
         except InputError:
@@ -241,6 +243,10 @@ def _results(out: Path | None, encode: Callable[[T], str], asked: Asked, resume:
     except BaseException:
         file.break_off()
         raise
+
+
+def _are(results: int) -> str:
+    return "1 result is" if results == 1 else f"{results} results are"
 
 
 def _line_ends(file: Path) -> list[int]:

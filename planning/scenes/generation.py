@@ -103,7 +103,7 @@ def load_spec(which: str) -> Spec:
         text, where = resources.files("planning.scenes").joinpath("specs", f"{which}.toml").read_text(encoding="utf-8"), which
     elif Path(which).is_file():
         try:
-            text, where = Path(which).read_text(encoding="utf-8"), which
+            text, where = Path(which).read_text(encoding="utf-8-sig"), which
         except UnicodeDecodeError as e:
             raise ValueError(f"{which}: no text in UTF-8") from e
     else:

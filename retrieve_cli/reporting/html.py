@@ -37,6 +37,7 @@ th { font-weight: 600; color: var(--quiet); font-size: .8rem; vertical-align: bo
 th.n { white-space: normal; }
 tr:last-child td { border-bottom: 0; }
 .n { text-align: right; padding: 8px 0 8px 12px; }
+.n + :not(.n) { padding-left: 28px; }
 td:first-child { font-weight: 600; }
 td:last-child:not(.n) { white-space: normal; }
 tr.quiet td { color: var(--quiet); font-weight: 400; }

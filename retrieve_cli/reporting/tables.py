@@ -162,7 +162,7 @@ def _table_clearance(rows: Sequence[Row]) -> Table:
     figures = ("5 %", "median", *(f"≥ {mm} mm" for mm in CLEAR_MM))
     columns = ("planner", *(f"{motions}: {figure}" for motions in ("free", "all") for figure in figures))
     note = (
-        "mm; the least distance that a successful plan keeps from what it may not touch: of its free motions (transit, transfer, look), "
+        "in mm: the least distance that a successful plan keeps from what it may not touch: of its free motions (transit, transfer, look), "
         "and of all, which reach between objects"
     )
     return Table("clearance", "Clearance", note, columns, body)

@@ -107,6 +107,7 @@ def _extruded(outline: Array, height: float) -> trimesh.Trimesh:
         ("words.obj", b"not a mesh", r"can't be read|holds no solid"),
         ("odd.xyz9", b"1 2 3", r"can't be read"),
         ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n", "no volume"),
+        ("nan.obj", b"v nan 0 0\nv 0 1 0\nv 0 0 1\nv 1 1 1\nf 1 2 3\nf 2 3 4\n", "has vertices that are no numbers"),
         ("point.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "holds no solid"),
     ],
 )

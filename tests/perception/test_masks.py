@@ -12,7 +12,7 @@ from PIL import Image
 
 from perception.camera import Intrinsics, look_at
 from perception.frames import Frame, read_frames, write_frames
-from perception.masks import decoded, numbered_names
+from perception.masks import decoded, numbered_names, read_json
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 FROM_PYCOCOTOOLS = "01ak04gUO6K4M2N2N2O0O2O000O2O00000001N10001N101N2N2N3L5JY;3gD0000000000000000000000000"
@@ -145,6 +145,12 @@ def test_label_images_say_nothing_with_0_and_255(tmp_path: Path) -> None:
 def test_a_bad_mask_is_told(segmentation: Any, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         decoded(segmentation, (48, 64))
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    """What Windows writes."""
+    (tmp_path / "scene_camera.json").write_text('{"0": {}}', encoding="utf-8-sig")
+    assert read_json(tmp_path / "scene_camera.json") == {"0": {}}
 
 
 def test_names_are_numbered_where_they_repeat() -> None:

@@ -23,7 +23,7 @@ def test_the_names_in_reports() -> None:
     [
         (Blocked("approach", "camera", "box_3"), "camera would touch another object (approach)"),
         (Blocked("lift", "forearm", "ceiling"), "forearm would touch the ceiling (lift)"),
-        (Blocked("transfer", "can_1", "left"), "the object would touch the left (transfer)"),
+        (Blocked("transfer", "can_1", "left"), "the object would touch the left wall (transfer)"),
         (Blocked("grasp", "hand", "can_1"), "hand would touch the object itself (grasp)"),
         (Blocked("transit", "wrist", "unknown_7"), "wrist would touch unseen space (transit)"),
         (Blocked("ik", "hand", None, detail="the grasp is out of reach"), "ik: the grasp is out of reach"),

@@ -226,5 +226,5 @@ def test_resume_compares_limits_by_what_they_say(scenes: Path, tmp_path: Path, c
     assert "was made otherwise: limits was " in capsys.readouterr().err
     limits = limits_file(tmp_path / ".." / tmp_path.name, "[elbow_joint]\nvelocity = 2\n").rename(tmp_path / "other.toml")
     assert plan(scenes, "--resume") == 0
-    assert "1 results are there; going on" in capsys.readouterr().err
+    assert "1 result is there; going on" in capsys.readouterr().err
     assert len(plans.read_text().splitlines()) == 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
+from perception import frames
 from planning.io.outputs import alone_in
 from planning.io.scene_documents import scene_from_json
 from retrieve_cli.plan import run as plan
@@ -91,6 +93,24 @@ def test_two_runs_do_not_record_into_one_folder_at_once(scenes: Path, tmp_path: 
         sensed(scenes, tmp_path / "a.jsonl", views=tmp_path / "views")
     assert not (tmp_path / "a.jsonl").exists()
     assert not (tmp_path / "views").exists()
+
+
+def test_a_full_disk_names_the_folder_of_views(scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(frames, "write_frames", full)
+    with pytest.raises(InputError, match=rf"{tmp_path}/views: can't be written: no space left on device"):
+        sensed(scenes, tmp_path / "a.jsonl", views=tmp_path / "views", max_views=1)
+
+
+def test_recorded_frames_beside_objects_that_are_told(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Plans are made on the objects that the scene lists, whatever the frames show; that is said."""
+    sensed(scenes, tmp_path / "a.jsonl", views=tmp_path / "views", max_views=2)
+    assert "objects of its own" not in capsys.readouterr().err
+    document = sensed(scenes, tmp_path / "b.jsonl", from_views=tmp_path / "views")
+    assert "source" not in str(document["objects"])  # seen ones have it
+    assert "it lists objects of its own, and plans are made on those" in capsys.readouterr().err
 
 
 def test_bad_input_is_told(scenes: Path, tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def drives(model: Model, palm: int, named: Sequence[int] = ()) -> Iterator[Motor
 
 
 def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: Sequence[int]) -> Iterator[Motors]:
-    """Two or three fingers with motors of their own, some of which stand still. Raises: NoGripper, of the first way, where there is none."""
+    """Two or three fingers with motors of their own, some of them still. Raises: NoGripper, of the first way, where there is none."""
     refused, some = None, False
     for closing in closing_motors(model, palm, branches, named):
         try:

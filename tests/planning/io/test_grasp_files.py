@@ -69,6 +69,20 @@ def test_an_array_whose_file_says_archive(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_grasps(tmp_path / "g.npz", "hand").T, hands())
 
 
+def test_a_last_row_that_belongs_to_no_pose(tmp_path: Path) -> None:
+    """Poses whose rows and columns are exchanged have rotations, too, and stand at the origin."""
+    np.save(tmp_path / "t.npy", hands().transpose(0, 2, 1))
+    with pytest.raises(
+        InputError, match=r"grasp 0 is no pose: its last row is .*, and 0, 0, 0, 1 belongs there: are rows and columns exchanged"
+    ):
+        read_grasps(tmp_path / "t.npy", "hand")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    (tmp_path / "g.json").write_text(json.dumps(hands().tolist()), encoding="utf-8-sig")
+    np.testing.assert_array_equal(read_grasps(tmp_path / "g.json", "hand").T, hands())
+
+
 def test_what_is_no_grasp(tmp_path: Path) -> None:
     pickled, sheared, flat, text = (tmp_path / name for name in ("p.npz", "s.npy", "f.npy", "g.txt"))
     np.savez(pickled, pred_grasps_cam=np.array({1: hands()}, dtype=object))

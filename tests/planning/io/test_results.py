@@ -133,9 +133,9 @@ def test_what_is_kept_is_told(tmp_path: Path) -> None:
             write(SCENE)
             raise Killed
     assert heard == [
-        f"{out}: 1 results are in s.part.jsonl; the same call with --resume goes on there",
-        f"{out}: an earlier run left s.part.jsonl (1 results): it is kept as s.part-1.jsonl",
-        f"{out}: 1 results are in s.part.jsonl; the same call with --resume goes on there",
+        f"{out}: 1 result is in s.part.jsonl; the same call with --resume goes on there",
+        f"{out}: an earlier run left s.part.jsonl (1 result): it is kept as s.part-1.jsonl",
+        f"{out}: 1 result is in s.part.jsonl; the same call with --resume goes on there",
     ]
 
 

@@ -145,7 +145,7 @@ def _cup(link: int, model: Model, T_link_hand: Array | None, where: str) -> Grip
     except NoGripper as e:
         raise NoGripper(f"{where}: {e}") from None
     cups = [i for i in cup_links(model, rigid(model, model.group(link))) if model.points([i], model.rest, i).size]
-    kind = "a suction cup" if len(cups) < 2 else f"one of {len(cups)} suction cups, used alone"
+    kind = "a suction cup" if len(cups) < 2 else f"one of {len(cups)} suction cups, used alone; the others may touch what it holds"
     return Grip((SUCTION,), {}, (0.0, ON_M), model.tree.names[link], T, kind, measured)
 
 

@@ -45,7 +45,7 @@ class Hand:
 
     links: all that goes with the hand, whatever the arm does; fingers: those of them that the gripper moves. pads: one on each side, +y
     first; of a jaw that moves alone, of fingers that turn, and of such in convex parts, more of them follow, for what is held may touch
-    any; of a suction cup one alone.
+    any; of a suction cup one alone. beside: other cups, which may touch what that one holds.
     values, widths (G,): the gripper's joint and how far the pads are apart there, by rising width.
     """
 
@@ -58,11 +58,12 @@ class Hand:
     pads: tuple[Pad, ...]
     values: Array
     widths: Array
+    beside: frozenset[str] = frozenset()
 
     @cached_property
     def holding(self) -> frozenset[str]:
-        """The links that touch what is held: the fingers, and what a jaw closes on."""
-        return self.fingers | {pad.link for pad in self.pads}
+        """The links that touch what is held: the fingers, and what a jaw closes on; and cups beside the one that holds."""
+        return self.fingers | {pad.link for pad in self.pads} | self.beside
 
     @property
     def max_width_m(self) -> float:
@@ -97,7 +98,8 @@ def hand_of(robot: Robot) -> Hand:
         low, high = float(robot.opening.value.min()), float(robot.opening.value.max())
     if robot.opening.cup_m:
         cup = _cup(robot, arm, carrier, T_carrier_hand)
-        return Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (cup,), robot.opening.value, robot.opening.width_m)
+        beside = robot.pads - {cup.link}
+        return Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (cup,), robot.opening.value, robot.opening.width_m, beside)
     middle = _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2]))
     jaw = robot.opening.jaw
     movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
@@ -177,15 +179,18 @@ def _in_parts(robot: Robot, link: str) -> bool:
 
 
 def _cup(robot: Robot, arm: Arm, carrier: int, T_carrier_hand: Array) -> Pad:
-    """The face of a suction cup, z out of it."""
-    (link,) = robot.pads
-    own, T_carrier_link = arm.links[link]
-    if own != carrier:
-        raise ValueError(f"robot {robot.name}: the suction cup {link!r} does not go with the hand frame")
-    T = inverse(T_carrier_hand) @ T_carrier_link
-    hulls = [h.vertices @ T[:3, :3].T + T[:3, 3] for h in robot.hulls if h.link == link]
-    end = float(max(points[:, 2].max() for points in hulls))
-    face = np.concatenate([points[points[:, 2] >= end - CUP_FACE_M] for points in hulls])
+    """The face of the suction cup, of several, that is at the hand frame, z out of it."""
+    faces = dict[str, tuple[float, Array]]()
+    for link in sorted(robot.pads):
+        own, T_carrier_link = arm.links[link]
+        if own != carrier:
+            raise ValueError(f"robot {robot.name}: the suction cup {link!r} does not go with the hand frame")
+        T = inverse(T_carrier_hand) @ T_carrier_link
+        hulls = [h.vertices @ T[:3, :3].T + T[:3, 3] for h in robot.hulls if h.link == link]
+        end = float(max(points[:, 2].max() for points in hulls))
+        faces[link] = end, np.concatenate([points[points[:, 2] >= end - CUP_FACE_M] for points in hulls])
+    link = min(faces, key=lambda at: float(np.hypot(*faces[at][1][:, :2].mean(0))))
+    end, face = faces[link]
     return Pad(link, 0, carrier, T_carrier_hand @ transform(p=[0.0, 0.0, end]), Window(polygons.hull(face[:, :2])))
 
 

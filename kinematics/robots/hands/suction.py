@@ -71,13 +71,15 @@ def at_face(model: Model, link: int) -> bool:
 
 
 def measure_cup(tree: Tree, hulls: Sequence[LinkHull], rest: Array, name: str) -> tuple[Opening, frozenset[str]]:
-    """The table of a cup whose face is at the hand frame, and its link. Raises: ValueError where there is no face that holds the frame."""
+    """The table of a cup whose face is at the hand frame, and its link, with those of other cups that end in its plane: they may touch what
+    it holds. Raises: ValueError where there is no face that holds the frame."""
     poses, hand = tree.poses(rest), tree.index["hand"]
     mover = max(i for i in tree.path(hand) if tree.kind[i] != FIXED)
-    best, outer, link, nearest = 0.0, 0.0, "", np.inf
+    best, outer, link, nearest, ends = 0.0, 0.0, "", np.inf, dict[str, float]()
     for hull in hulls:
         if mover in tree.path(tree.index[hull.link]):
             points = apply(inverse(poses[hand]) @ poses[tree.index[hull.link]], hull.vertices)
+            ends[hull.link] = max(ends.get(hull.link, -np.inf), float(points[:, 2].max()))
             nearest = min(nearest, float(abs(points[:, 2].max())))
             face = points[np.abs(points[:, 2]) <= OFF_M]
             radius = _inscribed(face[:, :2])
@@ -91,7 +93,9 @@ def measure_cup(tree: Tree, hulls: Sequence[LinkHull], rest: Array, name: str) -
     across = float(np.ceil(2e6 * outer)) / 1e6
     width = np.array([across, round(across + WIDER_M, 6)])
     flat = np.zeros(2)
-    return Opening(np.array([ON_M, 0.0]), width, flat, np.full(2, NEVER_DEEP_M), flat, cup_m=across), frozenset({link})
+    return Opening(np.array([ON_M, 0.0]), width, flat, np.full(2, NEVER_DEEP_M), flat, cup_m=across), frozenset(
+        name for name, end in ends.items() if name == link or (CUP.search(name) and abs(end) <= FACE_M)
+    )
 
 
 def _inscribed(points: Array) -> float:

@@ -25,6 +25,8 @@ FEW_JOINTS = 6
 """An arm with fewer joints can't choose where its hand looks: where it is, how steep it is and how it leans leave a heading or two."""
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 """About the hand's z: the fingers close along the same line, and x points the other way."""
+PITCHES, STEP_RAD, LEAST_PITCH = 33, 1e-4, 0.01
+"""At how many configurations, by how small steps, an arm is asked whether its hand can pitch; and from what singular value on it can."""
 BENDS = 1.05  # a finger's point strays from where two openings have it by so much more than half of what lies between them
 
 
@@ -122,6 +124,22 @@ class Arm(RobotCollisionModel):
     def pivot(self) -> Array:
         """Where (2,) its first joint turns about the vertical, see `Robot.pivot`."""
         return self.robot.pivot(self.T_world_base)
+
+    @cached_property
+    def pitches(self) -> bool:
+        """Whether the hand may look more or less steeply where it is: four joints and more move place and pitch apart, mostly, but not
+        where one only rolls the hand, or all of them are upright."""
+        least = []
+        for q in self.seeds.q[:PITCHES]:
+            at = self._place_and_pitch(q)
+            moved = [(self._place_and_pitch(q + STEP_RAD * e) - at) / STEP_RAD for e in np.eye(len(q))]
+            least.append(np.linalg.svd(np.array(moved), compute_uv=False)[3:].sum())
+        return bool(np.median(least) > LEAST_PITCH)
+
+    def _place_and_pitch(self, q: Array) -> Array:
+        """Of the hand (4,), in m and by how much of its approach leads up."""
+        T = self.hand_pose(q)
+        return np.append(T[:3, 3], T[2, 2])
 
     def hand_pose(self, q: Array) -> Array:
         """T_world_hand (4, 4) at the arm's configuration q (A,)."""

@@ -21,7 +21,7 @@ from planning.motion.cell.arm import Arm, arm_at
 from planning.scenes.fitting.aside import aside
 from planning.scenes.fitting.places import Place, promising, worth
 from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, scale_for, scaled, slimmed
-from planning.scenes.fitting.trials import Tried, held_heights, not_held, one_shape, share, solved, with_shapes
+from planning.scenes.fitting.trials import NOWHERE, Tried, held_heights, not_held, one_shape, share, solved, with_shapes
 from planning.scenes.generation import NoScene, Spec
 
 EXACTLY = 8  # places that are tried
@@ -30,6 +30,7 @@ LEAST_SHARE, BOX_SHARE = 0.2, 0.5
 has to look that is before it."""
 SLIMMER = (1.0, 0.9, 0.8, 0.65, 0.5)
 """Shares of the objects' width, of which the first is taken that the hand can hold: palm and knuckles may leave less room than fingers."""
+LEVEL_ONLY = "it may only take them level: --spec paper-any lets it from above and aslant, too"
 SCENES, THINNER = 16, ((1.0, 1.0), (1.0, 2.0), (0.7, 2.0), (0.5, 2.0), (0.4, 2.0))
 """So many scenes are solved, each of them; or else objects are fewer and further apart: shares of their number, times their gap."""
 
@@ -90,10 +91,12 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
         if found.share >= LEAST_SHARE:
             break
     if found.share < LEAST_SHARE:
-        level = "; it may only take them level: --spec paper-any lets it from above and aslant, too"
+        hint = "" if why == NOWHERE or spec.moves_approaches != ("horizontal",) else f"; {LEVEL_ONLY}"
+        if why == NOWHERE and not arm.pitches:
+            hint = f"; of its {len(robot.arm_joints)} joints none pitches its hand, so that where the hand is decides how steeply it looks"
         raise NoScene(
             f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {100 * found.share:.0f} % of it at "
-            f"most{f' ({why})' if why else ''}{level if spec.moves_approaches == ('horizontal',) else ''}"
+            f"most{f' ({why})' if why else ''}{hint}"
         )
     found = _at_held_heights(found, robot, turned, cup)
     others = share(found.spec, robot, turned, boxes=not cup).share >= BOX_SHARE

@@ -38,6 +38,7 @@ SIZES = (0.0, 1.0, 0.5)  # heights that are tried, in shares of their range
 ROOMY = 4.0  # times as large as a spec's cabinet is one whose walls are in no hand's way
 ONE_PICK = replace(QUICK, enough_picks=1, enough_grasps=1)
 SEED, STAGE = 0, 7  # of the scenes that are tried
+NOWHERE = "there is no place before it where the arm could wait"
 ATTEMPTS = 40  # moves that are tried in each of them
 Where = tuple[float, float]
 
@@ -98,7 +99,7 @@ class Trial:
     def takes(self, shape: int, at: Where, yaw: float = 0.0) -> bool:
         """Whether an object of a shape can be taken from a place."""
         if self.home is None:
-            self.said["there is no place before it where the arm could wait"] += 1
+            self.said[NOWHERE] += 1
             return False
         body = self.scene.objects[shape]
         poses = {body.name: _stood(self.spec, self.scene.cabinet, body.shape, at, yaw)}

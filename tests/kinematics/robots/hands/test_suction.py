@@ -14,7 +14,11 @@ from kinematics.robots.hands.opening import BESIDE_M, PUSH_M
 from kinematics.robots.hands.suction import ON_M, SUCTION, VALVE
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
+from kinematics.scene import Body, Grasp
+from kinematics.shapes import Box
 from kinematics.transforms import Array, rotation_rpy, transform
+from planning.verdict.grasp import judge_hold
+from planning.verdict.hand import hand_of
 
 TURNED = (0.3, -0.5, 0.9)  # how the cup's link lies to the flange
 
@@ -76,10 +80,17 @@ def test_a_link_called_like_a_cup_is_one(robot: Callable[..., Robot]) -> None:
 
 
 def test_of_several_cups_one_is_used_and_that_is_said(robot: Callable[..., Robot]) -> None:
-    """As OnRobot's VGC10 has four."""
-    made = robot("".join(cylinder(f"cup{k}", 0.01, 0.04) + fixed(f"cup{k}", f"{0.03 * k} 0 0.25") for k in range(4)))
-    assert len(made.pads) == 1
-    assert any(note.startswith("one of 4 suction cups, used alone, hand frame measured: ") for note in made.notes)
+    """As OnRobot's VGC10 has four: the others, which end in the same plane, may touch what it holds; one that ends before may not."""
+    made = robot("".join(cylinder(f"cup{k}", 0.01, 0.04) + fixed(f"cup{k}", f"{0.03 * k} 0 {0.25 - 0.01 * (k == 1)}") for k in range(4)))
+    assert made.pads == {"cup0", "cup2", "cup3"}
+    hand = hand_of(made)
+    assert [pad.link for pad in hand.pads] == ["cup3"]
+    assert hand.holding == made.pads
+    said = "one of 4 suction cups, used alone; the others may touch what it holds, hand frame measured: "
+    assert any(note.startswith(said) for note in made.notes)
+    box = Body("box", Box(np.array([0.05, 0.2, 0.2])), transform(p=[0.6, 0.0, 0.4]))
+    level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+    assert judge_hold(made, box, Grasp(transform(level, [0.575, 0.0, 0.4]), made.opening.cup_m)) is None
 
 
 @pytest.mark.parametrize("joint", ["gripper", "valve"])

@@ -21,6 +21,9 @@ from planning.motion.settings import UNCONSTRAINED
 from planning.scenes.generation import Spec
 
 AHEAD, HIGH, TRIES = 18, 12, 8
+"""Distances and heights at which an arm's reach is looked at, the least number of them: of a cabinet that is small beside the reach more,
+so that some lie in it; and starts of inverse kinematics."""
+LOW_TO = (0.1, 0.45)  # the heights of a cabinet, in shares of it, in which objects are taken
 LATERAL = (-0.84, -0.56, -0.28, 0.0, 0.28, 0.56, 0.84)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""
 DEPTHS, WIDTHS = (1.0, 0.85, 0.7, 0.55, 0.45), (1.0, 0.75, 0.5)
@@ -69,14 +72,15 @@ def _by_worth(arm: Arm, spec: Spec, ways: _Ways, reach: float, base: float) -> l
     """Places up to the arm's reach above a height `base`, world, the best first."""
     depth, width, height = spec.cabinet_size_m
     x, y = arm.pivot
-    ahead, up = np.linspace(0.1, 1.1, AHEAD) * reach, np.linspace(0.02, 1.0, HIGH) * reach
-    reached, lateral = np.zeros((AHEAD, HIGH, len(LATERAL)), np.bool_), np.array(LATERAL)
-    for i, k, j in product(range(AHEAD), range(HIGH), range(len(LATERAL))):
+    rows, columns = max(HIGH, 2 + int(reach / (LOW_TO[1] * height))), max(AHEAD, 2 + int(reach / (0.8 * depth)))
+    ahead, up = np.linspace(0.1, 1.1, columns) * reach, np.linspace(0.02, 1.0, rows) * reach
+    reached, lateral = np.zeros((columns, rows, len(LATERAL)), np.bool_), np.array(LATERAL)
+    for i, k, j in product(range(columns), range(rows), range(len(LATERAL))):
         p = np.array([x + ahead[i], y + LATERAL[j] * width / 2, base + up[k]])
         reached[i, k, j] = ways.some(p, spec.grasp_bearing_share * float(np.arctan2(p[1] - y, p[0] - x)))
     found = []
     for front, floor in product(x + ahead, base + up[up < 0.9 * reach]):
-        level = (base + up > floor + 0.1 * height) & (base + up < floor + 0.45 * height)
+        level = (base + up > floor + LOW_TO[0] * height) & (base + up < floor + LOW_TO[1] * height)
         best = None
         for deep, wide in product(DEPTHS, WIDTHS):
             inside = (x + ahead > front + 0.1 * deep * depth) & (x + ahead < front + 0.9 * deep * depth)

@@ -24,7 +24,7 @@ from planning.scenes.fitting import fit as fitting
 from planning.scenes.fitting import trials
 from planning.scenes.fitting.fit import SCENES, THINNER, Fitted, fit
 from planning.scenes.fitting.places import BESIDE_M, Place, is_beside, promising
-from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, slimmed
+from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, scaled, slimmed
 from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share, solved
 from planning.scenes.generation import NoScene, Spec, generate, load_spec
 from planning.verdict import judge_grasp
@@ -85,6 +85,15 @@ def test_above_a_table_that_the_arm_stands_on_there_are_places_too(tmp_path: Pat
     assert all(place.front > 1.0 for places in before for place in places)
     assert above
     assert all(place.front < 1.0 and place.floor > table + SPEC.cabinet_wall_m for place in above)
+
+
+def test_a_cabinet_that_is_small_beside_the_reach_finds_a_place(tmp_path: Path) -> None:
+    """As an industrial arm of 3 m has it, and one with a small gripper: what is looked at lies so near together that some of it is in it."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM)
+    arm, small = arm_at(load(str(file)), np.eye(4)), replace(scaled(SPEC, 0.25), grasp_bearing_share=1.0)
+    scene = trials.with_shapes(small, RobotRef(np.eye(4), urdf=str(file)), [one_shape(small, 0.5, boxes=False)])
+    assert next(promising(arm, small, scene, 1.2), [])
 
 
 @pytest.mark.parametrize("boxes", [True, False])

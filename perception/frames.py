@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.git_lfs import refuse_pointer
 from kinematics.transforms import Array, inverse, transform
 from perception.camera import Depth, Intrinsics, cloud
 from perception.masks import Instances, mask_reader, read_json
@@ -274,6 +275,7 @@ def _image(file: Path, shape: tuple[int, ...] | None) -> NDArray[Any]:
     if not file.is_file():
         what = "a PNG of 16 bits" if shape is None else f"a mask of {shape[1]} × {shape[0]} pixels"
         raise ValueError(f"{file}: no such file; expected is {what}")
+    refuse_pointer(file, "image")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # we have a limit of our own

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.git_lfs import refuse_pointer
 from kinematics.names import free_name
 
 Instances = tuple[NDArray[np.int32], tuple[str, ...]]
@@ -28,6 +29,7 @@ VOID = 255
 
 def read_json(file: Path) -> Any:
     """The document in a file. Raises: ValueError."""
+    refuse_pointer(file, "JSON")
     try:
         return json.loads(file.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as e:

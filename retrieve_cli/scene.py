@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinematics.errors import InputError, blame, did_you_mean
+from kinematics.git_lfs import refuse_pointer
 from planning.io.results import scene_writer
 from retrieve_cli.terminal import announce_first_run, mesh_progress, say
 
@@ -204,11 +205,14 @@ def _read_yaml(file: Path) -> dict[str, Any]:
     import yaml
 
     try:
+        refuse_pointer(file, "YAML")
         said = yaml.safe_load(file.read_text(encoding="utf-8"))
     except OSError as e:
         raise InputError(f"{file}: {(e.strerror or str(e)).lower()}") from e
     except (yaml.YAMLError, UnicodeDecodeError) as e:
         raise InputError(f"{file}: is no YAML: {' '.join(str(e).split())}") from e
+    except ValueError as e:
+        raise InputError(str(e)) from e
     if not isinstance(said, dict):
         raise InputError(f"{file}: words like `objects:` and `target:` are expected (retrieve schema words)")
     for key, value in said.items():

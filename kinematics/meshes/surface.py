@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.git_lfs import refuse_pointer
 from kinematics.transforms import Array
 
 LARGEST_M, SMALLEST_M = 3.0, 0.001
 """What is larger or smaller than this is no object in a cabinet: its scale is wrong."""
-LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 HOLE_SHARE = 0.25
 """A hole is small, and filled, when it is no wider than this share of the mesh's longest side."""
 
@@ -67,19 +67,12 @@ def read_surface(file: Path, scale: float = 1.0) -> Surface:
     return clean_surface(vertices, faces)
 
 
-def refuse_pointer(file: Path) -> None:
-    """Raises: ValueError where Git LFS left a pointer in a file's place: a clone without git-lfs has such."""
-    with file.open("rb") as start:
-        if start.read(len(LFS_POINTER)) == LFS_POINTER:
-            raise ValueError(f"mesh file {file} is a pointer of Git LFS, not the mesh: run `git lfs pull` where it is cloned")
-
-
 def _read(file: Path) -> Any:
     import trimesh
 
     if not file.is_file():
         raise ValueError(f"mesh file {file} does not exist")
-    refuse_pointer(file)
+    refuse_pointer(file, "mesh")
     try:
         mesh = trimesh.load(file, force="mesh", process=False)
     except Exception as e:  # trimesh raises many kinds, all of them "this file is no mesh"

@@ -16,6 +16,7 @@ import numpy as np
 from lxml import etree
 
 from kinematics.errors import did_you_mean
+from kinematics.git_lfs import refuse_pointer
 from kinematics.transforms import Array
 
 ACCELERATION_S = 0.35
@@ -63,6 +64,7 @@ def joint_limits(
 
 def read_tables(file: Path) -> dict[str, Any]:
     """What a TOML file holds. Raises: ValueError that names the file when it can't be read."""
+    refuse_pointer(file, "TOML")
     try:
         return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except OSError as e:

@@ -21,7 +21,7 @@ import numpy as np
 
 from kinematics import cache
 from kinematics.chain import Int
-from kinematics.meshes.surface import refuse_pointer
+from kinematics.git_lfs import refuse_pointer
 from kinematics.robots.tree import LinkHull
 from kinematics.transforms import Array
 
@@ -128,7 +128,7 @@ def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
     """A mesh file in metres; of COLLADA files, the unit is heeded. Raises: ValueError when it holds no solid."""
     import trimesh
 
-    refuse_pointer(file)
+    refuse_pointer(file, "mesh")
     try:
         mesh: Any = trimesh.load(file, force="mesh", process=False)
         points = collada_unit(file) * np.asarray(mesh.vertices, float) * np.asarray(scale)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from kinematics import git_lfs
 from kinematics.errors import InputError, did_you_mean
 from kinematics.transforms import Array, rotation_from_wxyz, transform
 
@@ -185,6 +186,8 @@ def parse_json(text: str, where: str) -> Node:
         file = where.rpartition(":")[0]
         if file.lower().endswith((".yaml", ".yml")):
             hint = f"; from a YAML of words, `retrieve scene {file} -o cell.jsonl` makes a scene"
+        if text.encode(errors="replace").startswith(git_lfs.START):
+            hint = "; the file is a pointer of Git LFS: run `git lfs pull` where it is cloned"
         raise InputError(f"{where}: broken JSON at column {e.colno}: {e.msg}{hint}") from e
     except (RecursionError, ValueError) as e:  # nested too deeply, or an integer of thousands of digits
         raise InputError(f"{where}: broken JSON: {' '.join(str(e).split())}") from e

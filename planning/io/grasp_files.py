@@ -22,6 +22,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from kinematics.errors import InputError
+from kinematics.git_lfs import refuse_pointer
 from kinematics.transforms import Array
 
 CONVENTIONS = ("hand", "contact-graspnet", "graspnet", "anygrasp")
@@ -103,6 +104,7 @@ def _arrays(file: Path) -> Mapping[str, Any]:
             data = json.loads(file.read_text(encoding="utf-8-sig"))
             return data if isinstance(data, dict) else {"array": data}
         if file.suffix in (".npy", ".npz"):
+            refuse_pointer(file, "array")
             with file.open("rb") as stream:
                 found = np.load(stream, allow_pickle=False)  # which looks at what is in a file, not at its name
                 return {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}

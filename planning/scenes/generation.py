@@ -18,6 +18,7 @@ import numpy as np
 
 from kinematics.collision.fcl_solids import apart
 from kinematics.errors import did_you_mean
+from kinematics.git_lfs import refuse_pointer
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
@@ -102,6 +103,7 @@ def load_spec(which: str) -> Spec:
     if which in SPECS:
         text, where = resources.files("planning.scenes").joinpath("specs", f"{which}.toml").read_text(encoding="utf-8"), which
     elif Path(which).is_file():
+        refuse_pointer(Path(which), "TOML")
         try:
             text, where = Path(which).read_text(encoding="utf-8-sig"), which
         except UnicodeDecodeError as e:

@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from lxml import etree
 
+from kinematics.git_lfs import refuse_pointer
 from kinematics.robots.files.dialects import (
     UnknownArgument,
     apply_soft_limits,
@@ -45,6 +46,7 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
     """
     if not file.is_file():
         raise ValueError(f"URDF file {file} does not exist")
+    refuse_pointer(file, "URDF")
     text, said = file.read_bytes(), dict[str, str]()
     if is_xacro(file, text):
         text, said = expand_xacro(file, arguments)

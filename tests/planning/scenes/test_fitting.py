@@ -88,7 +88,7 @@ def test_above_a_table_that_the_arm_stands_on_there_are_places_too(tmp_path: Pat
 
 
 def test_a_cabinet_that_is_small_beside_the_reach_finds_a_place(tmp_path: Path) -> None:
-    """As an industrial arm of 3 m has it, and one with a small gripper: what is looked at lies so near together that some of it is in it."""
+    """As an industrial arm of 3 m has it, and one with a small gripper: so near together are the places that some lie in it."""
     file = tmp_path / "arm.urdf"
     file.write_text(ARM)
     arm, small = arm_at(load(str(file)), np.eye(4)), replace(scaled(SPEC, 0.25), grasp_bearing_share=1.0)

@@ -125,7 +125,13 @@ def load_spec(which: str) -> Spec:
         for name in names if other in given else ():
             if name in given:
                 raise ValueError(f"{where}: {_field(name)} says what {_field(other)} says otherwise: leave one of them out")
-    return Spec(**{name: _checked(where, name, value) for name, value in given.items()})
+    spec = Spec(**{name: _checked(where, name, value) for name, value in given.items()})
+    largest = spec.cabinet_size_m if spec.cabinet_size_to_m is None else spec.cabinet_size_to_m
+    for name, axis, how in (("objects_height_m", 2, "high"), ("target_depth_m", 0, "deep")):
+        least = getattr(spec, name)[0]
+        if least >= largest[axis]:
+            raise ValueError(f"{where}: {_field(name)}: {least:g} m or more do not fit into a cabinet that is {largest[axis]:g} m {how}")
+    return spec
 
 
 def _field(name: str) -> str:
@@ -194,7 +200,7 @@ def _sample(spec: Spec, ref: RobotRef, robot: Robot, name: str, seed: tuple[int,
     for i in range(count):
         for _ in range(100):
             body = _object(spec, cabinet, i, rng)
-            if apart(body, [*bodies, *cabinet.walls()[2:]], spec.objects_gap_m):
+            if 2 * body.shape.half[2] < size[2] and apart(body, [*bodies, *cabinet.walls()[2:]], spec.objects_gap_m):
                 bodies.append(body)
                 break
         else:

@@ -173,6 +173,8 @@ SHOWN = "(planning/scenes/specs/paper.toml and lab-s.toml show them all)"
         ),
         ("count = [4, 10]", "count = [10, 4]", "objects.count: [10, 4] is no range [least, most]"),
         ("box_share = 0.5", 'box_share = "half"', "objects.box_share: 'half' is no number"),
+        ("[0.08, 0.25]", "[0.6, 0.7]", "objects.height_m: 0.6 m or more do not fit into a cabinet that is 0.5 m high"),
+        ("[0.16, 0.46]", "[0.9, 1.0]", "target.depth_m: 0.9 m or more do not fit into a cabinet that is 0.56 m deep"),
         ("n = 10", "n = 0", "regions.n: 0 is no positive whole number"),
         ('["horizontal"]', '["sideways"]', "moves.approaches: ['sideways'] is no list of horizontal, diagonal, downward"),
         ("[0.56, 0.86, 0.50]", "[0.56, -0.86, 0.50]", "cabinet.size_m: [0.56, -0.86, 0.5] is not three positive lengths"),

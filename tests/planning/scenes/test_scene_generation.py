@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -208,6 +209,13 @@ def _values(spec: Spec, but: str) -> dict[str, Any]:
 def test_an_unknown_spec(which: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         load_spec(which)
+
+
+def test_nothing_is_higher_than_its_cabinet(ur5e: Robot) -> None:
+    """Where a spec's heights go beyond the ceiling, what fits is drawn: plan refuses the rest."""
+    for index in range(3):
+        scene = make(ur5e, replace(load_spec("paper"), objects_height_m=(0.08, 0.7), objects_count=(4, 4)), index, seed=4)
+        assert all(2 * body.shape.half[2] < scene.cabinet.size_m[2] for body in scene.objects)
 
 
 def test_a_spec_that_is_never_valid_is_given_up(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -146,4 +146,6 @@ def main(file: Path, host: str | None = None) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     main(Path(sys.argv[1]), sys.argv[3] if sys.argv[2:3] == ["--rtde"] else None)

@@ -23,6 +23,7 @@ from retrieve_cli.own_policy import is_own
 from retrieve_cli.plan_job import Job, check
 from retrieve_cli.plan_line import Answer, plan_line
 from retrieve_cli.robot_options import NO_OPTIONS, RobotOptions, overridden
+from retrieve_cli.show import check_page
 from retrieve_cli.story import story
 from retrieve_cli.terminal import announce_first_run, mesh_progress, on_terminal, progress, say, say_settled
 from retrieve_cli.version import version
@@ -52,10 +53,11 @@ def run(
     """
     check(job)
     _check_world(job, html, one_worker=(workers or 1) == 1 and engine == "local")
-    for written in (out, html):
-        refuse_input(written, scenes)
-    if html is not None and not is_special(html):
-        place_for(html)
+    refuse_input(out, scenes)
+    if html is not None:
+        check_page(html, "plan")
+        if not is_special(html):
+            place_for(html)
     announce_first_run()
     asked = {
         **asdict(replace(job, fail_fast=False, model=None, limits=None)),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, blame, did_you_mean
 from planning.io.files import read_either, read_scene_lines
-from planning.io.outputs import write_text
+from planning.io.outputs import is_special, write_text
 from retrieve_cli.terminal import mesh_progress, say
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ def run(
     """
     if png is not None and png.suffix.lower() != ".png":
         raise InputError(f"show: {png}: a still is a PNG file; give it a name that ends in .png")
+    if html is not None:
+        check_page(html, "show")
     where, scene, plan = _find(file, index, scenes)
     with blame(where):
         film = _film(scene, plan, parts)
@@ -51,6 +53,12 @@ def run(
         with blame(where):
             content = page_of(film, plots=plots)
         _serve(content)
+
+
+def check_page(out: Path, command: str) -> None:
+    """Raises: InputError where a page's name says that it is something else; /dev/null and pipes have no name to speak of."""
+    if out.suffix.lower() not in (".html", ".htm") and not is_special(out):
+        raise InputError(f"{command}: {out}: the page is an HTML file; give it a name that ends in .html")
 
 
 def write_html(scene: Scene, plan: Plan | None, out: Path) -> None:

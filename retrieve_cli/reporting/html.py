@@ -14,6 +14,9 @@ from retrieve_cli.reporting.tables import Report, Table, is_figures
 LABEL, PLOT, VALUE, BAND, TOP, RULE_GAP = 170, 560, 150, 30, 34, 14
 """Widths of the chart's three columns, the height of a bar with its gap, the room for the axis, and between rules, in SVG units."""
 
+LETTER = 8.5
+"""SVG units that a letter of a label takes at most, as a rule."""
+
 CSS = """
 :root { --ink: #1d2733; --quiet: #66727f; --line: #e3e7ec; --page: #f6f7f9; --card: #fff; --bar: #3b74b9; --paper: #d9822b;
   --shade: #1d273338; }
@@ -143,7 +146,8 @@ def _chart(rows: Sequence[Row]) -> str:
     key = '<div class="key"><span>retrieved</span><span class="whisker">95 % Wilson interval</span>'
     key += '<span class="diamond">the paper, 100 scenes of its own</span></div>' if marked else "</div>"
     label = escape(f"Success: {words}", quote=True)
-    drawing = f'<svg viewBox="0 0 {LABEL + PLOT + VALUE} {height}" role="img" aria-label="{label}">{grid}{bars}</svg>'
+    more = max(0, round(max(LETTER * len(f"{r.policy} {r.rule}") for r in rows)) + 14 - LABEL)  # that long names reach further to the left
+    drawing = f'<svg viewBox="{-more} 0 {more + LABEL + PLOT + VALUE} {height}" role="img" aria-label="{label}">{grid}{bars}</svg>'
     return f'{key}\n<div class="scroll">{drawing}</div>'
 
 

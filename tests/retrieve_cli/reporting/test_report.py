@@ -30,6 +30,7 @@ from planning.rules import MAX_MOVES
 from planning.statistics import Spread, bootstrap, mcnemar, newcombe, quantiles, spread, wilson
 from retrieve_cli.report import collect, run
 from retrieve_cli.reporting.forms import WRITERS, to_csv, to_html, to_json
+from retrieve_cli.reporting.html import LABEL, PLOT, VALUE
 from retrieve_cli.reporting.plots import time_axis
 from retrieve_cli.reporting.tables import Report, tables
 
@@ -354,6 +355,16 @@ def test_the_page_stands_alone_and_escapes() -> None:
     assert "seconds of choosing and motion planning" in page.text
     assert "@import" not in html
     assert "http" not in html
+
+
+@pytest.mark.parametrize("name", ["local", "a_rather_long_name_of_a_policy_of_ones_own"])
+def test_the_chart_has_room_for_its_labels(name: str) -> None:
+    """Labels end at x = LABEL - 14 and reach to the left as far as they need."""
+    html = to_html(collect([Episode.of(plan_from_json(documents.plan(policy=name, rule="strict")))]))
+    left, _, width, _ = map(int, re.findall(r'viewBox="(-?\d+) (-?\d+) (\d+) (\d+)"', html)[0])
+    assert left + width == LABEL + PLOT + VALUE
+    assert (left == 0) == (name == "local")
+    assert LABEL - 14 - left >= 8 * len(f"{name} strict") or left == 0
 
 
 def test_search_is_the_ceiling_not_the_winner() -> None:

@@ -8,9 +8,8 @@ from io import BytesIO, StringIO
 
 import numpy as np
 
-from kinematics.errors import InputError
 from kinematics.transforms import Array
-from retrieve_cli.export.steps import ArmStep, GripperStep, Step
+from retrieve_cli.export.steps import ArmStep, GripperStep, Step, check_count
 
 FRANKA_HZ = 1000.0
 FRANKA_JOINTS = 7
@@ -39,14 +38,13 @@ def franka(steps: Sequence[Step]) -> tuple[str, str]:
     A command comes after the row that it names, -1 for one before the first, and the loop waits there until the gripper is done.
     Raises: InputError for another arm.
     """
+    check_count(steps, FRANKA_JOINTS, "franka")
     out, commands, row = StringIO(), list[str](), 0
     for step in steps:
         if isinstance(step, GripperStep):
             told = {"width_m": step.width_m, "force_N": step.force_N} if step.vacuum is None else {"vacuum": step.vacuum}
             commands.append(json.dumps({"after_row": row - 1, **told, "holds": step.holds}))
             continue
-        if len(step.joints) != FRANKA_JOINTS:
-            raise InputError(f"export: --to franka is for arms with {FRANKA_JOINTS} joints, and this one has {len(step.joints)}")
         _, q, qd, _ = step.sampled(FRANKA_HZ)
         for position, velocity in zip(q, qd):
             out.write(" ".join(f"{x:{FORMAT}}" for x in (*position, *velocity)) + "\n")

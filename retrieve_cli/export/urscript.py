@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from kinematics.errors import InputError
-from retrieve_cli.export.steps import ArmStep, GripperStep, Step
+from retrieve_cli.export.steps import ArmStep, GripperStep, Step, check_count
 
 RATE_HZ = 500.0
 JOINTS = 6
@@ -33,6 +32,7 @@ VACUUM = (
 
 def program(steps: Sequence[Step], scene: str) -> str:
     """A whole URScript program. Raises: InputError for an arm that does not have six joints."""
+    check_count(steps, JOINTS, "urscript")
     vacuum = any(isinstance(step, GripperStep) and step.vacuum is not None for step in steps)
     lines = [
         f"# Plan of scene {_comment(scene)}, written by retrieve export. Joints in rad, servoj every {1000 / RATE_HZ:g} ms.",
@@ -52,8 +52,6 @@ def program(steps: Sequence[Step], scene: str) -> str:
     ]
     for step in steps:
         if isinstance(step, ArmStep):
-            if len(step.joints) != JOINTS:
-                raise InputError(f"export: --to urscript is for arms with {JOINTS} joints, and this one has {len(step.joints)}")
             _, q, _, _ = step.sampled(RATE_HZ)
             lines += [f"  # {', '.join(stage for stage, _ in step.stages)}", f"  retrieve_check({_row(q[0])})"]
             lines += [f"  servoj({_row(row)}, t={1 / RATE_HZ:g}, lookahead_time=0.03, gain=2000)" for row in q[1:]]

@@ -6,6 +6,7 @@ they are absolute.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 from kinematics.errors import blame, did_you_mean
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
+from kinematics.transforms import Array
 from planning.io.checked import LARGEST_M, SMALLEST_M, Node
 from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
 from planning.io.observation_documents import observation_from_node
@@ -21,6 +23,9 @@ from planning.io.settling import NOISE_M, Unsettled, settle
 
 SCENE_1, SCENE_2 = "retrieve/scene@1", "retrieve/scene@2"
 SOURCES = ("given", "seen")
+
+MOST_LEAN_DEG = 15
+"""By how much a cabinet may lean: objects are to stand on its floor without sliding, and upright for the hand."""
 MOST_REGIONS, MOST_BODIES = 100, 500
 """Rows of the floor's grid; objects, and obstacles."""
 
@@ -174,7 +179,7 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
         id=f["id"].text(),
         robot=_robot(f["robot"], folder, second),
         cabinet=Cabinet(
-            cabinet["size_m"].vector(3, positive=True, lengths=True), cabinet["T_world_cabinet"].pose(), cabinet["wall_m"].length()
+            cabinet["size_m"].vector(3, positive=True, lengths=True), _standing(cabinet["T_world_cabinet"]), cabinet["wall_m"].length()
         ),
         objects=objects,
         target=_target(f["target"], objects, second) if "target" in f else None,
@@ -202,6 +207,18 @@ def _fields(node: Node, second: bool, required: Sequence[str], optional: Sequenc
     if later and not second:
         raise node.error(f'the field {later[0]!r} came with version 2: write "schema": "{SCENE_2}"')
     return node.record(required, (*optional, *of_second) if second else optional)
+
+
+def _standing(node: Node) -> Array:
+    """The pose (4, 4) of a cabinet whose floor things can stand on; most others are quaternions in another order."""
+    T = node.pose()
+    lean_deg = math.degrees(math.acos(min(1.0, max(-1.0, float(T[2, 2])))))
+    if lean_deg > MOST_LEAN_DEG:
+        raise node.error(
+            f"leans by {lean_deg:.0f}° (its z points up, to {MOST_LEAN_DEG}°), and nothing stands on such a floor; is q_wxyz told in "
+            "the order x, y, z, w?"
+        )
+    return T
 
 
 def _target(node: Node, objects: Sequence[Body], second: bool) -> str | None:

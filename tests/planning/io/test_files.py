@@ -238,6 +238,10 @@ MISTAKES: list[tuple[Change, str]] = [
     (_set("grasp.width_m", 10**400), "grasp.width_m: 1000"),
     (_set("objects", []), "objects: holds 0, and at least 1 is needed"),
     (_set("objects", {}), "objects: an object stands where an array [...] is expected"),
+    (
+        _set("cabinet.T_world_cabinet.q_wxyz", [0, 0, 0.6, 0.8]),
+        "cabinet.T_world_cabinet: leans by 74° (its z points up, to 15°), and nothing",
+    ),
     (_set("approaches", ["sideways"]), "approaches[0]: 'sideways' is not one of horizontal, diagonal, downward"),
     (_set("target", "can_7"), "target: 'can_7' is not among the objects (box_0, can_1, box_2) (did you mean 'can_1'?)"),
     (_set("objects.2.name", "box_0"), "objects[2].name: 'box_0' is the name of an object before it; "),

@@ -26,6 +26,7 @@ class WrittenWorld:
 
     blocking: see `Blocking`. can: whether an object can be moved to a region, beyond what blocks it. reached: whether the arm gets to an
     object, or to the target, at all. finer: the blocking for a thorough look; finest: for an exhaustive one; rough: for a rough one.
+    can_varied: `can` with picks unlike one another, where that is not the same.
     tried: the moves that were asked for, in order. tight: which moves come near to something. seen: the blocking if unseen space were free,
     where there is some.
     """
@@ -40,6 +41,7 @@ class WrittenWorld:
     finest: Blocking | None = None
     tight: Callable[[Choice], bool] = lambda choice: False
     seen: Blocking | None = None
+    can_varied: Callable[[Choice], bool] | None = None
     state: State = field(init=False)
 
     def __post_init__(self) -> None:
@@ -81,6 +83,10 @@ class WrittenWorld:
         if self.finest is None:
             return self.thorough
         return WrittenWorld(self.names, self.finest, self.can, self.reached, None, self.tried)
+
+    @property
+    def varied(self) -> WrittenWorld:
+        return WrittenWorld(self.names, self.blocking, self.can_varied or self.can, self.reached, None, self.tried)
 
     def place_pose(self, name: str, T_from: Array, region: int) -> Array:
         return transform(p=[*self.scene.regions()[region, :2], 0.06])

@@ -28,7 +28,7 @@ from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
-from planning.motion.handling.picking import EXHAUSTIVE, THOROUGH, WIDER, Pick, Picking, PickSettings, ik_for_proofs
+from planning.motion.handling.picking import EXHAUSTIVE, MAX_TRIES, THOROUGH, VARIED, WIDER, Pick, Picking, PickSettings, ik_for_proofs
 from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.room import Room
 from planning.motion.handling.shrunk_scene import can_be_shrunk
@@ -44,8 +44,7 @@ from planning.motion.trajectory import FULL, Pace, timed
 from planning.plan import Blocked, Motion
 
 ITERATIONS = 3000  # of one RRT-Connect
-MAX_TRIES = 3  # of an object's picks, how many are given to RRT-Connect before the move is given up; of the target's, for each grasp
-MOST_TRIES = 8  # of the target's picks, all grasps together
+MOST_TRIES = 8  # of the target's picks, all grasps together; of those with one grasp, MAX_TRIES
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
 
@@ -220,7 +219,7 @@ class Motions:
                 return done if isinstance(done, Blocked) else replace(done, tight=not self._room.to_carry(rest, carry))
             why = across
             tries += across.stage == "transfer"
-            if tries == MAX_TRIES:
+            if tries == self._picking.settings.tries:
                 break
         return why
 
@@ -287,6 +286,12 @@ class Motions:
         return self._with(EXHAUSTIVE) if can_be_exhaustive(self.robot, self.scene) else self.thorough
 
     @cached_property
+    def varied(self) -> Motions:
+        """The same, but of those grasps some that are unlike one another: where nothing can be done with the most natural ones."""
+        sampling = EXHAUSTIVE.sampling if can_be_exhaustive(self.robot, self.scene) else THOROUGH.sampling
+        return self._with(replace(VARIED, sampling=sampling))
+
+    @cached_property
     def finest(self) -> HandSubdivision | None:
         """What proofs rest on: only to ask whether something is stuck. None where no look is finer than the exhaustive one: with
         meshes, with what does not stand upright, with plates and thin walls, and with a hand of one's own whose pads are askew, where each
@@ -324,7 +329,7 @@ class Motions:
     def _with(self, settings: PickSettings) -> Motions:
         other = copy(self)
         other._picking, other._states, other._obstruction = Picking(self.cell, settings), deque(maxlen=KEPT), {}
-        for found in ("target_grasps", "thorough", "exhaustive", "finest"):
+        for found in ("target_grasps", "thorough", "exhaustive", "varied", "finest"):
             other.__dict__.pop(found, None)
         return other
 

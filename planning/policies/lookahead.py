@@ -30,6 +30,8 @@ QUICKLY = 2 / 3
 """Share of all attempts that may be made with the grasps that are quick to sample."""
 ONCE_MORE = 1 / 2
 """As many attempts more, as a share of all, may be made with the likeliest regions where near ones have not done."""
+VARIED = 1 / 10
+"""Share of the attempts of a last search that are made before it with picks unlike one another."""
 NEVER = inf
 """So many moves where no number of them does."""
 Prove = Callable[[State], Finding]
@@ -146,8 +148,7 @@ class Lookahead:
             attempts -= search.tried
         if hopeful is None:
             return []
-        many = self.effort.last if hopeful.natural and not hopeful.world.partly_unseen else 0
-        return self._searched_at_last(hopeful.world, state, left, many, rng)
+        return self._searched_at_last(hopeful, state, left, rng)
 
     def _looks(self, state: State, standing: Names, left: int) -> Iterator[_Look]:
         """The looks in which so many moves as are left do, if what is moved vanished: with the grasps that are quick to sample, and with
@@ -190,13 +191,19 @@ class Lookahead:
         self.outlook = replace(self.outlook, unsolvable=proof, undecided=undecided)
         return found.hope
 
-    def _searched_at_last(self, world: World, state: State, left: int, many: int, rng: np.random.Generator) -> list[Step]:
-        """The moves to the likeliest regions, not the near ones first; and if there are none of them, those that many attempts find as the
-        ceiling makes them, or the ceiling itself to any regions (none where only the densest grasps hold out hope: each takes its time)."""
-        likeliest, few = replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
-        others = SCATTERED if self.preferences is NEAREST else NEAREST
-        for preferences, attempts in ((likeliest, few if self.preferences.nearby else 0), (others, many)):
-            if attempts and (found := Search(world, preferences, replace(self.effort, attempts=attempts), left, rng).run(state)):
+    def _searched_at_last(self, hopeful: _Look, state: State, left: int, rng: np.random.Generator) -> list[Step]:
+        """The moves to the likeliest regions, not the near ones first; if there are none of them, those with picks unlike one another; and
+        if these don't do, either, those that many attempts find as the ceiling makes them, or the ceiling itself to any regions (none where
+        only the densest grasps hold out hope: each takes its time)."""
+        world, likeliest, few = hopeful.world, replace(self.preferences, nearby=None), round(ONCE_MORE * self.effort.attempts)
+        others, many = SCATTERED if self.preferences is NEAREST else NEAREST, 0 if world.partly_unseen else self.effort.last
+        searches = (
+            (world, likeliest, few if self.preferences.nearby else 0),
+            (world.varied, NEAREST, round(VARIED * many)),
+            (world, others, many if hopeful.natural else 0),
+        )
+        for look, preferences, attempts in searches:
+            if attempts and (found := Search(look, preferences, replace(self.effort, attempts=attempts), left, rng).run(state)):
                 return found
         return []
 

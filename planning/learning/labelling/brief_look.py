@@ -22,10 +22,10 @@ from kinematics.transforms import Array, inverse
 from planning.motion.cell.queries import ContactQuery, PlanningQuery
 from planning.motion.handling import waiting
 from planning.motion.handling.obstruction import View
-from planning.motion.handling.picking import Pick
+from planning.motion.handling.picking import MAX_TRIES, Pick
 from planning.motion.handling.placing import Placing, ReleaseQuery
 from planning.motion.handling.ways import FreeWay
-from planning.motion.pick_place import MAX_TRIES, Motions
+from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 
 Flags = NDArray[np.bool_]

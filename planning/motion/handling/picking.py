@@ -32,16 +32,22 @@ STAGES = {
 """What the compiled core's codes are called in a plan."""
 
 
+MAX_TRIES = 3
+
+
 @dataclass(frozen=True)
 class PickSettings:
     """How hard picks are sought. sampling: of grasps; ik: how closely the arm's solutions for each are looked for. enough_picks: so many
     ways that hold up are kept for one object; enough_grasps: after so many, the first in the most natural order, any that was found will
-    do."""
+    do. tries: so many picks of an object are given to RRT-Connect before a move is given up. shuffled: whether grasps come in any order, so
+    that those that are kept are unlike one another."""
 
     sampling: Sampling = USUAL
     ik: IkSearch = QUICK_IK
     enough_picks: int = 8
     enough_grasps: int = 24
+    tries: int = MAX_TRIES
+    shuffled: bool = False
 
 
 QUICK = PickSettings()
@@ -49,6 +55,8 @@ THOROUGH = PickSettings(DENSE, IkSearch(96), enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
 """Where a thorough look finds none, either."""
+VARIED = replace(EXHAUSTIVE, enough_picks=24, tries=8, shuffled=True)
+"""Where there are picks, and nothing can be done with the most natural ones: those are alike, and what stops one stops them all."""
 CLOSE_IK = IkSearch(1000, 0.05)
 """For proofs with a redundant arm: some dozen of its solutions for a hand are looked at."""
 WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)
@@ -138,10 +146,13 @@ class Picking:
         return sorted(islice(filter(will_do, ways), MOST_WIDER), key=lambda p: float(np.abs(p.approach[0] - q).max()))
 
     def grasps(self, poses: Mapping[str, Array], name: str) -> _Grasps:
-        """The grasps that are sampled on an object where it stands, the most natural first."""
+        """The grasps that are sampled on an object where it stands, the most natural first, or in any order, the same each time."""
         key = (name, poses[name].tobytes())
         if key not in self._known:
-            grasps = sampled_grasps(self.cell.robot, self.cell.scene, name, poses[name], sampling=self.settings.sampling)
+            grasps: Iterable[Grasp] = sampled_grasps(self.cell.robot, self.cell.scene, name, poses[name], sampling=self.settings.sampling)
+            if self.settings.shuffled:
+                natural = list(grasps)
+                grasps = (natural[i] for i in np.random.default_rng(0).permutation(len(natural)))
             self._known[key] = _Grasps(self.cell, grasps, self.settings.ik)
         return self._known[key]
 

@@ -55,6 +55,24 @@ def answers(motions: Motions, state: State, names: list[str], regions: range) ->
     return out
 
 
+def test_varied_picks_are_some_of_all_and_unlike_one_another(ur5e: Robot) -> None:
+    """Of the grasps of the exhaustive look, the same each time; of their hands, some look from elsewhere than the most natural ones."""
+    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    motions, state, wider = Motions(ur5e, scene), State(ur5e.home, scene.poses()), 0
+    for body in scene.objects:
+        (natural, _), (varied, _) = (look.picks(state, body.name) for look in (motions.exhaustive, motions.varied))
+        all_hands = {grasp.T_world_hand.tobytes() for grasp in motions.exhaustive._picking.grasps(state.poses, body.name)}
+        hands = [pick.grasp.T_world_hand for pick in varied]
+        assert {T.tobytes() for T in hands} <= all_hands
+        again = Motions(ur5e, scene).varied.picks(state, body.name)[0]
+        assert [T.tobytes() for T in hands] == [pick.grasp.T_world_hand.tobytes() for pick in again]
+        assert bool(varied) == bool(natural)
+        if natural:
+            spread = [np.ptp([T[:3, 2] for T in some], axis=0).sum() for some in ([p.grasp.T_world_hand for p in natural], hands)]
+            wider += spread[1] > spread[0]
+    assert wider >= 2
+
+
 def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:
     """Every waypoint of an approach and of a lift is free, with the open and with the closed hand, and the hand is where it says."""
     motions, verdict = Motions(ur5e, scene), Verdict(ur5e, scene)

@@ -10,7 +10,7 @@ from looking_ahead import IN_ORDER, SOME, asked, look, no_proof, proved
 from written_world import WrittenWorld, at_first
 
 from perception.observation import observe
-from planning.policies.lookahead import NEAREST, Lookahead
+from planning.policies.lookahead import NEAREST, VARIED, Lookahead
 from planning.policies.search import Effort
 
 
@@ -68,6 +68,7 @@ def test_an_exhaustive_look_has_all_the_attempts_and_no_more() -> None:
     assert world.tried == [("a", region) for region in range(9)]
 
 
+VARIED_16 = round(VARIED * 16)
 NEAR_AND_LIKELY = replace(IN_ORDER, regions=lambda seen, name, rng: range(15, -1, -1), nearby=IN_ORDER.regions)
 
 
@@ -91,7 +92,7 @@ def test_at_last_all_free_regions_are_tried_if_so_many_attempts_are_left() -> No
     world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False)
     patient = Effort(attempts=9, last=16)
     assert asked(Lookahead(world, NEAR_AND_LIKELY, patient, no_proof, most=1), world) == []
-    at_last = [region for _, region in world.tried[6 + 3 + 4 :]]
+    at_last = [region for _, region in world.tried[6 + 3 + 4 + VARIED_16 :]]
     assert len(at_last) == len(set(at_last)) == 14  # but the two where a and the target stand
     world.can, world.tried[:] = lambda choice: choice[1] == 9, []  # neither among the first six nor the last four
     assert asked(Lookahead(world, NEAR_AND_LIKELY, patient, no_proof, most=1), world) == [("a", 9)]
@@ -116,11 +117,22 @@ def test_where_space_is_unseen_a_look_is_better_than_the_last_search() -> None:
     assert len(world.tried) == 6 + 3 + 4
 
 
-def test_where_only_the_exhaustive_look_holds_out_hope_there_is_no_last_search() -> None:
+def test_where_only_the_exhaustive_look_holds_out_hope_of_a_last_search_there_is_but_the_varied_one() -> None:
     can_go = at_first({"t": ["a"], "a": [""]})
     world = WrittenWorld("a", at_first({"t": ["a"], "a": []}), can=lambda choice: False, finest=can_go)
     asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9, last=16), no_proof, most=1), world)
-    assert len(world.tried) == 9 + 4
+    assert len(world.tried) == 9 + 4 + VARIED_16
+
+
+def test_where_nothing_natural_does_picks_unlike_one_another_are_tried_before_many_attempts_are_made() -> None:
+    """Of the regions of a's move, the nearest alone: as many attempts as a tenth of the last search's."""
+    world = WrittenWorld("a", at_first({"t": ["a"], "a": [""]}), can=lambda choice: False, can_varied=lambda choice: choice[1] > 0)
+    ((name, region),) = asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9, last=16), no_proof, most=1), world)
+    assert name == "a"
+    assert region > 0
+    assert len(world.tried) <= 6 + 3 + 4 + VARIED_16
+    world.tried.clear()
+    assert asked(Lookahead(world, NEAR_AND_LIKELY, Effort(attempts=9), no_proof, most=1), world) == []  # of quick policies nothing is left
 
 
 def test_with_no_other_order_of_regions_nothing_is_tried_once_more() -> None:

@@ -47,6 +47,7 @@ ITERATIONS = 3000  # of one RRT-Connect
 MOST_TRIES = 8  # of the target's picks, all grasps together; of those with one grasp, MAX_TRIES
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
+NOT_ASKED = Blocked("transit", detail="too many picks are where the arm does not get to")
 
 
 Choice = tuple[str, int]
@@ -84,6 +85,7 @@ class Motions:
         self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
         self._picking_wider, self._room, self._stacks = Picking(self.cell, WIDER), Room(self.cell), Stacks(scene)
         self._states: deque[StateWays] = deque(maxlen=KEPT)
+        self._unreached = 0  # picks that the arm was found not to get to before anything else was asked
         self._obstruction: dict[bool, Obstruction] = {}  # by whether fingers are asked about
         self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
 
@@ -196,6 +198,9 @@ class Motions:
         def ways(picks: Iterable[Pick]) -> Iterator[tuple[Pick, Place]]:
             nonlocal why
             for pick in picks:
+                if self._picking.settings.unreached and (vain := self._unreached_pick(state, pick, rng)) is not None:
+                    why = vain
+                    continue
                 place = unreached if isinstance(unreached := known.get(pick), Blocked) else self.placing(state, pick).place(centre)
                 if isinstance(place, Blocked):
                     why = place
@@ -359,6 +364,14 @@ class Motions:
                 blocked = opening_blocked(self.cell, state, goal[0], pick)
             known[pick] = blocked or self.cell.connect(self.cell.problem(state.poses, gripper), q, goal, rng)
         return known[pick]
+
+    def _unreached_pick(self, state: State, pick: Pick, rng: np.random.Generator) -> Blocked | None:
+        """Why the arm does not get to a pick, or why that is not asked any more; None where it does."""
+        known = self._ways(state).transits
+        if pick not in known and self._unreached < self._picking.settings.unreached:
+            self._unreached += isinstance(self._transit(state, pick, rng), Blocked)
+        way_in = known.get(pick, NOT_ASKED)
+        return way_in if isinstance(way_in, Blocked) else None
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to

@@ -73,6 +73,33 @@ def test_varied_picks_are_some_of_all_and_unlike_one_another(ur5e: Robot) -> Non
     assert wider >= 2
 
 
+def test_of_varied_picks_those_that_the_arm_does_not_get_to_are_asked_about_so_many_times(
+    ur5e: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And no place is sought for them; where the arm gets to some, they are carried as any others are."""
+    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    rng, motions = np.random.default_rng(0), Motions(ur5e, scene)
+    state = motions.start()
+    choices = product([n for n in scene.poses() if n != scene.target_name], range(scene.regions_n**2))
+    name, region = next(choice for choice in choices if isinstance(motions.relocate(state, *choice, rng), Done))
+    done = Motions(ur5e, scene).varied.relocate(state, name, region, rng)
+    assert isinstance(done, Done)
+    assert np.allclose(done.after.poses[name][:2, 3], scene.regions()[region][:2], atol=1e-6)
+    look, asked = Motions(ur5e, scene).varied, list[object]()
+    look._picking.settings = replace(look._picking.settings, unreached=5)
+
+    def nowhere(self: Motions, state: State, pick: object, rng: object) -> Blocked:
+        asked.append(pick)
+        return self._ways(state).transits.setdefault(pick, Blocked("transit", "camera", "ceiling"))  # type: ignore[arg-type,return-value]
+
+    monkeypatch.setattr(Motions, "_transit", nowhere)
+    monkeypatch.setattr("planning.motion.handling.placing.Placing.place", lambda *_: pytest.fail("a place was sought"))
+    blocked = look.relocate(state, name, region, rng)
+    assert isinstance(blocked, Blocked)
+    assert blocked.stage == "transit"
+    assert len(asked) == len(set(map(id, asked))) == 5
+
+
 def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:
     """Every waypoint of an approach and of a lift is free, with the open and with the closed hand, and the hand is where it says."""
     motions, verdict = Motions(ur5e, scene), Verdict(ur5e, scene)

@@ -100,11 +100,11 @@ def _arrays(file: Path) -> Mapping[str, Any]:
     if not file.is_file():
         raise InputError(f"{file}: no such file")
     try:
+        refuse_pointer(file, "grasps")
         if file.suffix == ".json":
             data = json.loads(file.read_text(encoding="utf-8-sig"))
             return data if isinstance(data, dict) else {"array": data}
         if file.suffix in (".npy", ".npz"):
-            refuse_pointer(file, "array")
             with file.open("rb") as stream:
                 found = np.load(stream, allow_pickle=False)  # which looks at what is in a file, not at its name
                 return {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}

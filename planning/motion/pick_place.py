@@ -198,10 +198,7 @@ class Motions:
         def ways(picks: Iterable[Pick]) -> Iterator[tuple[Pick, Place]]:
             nonlocal why
             for pick in picks:
-                if self._picking.settings.unreached and (vain := self._unreached_pick(state, pick, rng)) is not None:
-                    why = vain
-                    continue
-                place = unreached if isinstance(unreached := known.get(pick), Blocked) else self.placing(state, pick).place(centre)
+                place = self._not_reached(state, pick, rng) or self.placing(state, pick).place(centre)
                 if isinstance(place, Blocked):
                     why = place
                 elif self._room.to_pick(state.poses, pick) and self._room.to_place(rest, pick, place):
@@ -213,7 +210,6 @@ class Motions:
             if tight and not any(self._room.to_pick(state.poses, pick) for pick, _ in tight):
                 yield from self._ways(state).wider(name, self._picking_wider, self._room)
 
-        known = self._ways(state).transits
         for pick, place in chain(ways(picks), ways(wider()), tight):
             places = place.turned(*self.limits) if pick.carrying.task.upright.limited else [place]
             across = self._across(state, pick, np.array([turned.lower[0] for turned in places]), rng)
@@ -293,8 +289,7 @@ class Motions:
     @cached_property
     def varied(self) -> Motions:
         """The same, but of those grasps some that are unlike one another: where nothing can be done with the most natural ones."""
-        sampling = EXHAUSTIVE.sampling if can_be_exhaustive(self.robot, self.scene) else THOROUGH.sampling
-        return self._with(replace(VARIED, sampling=sampling))
+        return self._with(replace(VARIED, sampling=self.exhaustive._picking.settings.sampling))
 
     @cached_property
     def finest(self) -> HandSubdivision | None:
@@ -365,12 +360,14 @@ class Motions:
             known[pick] = blocked or self.cell.connect(self.cell.problem(state.poses, gripper), q, goal, rng)
         return known[pick]
 
-    def _unreached_pick(self, state: State, pick: Pick, rng: np.random.Generator) -> Blocked | None:
-        """Why the arm does not get to a pick, or why that is not asked any more; None where it does."""
-        known = self._ways(state).transits
-        if pick not in known and self._unreached < self._picking.settings.unreached:
+    def _not_reached(self, state: State, pick: Pick, rng: np.random.Generator) -> Blocked | None:
+        """Why no place is worth seeking for what a pick takes hold of: the arm was found not to get to it, now or before."""
+        known, most = self._ways(state).transits, self._picking.settings.unreached
+        if most and pick not in known:
+            if self._unreached == most:
+                return NOT_ASKED
             self._unreached += isinstance(self._transit(state, pick, rng), Blocked)
-        way_in = known.get(pick, NOT_ASKED)
+        way_in = known.get(pick)
         return way_in if isinstance(way_in, Blocked) else None
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:

@@ -30,7 +30,7 @@ QUICKLY = 2 / 3
 """Share of all attempts that may be made with the grasps that are quick to sample."""
 ONCE_MORE = 1 / 2
 """As many attempts more, as a share of all, may be made with the likeliest regions where near ones have not done."""
-VARIED = 1 / 10
+VARIED_SHARE = 1 / 10
 """Share of the attempts of a last search that are made before it with picks unlike one another."""
 NEVER = inf
 """So many moves where no number of them does."""
@@ -199,7 +199,7 @@ class Lookahead:
         others, many = SCATTERED if self.preferences is NEAREST else NEAREST, 0 if world.partly_unseen else self.effort.last
         searches = (
             (world, likeliest, few if self.preferences.nearby else 0),
-            (world.varied, NEAREST, round(VARIED * many)),
+            (world.varied, NEAREST, round(VARIED_SHARE * many)),
             (world, others, many if hopeful.natural else 0),
         )
         for look, preferences, attempts in searches:

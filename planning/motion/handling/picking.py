@@ -32,7 +32,7 @@ STAGES = {
 """What the compiled core's codes are called in a plan."""
 
 
-MAX_TRIES = 3
+MAX_TRIES = 3  # picks of an object, or of the target with one grasp, that are given to RRT-Connect
 
 
 @dataclass(frozen=True)

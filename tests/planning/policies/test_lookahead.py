@@ -10,7 +10,7 @@ from written_world import WrittenWorld, at_first
 from kinematics.scene import State
 from perception.observation import observe
 from planning.plan import Outlook
-from planning.policies.lookahead import NEAREST, VARIED, Lookahead
+from planning.policies.lookahead import NEAREST, VARIED_SHARE, Lookahead
 from planning.policies.search import Effort, Preferences
 from planning.policies.unsolvable import Finding
 
@@ -120,7 +120,7 @@ def test_hands_that_a_proof_was_missed_by_are_searched_with() -> None:
     patient = Effort(attempts=9, last=16)
     policy = Lookahead(world, IN_ORDER, patient, lambda state: Finding(hope=with_hand), most=5)  # type: ignore[arg-type]
     assert asked(policy, world) == []
-    assert len(world.tried) == 9 + round(VARIED * 16)
+    assert len(world.tried) == 9 + round(VARIED_SHARE * 16)
 
 
 def test_hands_that_a_proof_was_missed_by_may_leave_too_many_moves() -> None:

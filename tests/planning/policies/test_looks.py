@@ -10,7 +10,7 @@ from looking_ahead import IN_ORDER, SOME, asked, look, no_proof, proved
 from written_world import WrittenWorld, at_first
 
 from perception.observation import observe
-from planning.policies.lookahead import NEAREST, VARIED, Lookahead
+from planning.policies.lookahead import NEAREST, VARIED_SHARE, Lookahead
 from planning.policies.search import Effort
 
 
@@ -68,7 +68,7 @@ def test_an_exhaustive_look_has_all_the_attempts_and_no_more() -> None:
     assert world.tried == [("a", region) for region in range(9)]
 
 
-VARIED_16 = round(VARIED * 16)
+VARIED_16 = round(VARIED_SHARE * 16)
 NEAR_AND_LIKELY = replace(IN_ORDER, regions=lambda seen, name, rng: range(15, -1, -1), nearby=IN_ORDER.regions)
 
 

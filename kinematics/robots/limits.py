@@ -69,7 +69,7 @@ def read_tables(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except OSError as e:
         raise ValueError(f"{file}: {e.strerror or e}") from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as e:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
         raise ValueError(f"{file}: no TOML: {e}") from e
 
 

@@ -51,6 +51,11 @@ class Cabinet:
     T_world_cabinet: Array
     wall_m: float
 
+    @property
+    def lean_deg(self) -> float:
+        """By how much its z leans from the world's."""
+        return float(np.degrees(np.arccos(np.clip(self.T_world_cabinet[2, 2], -1.0, 1.0))))
+
     def walls(self) -> tuple[Body, ...]:
         """The five walls as boxes: floor, ceiling, left, right, back. Floor and ceiling reach under and over the others."""
         return self._walls

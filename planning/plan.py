@@ -24,6 +24,10 @@ FREE = ("transit", "transfer", "look")
 STAGES = ("transit", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "look")
 
 
+JOINED = 1e-6
+"""rad or m, by which files may round where one motion ends and the next one begins."""
+
+
 @dataclass(frozen=True)
 class Blocked:
     """Why something can't be done: the stage, and where known what touches what and how deep.
@@ -123,6 +127,14 @@ class Motion:
         if spline is not None:
             return evaluate(spline, t_s)
         return np.stack([np.interp(t_s, self.t_s, column) for column in self.q.T], axis=1)
+
+
+def jump(end: Array, start: Array) -> tuple[int, float] | None:
+    """Which joint of where a motion starts (J,) is furthest from where the one before it ended (J,), and how far, in rad or m; None where
+    all are the same but for rounding."""
+    off = np.abs(start - end)
+    worst = int(np.argmax(off))
+    return (worst, float(off[worst])) if off[worst] > JOINED else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import Ended
 from retrieve_cli.gen import fitted, robot_ref, spec_hash
 from retrieve_cli.robot_options import RobotOptions
-from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_settled
+from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_what_was_read
 
 if TYPE_CHECKING:
     from kinematics.scene import RobotRef, Scene
@@ -155,7 +155,7 @@ def _given(scenes: Path | None) -> tuple[list[Item], dict[str, Any]]:
     """The scenes of a file or of stdin, and what the manifest says of them."""
     items, digest, robots = list[Item](), hashlib.sha256(), set[str]()
     for index, (where, scene) in enumerate(read_scenes(scenes, "label", on_mesh=mesh_progress)):
-        say_settled(where, scene)
+        say_what_was_read(where, scene)
         items.append(Item(index, where, scene))
         digest.update(json.dumps(scene_to_json(scene), sort_keys=True).encode())
         robots.add(scene.robot.name or str(scene.robot.urdf))

@@ -25,7 +25,7 @@ from retrieve_cli.plan_line import Answer, plan_line
 from retrieve_cli.robot_options import NO_OPTIONS, RobotOptions, overridden
 from retrieve_cli.show import check_page
 from retrieve_cli.story import story
-from retrieve_cli.terminal import announce_first_run, mesh_progress, on_terminal, progress, say, say_settled
+from retrieve_cli.terminal import announce_first_run, mesh_progress, on_terminal, progress, say, say_what_was_read
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def run(
     def lines() -> Iterator[SceneLine]:
         for line in read_scene_lines(scenes, noise_m=pose_noise_mm / 1000, on_mesh=mesh_progress):
             if line.scene is not None:
-                say_settled(line.where, line.scene)
+                say_what_was_read(line.where, line.scene)
             line = overridden(line, robot)
             picture.asked(line)
             yield line

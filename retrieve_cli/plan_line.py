@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from kinematics.errors import InputError, OptionError, blame
@@ -13,12 +12,12 @@ from retrieve_cli.own_limits import with_limits
 from retrieve_cli.own_policy import is_own, own_policy
 from retrieve_cli.plan_job import Job, motion_settings, pace
 from retrieve_cli.sense import parse_box
-from retrieve_cli.terminal import say
+from retrieve_cli.terminal import say, say_of_base, say_once
 from retrieve_cli.worlds import as_it_is, own_world
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
-    from kinematics.scene import RobotRef, Scene
+    from kinematics.scene import Scene
     from planning.motion.pick_place import Motions
     from planning.retrieval import Policy
 
@@ -61,7 +60,7 @@ def plan_scene(job: Job, where: str, scene: Scene) -> Plan:
     if job.sense:
         return sense_and_plan(job, where, scene)
     with blame(where, *UNREADABLE):
-        arm = _ready(scene.robot, job.limits)
+        arm = _ready(scene, job.limits)
         plan = library.plan_scene(
             scene,
             own_policy(job.policy) if is_own(job.policy) else job.policy or _default_policy(arm.name, job.model),
@@ -99,7 +98,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):
-        arm = _ready(scene.robot, job.limits)
+        arm = _ready(scene, job.limits)
         choice = GraspChoice(job.grasp)
         check_choice(scene, choice)
         if choice is GraspChoice.GIVEN and (wrong := judge_grasp(arm, scene, unseen=True)) is not None:
@@ -157,24 +156,22 @@ def _default_policy(robot: str, model: str | None) -> str:
 
     policy = default_policy(robot, once_loaded(model) if model else None)
     if policy != "neural":
-        _say_once(
+        say_once(
             f"no networks ship for the robot {robot}: planning with --policy {policy} "
             "(networks of your own: retrieve label, retrieve train)"
         )
     return policy
 
 
-_say_once = lru_cache(say)
-
-
-def _ready(ref: RobotRef, limits: str | None) -> Robot:
-    """A scene's robot, its links covered, with a file's limits; what nobody knows about them is said once. Raises: ValueError, see `load`
-    and `with_limits`."""
+def _ready(scene: Scene, limits: str | None) -> Robot:
+    """A scene's robot, its links covered, with a file's limits; what nobody knows about them, and what stands through its base, is said
+    once. Raises: ValueError, see `load` and `with_limits`."""
     from kinematics.collision.robot_model import link_covers
     from kinematics.robots.load import from_ref
 
-    robot = with_limits(from_ref(ref, on_step=say), limits)
+    robot = with_limits(from_ref(scene.robot, on_step=say), limits)
     link_covers(robot, say)
     if robot.limits.assumed:
-        _say_once(f"robot {robot.name}: not known, and assumed: {robot.limits.assumed} (--limits FILE says better)")
+        say_once(f"robot {robot.name}: not known, and assumed: {robot.limits.assumed} (--limits FILE says better)")
+    say_of_base(robot, scene)
     return robot

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from kinematics.errors import InputError, blame, did_you_mean
 from kinematics.git_lfs import refuse_pointer
 from planning.io.results import scene_writer
-from retrieve_cli.terminal import announce_first_run, mesh_progress, say
+from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_of_base, say_what_was_read
 
 if TYPE_CHECKING:
     from kinematics.robots.robot import Robot
@@ -142,8 +142,7 @@ def _settled(scene: Scene, where: str) -> Scene:
 
     with blame(where):
         done = settle(scene)
-    for settlement in done.settled:
-        say(f"{where}: {settlement}")
+    say_what_was_read(where, done)
     return done
 
 
@@ -157,7 +156,8 @@ def _with_grasp(where: str, scene: Scene) -> Scene:
     robot = from_ref(scene.robot, on_step=say)
     found = propose(robot, scene)
     if not found.grasps:
-        apart = f"two of its sides have to face each other, at most {1000 * robot.opening.max_m:.0f} mm apart; turn it"
+        least, most = 1000 * robot.opening.width_m[0], 1000 * robot.opening.max_m
+        apart = f"two of its sides have to face each other, {least:.0f} to {most:.0f} mm apart; turn it"
         sides = lies_flat(robot, scene) or apart
         why = "an obstacle, a wall or the distance keeps the arm from it" if found.beyond_reach else f"{sides} (up=…, yaw=…)"
         say(
@@ -170,16 +170,18 @@ def _with_grasp(where: str, scene: Scene) -> Scene:
 
 
 def _tell_start(where: str, scene: Scene) -> None:
-    """Say it when no plan can begin where the scene's robot is."""
-    if scene.robot.q_start is None:
+    """Say it when no plan can begin where the scene's robot is, and what stands through its base."""
+    if scene.robot.q_start is None and not scene.obstacles:
         return
     from kinematics.robots.load import from_ref
     from planning.motion.pick_place import Motions
 
     with blame(where):
-        blocked = Motions(from_ref(scene.robot), scene, target_grasps=()).start_blocked()
+        robot = from_ref(scene.robot, on_step=say)
+        say_of_base(robot, scene)
+        blocked = None if scene.robot.q_start is None else Motions(robot, scene, target_grasps=()).start_blocked()
     if blocked is not None:
-        say(f"{where}: no plan can begin where the arm is: {blocked.in_words()}")
+        say(f"{where}: no plan can begin where the arm is: {blocked.in_words()}; --q-start says where it is, in rad (or m)")
 
 
 def _describe(where: str, scene: Scene) -> None:

@@ -13,7 +13,7 @@ from planning.io.files import UNREADABLE, read_scene_lines
 from planning.io.observation_documents import observation_to_json
 from planning.io.outputs import alone_in, naming
 from planning.io.results import scene_writer
-from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say, say_settled
+from retrieve_cli.terminal import announce_first_run, mesh_progress, progress, say, say_what_was_read
 from retrieve_cli.version import version
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def run(
         for index, line in write.left(lines, key=lambda numbered: numbered[1].key):
             if line.scene is None:
                 raise InputError(line.error)
-            say_settled(line.where, line.scene)
+            say_what_was_read(line.where, line.scene)
             with blame(line.where, *UNREADABLE):
                 sight = _look_at(job, line.scene, index)
             write(_described(job, line.scene, sight))

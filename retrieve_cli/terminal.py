@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from threading import Event, Thread
 from time import perf_counter
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.table import Column, Table
 
+    from kinematics.robots.robot import Robot
     from kinematics.scene import Scene
 
 
@@ -25,10 +27,28 @@ def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
-def say_settled(where: str, scene: Scene) -> None:
-    """Which objects were moved a little when a scene was read, a line each."""
+say_once = lru_cache(say)
+"""A line that is the same for many scenes."""
+
+
+LEANS_DEG = 2.0
+"""From here on it is said that a cabinet leans: a level one is rarely measured so badly."""
+
+
+def say_what_was_read(where: str, scene: Scene) -> None:
+    """Which objects were moved a little when a scene was read, a line each; and that its cabinet leans."""
     for settlement in scene.settled:
         say(f"{where}: {settlement}")
+    if scene.cabinet.lean_deg > LEANS_DEG:
+        say(f"{where}: note: the cabinet leans by {scene.cabinet.lean_deg:.1f}° from upright; if yours does not, see its q_wxyz")
+
+
+def say_of_base(robot: Robot, scene: Scene) -> None:
+    """Which obstacles stand through links of the robot that never move, and so may touch any."""
+    from kinematics.collision.mounted import through_base
+
+    for link, obstacle in through_base(robot, scene) if scene.obstacles else ():
+        say_once(f"note: the obstacle {obstacle} stands through {link}, which never moves and may touch it; is its place right?")
 
 
 def mesh_progress(file: str, share: float) -> None:
@@ -48,7 +68,8 @@ def announce_first_run(*, drawing: bool = False) -> None:
 
     if left := waiting():
         seconds = max(1.0, loops(left) * loop_s() / (2 if start_beside(drawing=drawing) else 1))
-        what = f"{len(left)} functions are compiled, which takes about {seconds:.0f} s"
+        functions = "1 function is" if len(left) == 1 else f"{len(left)} functions are"
+        what = f"{functions} compiled, which takes about {seconds:.0f} s"
         if wrong := WRONG or lacks_room():
             say(f"getting ready: {what}, in every run, for they can't be kept: {wrong}; XDG_CACHE_HOME names another folder")
         else:

@@ -27,5 +27,5 @@ def beyond_limits(names: Sequence[str], q: Array, lower: Array, upper: Array) ->
     """Which joint of q (J,) is outside its limits (J,), in words; None when all are within. One that was rounded counts as within."""
     for name, value, low, high in zip(names, q, lower, upper):
         if not low - WITHIN <= value <= high + WITHIN:
-            return f"joint {name} is at {value:.4g}, outside its limits {low:.4g} to {high:.4g}"
+            return f"joint {name} is at {value:.4g}, outside its limits {low:.4g} to {high:.4g} (rad, or m)"
     return None

@@ -32,7 +32,8 @@ class Joint:
 @dataclass(frozen=True, eq=False)
 class Arm:
     """joints (J names): the actuated ones, mimic joints left out, in the URDF's order; lower, upper, velocity (J,): their limits, infinite
-    where there is none. moving: one `Joint` for each carrier but the base. links: by name, the carrier and the pose (4, 4) in it.
+    where there is none; units (J,): what their values count, "rad" or "m". moving: one `Joint` for each carrier but the base. links: by
+    name, the carrier and the pose (4, 4) in it.
 
     above[c]: the carriers on the way from the base to carrier c, itself included. followers: mimic joints by name, and what they follow:
     the index of an actuated joint, scale and offset.
@@ -42,6 +43,7 @@ class Arm:
     lower: Array
     upper: Array
     velocity: Array
+    units: tuple[str, ...]
     moving: tuple[Joint, ...]
     links: dict[str, tuple[int, Array]]
     parent_link: dict[str, str]
@@ -85,6 +87,7 @@ def read(urdf: str) -> Arm:
     joints = [by_child[link] for link in order[1:]]
     actuated = [j.attrib["name"] for j in joints if j.get("type") != "fixed" and j.find("mimic") is None]
     limits = np.array([_limits(by_name[n]) for n in actuated])
+    units = tuple("m" if by_name[n].get("type") == "prismatic" else "rad" for n in actuated)
     moving: list[Joint] = []
     links, above = {order[0]: (0, np.eye(4))}, [frozenset({0})]
     for link in order[1:]:
@@ -101,7 +104,7 @@ def read(urdf: str) -> Arm:
     low, high, speed = limits.T
     follow = {name: _source(by_name, joint) for name, joint in by_name.items() if joint.find("mimic") is not None}
     followers = {name: (actuated.index(source), scale, offset) for name, (source, scale, offset) in follow.items() if source in actuated}
-    return Arm(tuple(actuated), low, high, speed, tuple(moving), links, parents, tuple(above), followers)
+    return Arm(tuple(actuated), low, high, speed, units, tuple(moving), links, parents, tuple(above), followers)
 
 
 def _from_the_root(names: list[str], parents: dict[str, str]) -> list[str]:

@@ -23,6 +23,7 @@ MOST_DEEP = 32
 """Levels of objects and arrays in a document; a plan has six."""
 LARGEST_WHOLE = 2**53
 """Up to here every whole number is a float of its own."""
+EACH_A_LINE = "one document a line is expected: `jq -c '.[]'` makes a line of each in an array"
 UNIT_TOLERANCE = 1e-3
 """A quaternion whose length is within this of 1 was rounded, and is normalised; any other is a mistake."""
 
@@ -182,7 +183,9 @@ def parse_json(text: str, where: str) -> Node:
     try:
         value = json.loads(text, object_pairs_hook=fields)
     except json.JSONDecodeError as e:
-        hint = "; one document a line is expected: `jq -c .` joins the lines" if text.strip() in ("{", "[") else ""
+        hint = "; one document a line is expected: `jq -c .` joins the lines" if text.strip() == "{" else ""
+        if text.lstrip().startswith("["):
+            hint = f"; {EACH_A_LINE}"
         file = where.rpartition(":")[0]
         if file.lower().endswith((".yaml", ".yml")):
             hint = f"; from a YAML of words, `retrieve scene {file} -o cell.jsonl` makes a scene"

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from kinematics.transforms import Array, wxyz_from_rotation
-from planning.io.checked import Node
+from planning.io.checked import EACH_A_LINE, Node
 
 VERSIONS = {"scene": (1, 2), "plan": (1, 2)}
 """The versions of each kind of document that are read."""
@@ -23,6 +23,8 @@ VERSIONS = {"scene": (1, 2), "plan": (1, 2)}
 
 def kind_and_version(node: Node) -> tuple[str, int]:
     """What a document says it is: ("scene", 1)."""
+    if isinstance(node.value, list):
+        raise node.error(f"this is an array; {EACH_A_LINE}")
     if not isinstance(node.value, dict) or "schema" not in node.value:
         node.record(("schema",), tuple(node.value) if isinstance(node.value, dict) else ())
     schema = node.at("schema")

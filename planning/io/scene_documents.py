@@ -6,7 +6,6 @@ they are absolute.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,6 @@ from typing import Any
 from kinematics.errors import blame, did_you_mean
 from kinematics.scene import APPROACHES, WALLS, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape
-from kinematics.transforms import Array
 from planning.io.checked import LARGEST_M, SMALLEST_M, Node
 from planning.io.documents import expect, numbers, pose_to_json, relative, without_none
 from planning.io.observation_documents import observation_from_node
@@ -171,16 +169,13 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
         node, second, ("schema", "id", "robot", "cabinet", "regions", "objects", *of_first), ("seed", "approaches", "observation"),
         ("target", "grasp", "obstacles", "grasps", "target_box"),
     )  # fmt: skip
-    cabinet = f["cabinet"].record(("size_m", "T_world_cabinet", "wall_m"))
     objects = _bodies(f["objects"], load, second, WALLS, least=0 if second else 1)
     taken = (*WALLS, *(b.name for b in objects))
     obstacles = _bodies(f["obstacles"], load, second, taken, least=0, still=True) if "obstacles" in f else ()
     scene = Scene(
         id=f["id"].text(),
         robot=_robot(f["robot"], folder, second),
-        cabinet=Cabinet(
-            cabinet["size_m"].vector(3, positive=True, lengths=True), _standing(cabinet["T_world_cabinet"]), cabinet["wall_m"].length()
-        ),
+        cabinet=_cabinet(f["cabinet"]),
         objects=objects,
         target=_target(f["target"], objects, second) if "target" in f else None,
         grasp=_grasp(f["grasp"]) if "grasp" in f and not (second and f["grasp"].value is None) else None,
@@ -197,8 +192,8 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
     try:
         return settle(scene, noise_m)
     except Unsettled as e:
-        at = next(i for i, body in enumerate(objects) if body.name == e.body)
-        raise f["objects"].items()[at].error(str(e)) from e
+        at = next((i for i, body in enumerate(objects) if body.name == e.body), None)
+        raise (f["cabinet"] if at is None else f["objects"].items()[at]).error(str(e)) from e
 
 
 def _fields(node: Node, second: bool, required: Sequence[str], optional: Sequence[str], of_second: Sequence[str]) -> dict[str, Node]:
@@ -209,16 +204,17 @@ def _fields(node: Node, second: bool, required: Sequence[str], optional: Sequenc
     return node.record(required, (*optional, *of_second) if second else optional)
 
 
-def _standing(node: Node) -> Array:
-    """The pose (4, 4) of a cabinet whose floor things can stand on; most others are quaternions in another order."""
-    T = node.pose()
-    lean_deg = math.degrees(math.acos(min(1.0, max(-1.0, float(T[2, 2])))))
-    if lean_deg > MOST_LEAN_DEG:
-        raise node.error(
-            f"leans by {lean_deg:.0f}° (its z points up, to {MOST_LEAN_DEG}°), and nothing stands on such a floor; is q_wxyz told in "
-            "the order x, y, z, w?"
+def _cabinet(node: Node) -> Cabinet:
+    """A cabinet whose floor things can stand on; most others have quaternions in another order."""
+    f = node.record(("size_m", "T_world_cabinet", "wall_m"))
+    pose = f["T_world_cabinet"]
+    cabinet = Cabinet(f["size_m"].vector(3, positive=True, lengths=True), pose.pose(), f["wall_m"].length())
+    if cabinet.lean_deg > MOST_LEAN_DEG:
+        raise pose.error(
+            f"leans by {cabinet.lean_deg:.0f}° (its z points up, to {MOST_LEAN_DEG}°), and nothing stands on such a floor; is q_wxyz told "
+            "in the order x, y, z, w?"
         )
-    return T
+    return cabinet
 
 
 def _target(node: Node, objects: Sequence[Body], second: bool) -> str | None:

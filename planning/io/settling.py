@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kinematics.collision.fcl_solids import Contact, Solid, depth, gap, overlapping, shape_solids
-from kinematics.scene import WALLS, Body, Scene, Settlement
+from kinematics.scene import WALLS, Body, Cabinet, Scene, Settlement
 from kinematics.shapes import ConvexMesh, bounds
 from kinematics.transforms import Array, apply, inverse, transform
 from perception.objects.settle import GAP_M
@@ -32,12 +32,14 @@ ROOM_M = GAP_M
 """Things that are nearer are parted, for no motion can be certified between them; what stands may have a gap of 1 mm, says the verdict."""
 HUGE_M, TINY_M, FAR_M = 5.0, 0.002, 20.0
 """What is longer or shorter than this, or further from the cabinet, is no object in it: units were confused."""
+ROOMY_M, TIGHT_M, THICK_M = 10.0, 0.02, 1.0
+"""What is larger or smaller than this inside, or has thicker walls, is no cabinet before an arm."""
 
 
 class Unsettled(ValueError):
-    """A scene that is invalid. body: the object that is to blame."""
+    """A scene that is invalid. body: the object that is to blame; None: the cabinet."""
 
-    def __init__(self, body: str, message: str) -> None:
+    def __init__(self, body: str | None, message: str) -> None:
         super().__init__(message)
         self.body = body
 
@@ -56,6 +58,7 @@ def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
     noise_m: how much is taken for noise. The target moves last, for x_g is told for where it stands, and goes along where it touches.
     Raises: Unsettled for what is invalid.
     """
+    _check_cabinet(scene.cabinet)
     for body in scene.objects:
         _check_units(scene, body)
         if body.source == "given":
@@ -77,6 +80,16 @@ def settle(scene: Scene, noise_m: float = NOISE_M) -> Scene:
 
 
 # What is invalid --------------------------------------------------------------------------------------------------------------------------
+
+
+def _check_cabinet(cabinet: Cabinet) -> None:
+    for size, what in zip(cabinet.size_m, ("deep", "wide", "high")):
+        if size > ROOMY_M:
+            raise Unsettled(None, f"the cabinet is {size:.4g} m {what}: are its sizes in centimetres or millimetres? they are metres")
+        if size < TIGHT_M:
+            raise Unsettled(None, f"the cabinet is {1000 * size:.3g} mm {what}: are its sizes metres?")
+    if cabinet.wall_m > THICK_M:
+        raise Unsettled(None, f"the cabinet's walls are {cabinet.wall_m:.4g} m thick: is wall_m in millimetres? it is metres")
 
 
 def _check_units(scene: Scene, body: Body) -> None:

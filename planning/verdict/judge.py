@@ -16,14 +16,14 @@ from kinematics.robots.plain_urdf import poses
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.transforms import inverse
-from planning.plan import Motion, Plan
+from planning.plan import JOINED, Motion, Plan
 from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course, courses
 from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings
 from planning.verdict.figures import figure_faults, goal_faults, grasp_faults, move_faults, tilt_faults, width_faults
 from planning.verdict.hand import Hand, hand_of
 from planning.verdict.ledger import Ledger, keep
-from planning.verdict.limits import GAP, limit_faults
+from planning.verdict.limits import limit_faults
 from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
 from planning.verdict.standing import Placed, Stand, placed, stand
@@ -150,9 +150,10 @@ def _start(scene: Scene, run: Sequence[Course], hand: Hand) -> list[Fault]:
     said = scene.robot.q_start or {}
     off = {name: abs(float(run[0].q[0, hand.arm.joints.index(name)]) - value) for name, value in said.items() if name in hand.arm.joints}
     worst = max(off, key=lambda name: off[name], default=None)
-    if worst is None or off[worst] <= GAP:
+    if worst is None or off[worst] <= JOINED:
         return []
-    return [Fault(run[0].stage, (), f"motion 0 begins with {worst} {off[worst]:.3g} from where the scene says it is", off[worst])]
+    unit = hand.arm.units[hand.arm.joints.index(worst)]
+    return [Fault(run[0].stage, (), f"motion 0 begins with {worst} {off[worst]:.3g} {unit} from where the scene says it is", off[worst])]
 
 
 def _allowed(scene: Scene, plan: Plan) -> Sequence[Grasp]:

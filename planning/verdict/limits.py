@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from kinematics.quintic_spline import DEGREE, extremes
 from kinematics.robots.plain_urdf import Arm
 from kinematics.transforms import Array
+from planning.plan import JOINED, jump
 from planning.verdict.course import Course
 from planning.verdict.faults import Fault
 
 POSITION = 1e-6  # rad or m, by which files may round
-GAP = 1e-6
 RATE = 1e-4  # of a limit, by which a rate may be above it; and the rate, in rad/s or rad/s², that still is rest
 
 
@@ -25,10 +25,10 @@ def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> li
         course = courses[n]
         out += _positions(arm, course)
         if n > 0:
-            jump = np.abs(course.q[0] - courses[n - 1].q[-1])
-            if jump.max() > GAP:
-                worst = int(np.argmax(jump))
-                out.append(_fault(course, f"starts {jump[worst]:.3g} from where {arm.joints[worst]} ended before", jump[worst]))
+            jumped = jump(courses[n - 1].q[-1], course.q[0])
+            if jumped is not None:
+                worst, far = jumped
+                out.append(_fault(course, f"starts {far:.3g} {arm.units[worst]} from where {arm.joints[worst]} ended before", far))
         out += _rates(arm, course, acceleration)
     return out
 
@@ -52,7 +52,7 @@ def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array) -> NDArr
     for ends in (speed[pieces[:-1], 0], speed[pieces[1:] - 1, -1], rate[pieces[:-1], 0], rate[pieces[1:] - 1, -1]):
         doubtful[smooth] |= (np.abs(ends) > RATE).any(1)
     first, last = (np.array([course.q[k] for course in courses]) for k in (0, -1))
-    doubtful[1:] |= (np.abs(first[1:] - last[:-1]) > GAP).any(1)
+    doubtful[1:] |= (np.abs(first[1:] - last[:-1]) > JOINED).any(1)
     return doubtful
 
 
@@ -65,7 +65,7 @@ def _positions(arm: Arm, course: Course) -> list[Fault]:
     worst = int(np.argmax(beyond))
     if not beyond[worst] > POSITION:
         return []
-    return [_fault(course, f"{arm.joints[worst]} goes {beyond[worst]:.3g} beyond its limits", beyond[worst])]
+    return [_fault(course, f"{arm.joints[worst]} goes {beyond[worst]:.3g} {arm.units[worst]} beyond its limits", beyond[worst])]
 
 
 def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
@@ -84,7 +84,8 @@ def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
         ends = np.abs(_ends(course, order)).max(0)
         if ends.max() > RATE * float(limit[np.isfinite(limit)].max(initial=1.0)):
             worst = int(np.argmax(ends))
-            detail = f"{arm.joints[worst]} does not rest where it begins or ends: its {what} is {ends[worst]:.3g}{unit} there"
+            rate = f"{ends[worst]:.3g} {arm.units[worst]}{unit}"
+            detail = f"{arm.joints[worst]} does not rest where it begins or ends: its {what} is {rate} there"
             out.append(_fault(course, detail, ends[worst]))
     return out
 
@@ -103,7 +104,8 @@ def _above(arm: Arm, course: Course, reached: Array, limit: Array, what: str, un
     worst = int(np.argmax(over))
     if not over[worst] > 1 + RATE:
         return []
-    detail = f"{arm.joints[worst]} reaches {reached[worst]:.3g}{unit}, and the limit of its {what} is {limit[worst]:.3g}{unit}"
+    unit = arm.units[worst] + unit
+    detail = f"{arm.joints[worst]} reaches {reached[worst]:.3g} {unit}, and the limit of its {what} is {limit[worst]:.3g} {unit}"
     return [_fault(course, detail, reached[worst])]
 
 

@@ -16,10 +16,9 @@ from kinematics.errors import InputError
 from kinematics.quintic_spline import QuinticSpline, evaluate, hermite
 from kinematics.robots.hands.suction import ON_M, SUCTION
 from kinematics.transforms import Array
-from planning.plan import Motion, Plan
+from planning.plan import Motion, Plan, jump
 
 STILL = 1e-9  # rad or m that a joint which stands still may move
-GAP = 1e-6  # rad or m, by which files may round where one motion ends and the next one begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +117,10 @@ def _check_joined(plan: Plan) -> None:
     for before, motion in pairwise(plan.motions):
         if motion.joint_names != before.joint_names:
             raise InputError(f"{plan.scene}: {motion.stage}: has other joints than the motion before it")
-        jump = np.abs(motion.q[0] - before.q[-1])
-        if jump.max() > GAP:
-            name = motion.joint_names[int(np.argmax(jump))]
+        if (jumped := jump(before.q[-1], motion.q[0])) is not None:
+            worst, far = jumped
             raise InputError(
-                f"{plan.scene}: {motion.stage}: starts {jump.max():.3g} from where {name} ended before; was the plan edited? "
+                f"{plan.scene}: {motion.stage}: starts {far:.3g} from where {motion.joint_names[worst]} ended before; was the plan edited? "
                 "retrieve verify judges it, and retrieve plan makes it anew"
             )
 

@@ -195,6 +195,23 @@ def test_what_can_not_be_meant(body: Body, says: str) -> None:
     assert caught.value.body == "a"
 
 
+@pytest.mark.parametrize(
+    ("size", "wall", "says"),
+    [
+        ((56.0, 0.86, 0.5), 0.03, "the cabinet is 56 m deep: are its sizes in centimetres or millimetres?"),
+        ((0.56, 86.0, 0.5), 0.03, "the cabinet is 86 m wide"),
+        ((0.56, 0.86, 0.0005), 0.03, "the cabinet is 0.5 mm high: are its sizes metres?"),
+        ((0.56, 0.86, 0.5), 30.0, "the cabinet's walls are 30 m thick: is wall_m in millimetres?"),
+    ],
+)
+def test_a_cabinet_that_can_not_be_meant(size: tuple[float, float, float], wall: float, says: str) -> None:
+    scene = scene_of(standing("a", CAN, 0.4, -0.2))
+    with pytest.raises(Unsettled) as caught:
+        settle(replace(scene, cabinet=replace(scene.cabinet, size_m=np.array(size), wall_m=wall)))
+    assert says in str(caught.value)
+    assert caught.value.body is None
+
+
 def test_two_objects_deep_in_each_other() -> None:
     with pytest.raises(Unsettled, match=r"'a' overlaps 'b' by 10\.0 mm; move one of them"):
         settle(scene_of(standing("a", BOX, 0.2, 0.0), standing("b", BOX, 0.2, 0.07)))

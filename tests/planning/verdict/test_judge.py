@@ -191,10 +191,10 @@ def _nobody_moved(_: Json, plan: Json) -> None:
     ("change", "stage", "word"),
     [
         (spoilers._into_a_wall, "transfer", "inside left"),
-        (spoilers._gap, "", "starts 0.001 from where"),
+        (spoilers._gap, "", "starts 0.001 rad from where"),
         (spoilers._too_fast, "", "velocity"),
         (spoilers._outside_the_limits, "", "beyond its limits"),
-        (spoilers._time_stands_still, "approach", "inf/s, and the limit of its velocity"),
+        (spoilers._time_stands_still, "approach", "inf rad/s, and the limit of its velocity"),
         (spoilers._held_elsewhere, "lift", "is not where the hand takes it: 2.0 mm"),
         (spoilers._held_askew, "lift", "is not where the hand takes it: 0.0 mm and 0.1°"),
         (spoilers._moved_object_dropped, "moves", "not in the scene"),

@@ -164,11 +164,11 @@ def test_the_slower_of_urdf_and_data_sheet_counts() -> None:
     velocity = ARM.velocity.copy()
     velocity[0] = 0.066
     (wrong,) = faults(said(robot=toy_robot(velocity=velocity)))
-    assert wrong == ("transfer", (), "motion 6: x reaches 0.0667/s, and the limit of its velocity is 0.066/s")
+    assert wrong == ("transfer", (), "motion 6: x reaches 0.0667 m/s, and the limit of its velocity is 0.066 m/s")
     velocity[0] = 99.0
     assert faults(said(robot=toy_robot(velocity=velocity))) == []
     assert faults(said(plan=with_motion(6, replace(MOTIONS[6], t_s=MOTIONS[6].t_s / 20)))) == [
-        ("transfer", (), "motion 6: x reaches 1.33/s, and the limit of its velocity is 1/s")
+        ("transfer", (), "motion 6: x reaches 1.33 m/s, and the limit of its velocity is 1 m/s")
     ]
 
 
@@ -195,9 +195,9 @@ def test_it_begins_where_the_scene_says() -> None:
         ({"x": 0.0, "grip": OPEN}, None),
         ({"x": 0.9e-6}, None),
         ({"x": 1e-6}, None),
-        ({"x": -0.25}, "motion 0 begins with x 0.25 from where the scene says it is"),
-        ({"x": 0.25, "y": 0.15}, "motion 0 begins with x 0.25 from where the scene says it is"),
-        ({"x": 0.1, "y": -0.2, "tip": 0.15}, "motion 0 begins with y 0.2 from where the scene says it is"),
+        ({"x": -0.25}, "motion 0 begins with x 0.25 m from where the scene says it is"),
+        ({"x": 0.25, "y": 0.15}, "motion 0 begins with x 0.25 m from where the scene says it is"),
+        ({"x": 0.1, "y": -0.2, "tip": 0.15}, "motion 0 begins with y 0.2 m from where the scene says it is"),
         ({"claw": 9.0}, None),
         ({}, None),
     ):
@@ -344,7 +344,7 @@ def test_motions_alone() -> None:
     assert judge_motions(scene, (), robot, ASKED) == judge_motions(scene, MOTIONS[:1], robot, ASKED) == ()
     assert len(judge_motions(scene, MOTIONS, robot)) > 0  # with contacts
     late = [MOTIONS[0], *MOTIONS[2:]]
-    assert [f.detail for f in judge_motions(scene, late, robot, ASKED)] == ["motion 1: starts 0.01 from where grip ended before"]
+    assert [f.detail for f in judge_motions(scene, late, robot, ASKED)] == ["motion 1: starts 0.01 m from where grip ended before"]
 
 
 def test_a_can_is_judged_as_a_box_is() -> None:

@@ -70,7 +70,7 @@ def test_positions_keep_their_limits() -> None:
     ):
         run = [course((0,)), course(q, stage="lift")]
         (fault,) = [f for f in said(*run) if "beyond" in f.detail]
-        assert fault == Fault("lift", (), f"motion 1: {joint} goes {beyond:.3g} beyond its limits", fault.amount)
+        assert fault == Fault("lift", (), f"motion 1: {joint} goes {beyond:.3g} m beyond its limits", fault.amount)
         assert fault.amount == pytest.approx(beyond)
     assert said(course((0, 0, 99.0))) == []
 
@@ -85,7 +85,7 @@ def test_a_spline_keeps_position_limits_between_its_rows() -> None:
     faults = said(splined((1.9,), (1.9,), qd=qd))
     (fault,) = [f for f in faults if "beyond" in f.detail]
     assert fault.amount == pytest.approx(highest - 2.0, abs=1e-6)
-    assert fault.detail == f"motion 0: x goes {highest - 2:.3g} beyond its limits"
+    assert fault.detail == f"motion 0: x goes {highest - 2:.3g} m beyond its limits"
     assert not [f for f in said(splined((1.7,), (1.7,), qd=qd)) if "beyond" in f.detail]  # 2.1 by the coefficients, 1.93 itself
     (low,) = [f for f in said(splined((-1.9,), (-1.9,), qd=-qd)) if "beyond" in f.detail]
     assert low.amount == pytest.approx(highest - 2.0, abs=1e-6)
@@ -102,7 +102,7 @@ def test_the_piece_of_a_spline_that_goes_furthest_counts() -> None:
     """Which is the second of three, above or below."""
     for x in (2.5, -2.5):
         faults = said(splined((0,), (0,), (x,), (0,), (0,), t_s=(0, 9, 29, 49, 60)))
-        assert [f.detail for f in faults] == ["motion 0: x goes 0.5 beyond its limits"]
+        assert [f.detail for f in faults] == ["motion 0: x goes 0.5 m beyond its limits"]
 
 
 def test_a_motion_starts_where_the_one_before_ended() -> None:
@@ -110,10 +110,10 @@ def test_a_motion_starts_where_the_one_before_ended() -> None:
         for end in (course, splined):
             found = said(end((0,), (0, 1), t_s=(0, 9)), course((0, 1 + gap), stage="lift"))
             assert found == (
-                [] if well else [Fault("lift", (), f"motion 1: starts {abs(gap):.3g} from where y ended before", pytest.approx(abs(gap)))]
+                [] if well else [Fault("lift", (), f"motion 1: starts {abs(gap):.3g} m from where y ended before", pytest.approx(abs(gap)))]
             )
     two = said(course((0.1, 0.2)), course((0.2, 0.4)))
-    assert [f.detail for f in two] == ["motion 1: starts 0.2 from where y ended before"]
+    assert [f.detail for f in two] == ["motion 1: starts 0.2 m from where y ended before"]
     assert said(course((0,)), course((1e-6,))) == []
 
 
@@ -121,11 +121,11 @@ def test_a_polyline_is_as_fast_as_its_way_by_its_time() -> None:
     """x may go 1 m/s, y 2; the joint that is most over its limit is named; a ten-thousandth is rounding; who stays needs no time."""
     for t, well in ((1.0, True), (0.99991, True), (0.9998, False), (0.5, False)):
         found = said(course((0,), (1, 1), (1, 1), t_s=(0, t, t)))
-        wrong = Fault("transit", (), f"motion 0: x reaches {1 / t:.3g}/s, and the limit of its velocity is 1/s", 1 / t)
+        wrong = Fault("transit", (), f"motion 0: x reaches {1 / t:.3g} m/s, and the limit of its velocity is 1 m/s", 1 / t)
         assert found == ([] if well else [wrong])
-    assert [f.detail for f in said(course((0,), (-1, 3)))] == ["motion 0: y reaches 3/s, and the limit of its velocity is 2/s"]
+    assert [f.detail for f in said(course((0,), (-1, 3)))] == ["motion 0: y reaches 3 m/s, and the limit of its velocity is 2 m/s"]
     assert [f.detail for f in said(course((0,), (0.1,), (0.1, 0.1), t_s=(0, 1, 1)))] == [
-        "motion 0: y reaches inf/s, and the limit of its velocity is 2/s"
+        "motion 0: y reaches inf m/s, and the limit of its velocity is 2 m/s"
     ]
     assert [f.amount for f in said(course((0,), (-1.5,)))] == [1.5]
     assert said(course((0,), (1.0001,))) == []  # just so much above
@@ -146,8 +146,19 @@ def test_a_spline_is_as_fast_as_its_derivative_gets() -> None:
     for x, t, well in ((1.0, 1.8752, True), (1.0, 1.8747, False), (-1.0, 1.8752, True), (-1.0, 1.8747, False), (-0.5, 0.5, False)):
         found = said(quintic(x, t), acceleration=np.full(5, 1e9))
         fast = 15 / 8 * abs(x) / t
-        assert [f.detail for f in found] == ([] if well else [f"motion 0: x reaches {fast:.3g}/s, and the limit of its velocity is 1/s"])
+        assert [f.detail for f in found] == (
+            [] if well else [f"motion 0: x reaches {fast:.3g} m/s, and the limit of its velocity is 1 m/s"]
+        )
         assert [f.amount for f in found] == ([] if well else [pytest.approx(fast, rel=1e-5)])
+
+
+def test_a_joint_that_turns_counts_radians() -> None:
+    """turn may go 4 rad/s, and accelerate by 8 rad/s²; it goes 15/8 and 10/√3 times as much."""
+    velocity, acceleration = said(quintic(3.2, 1.0, 2))
+    assert velocity.detail == "motion 0: turn reaches 6 rad/s, and the limit of its velocity is 4 rad/s"
+    assert acceleration.detail == "motion 0: turn reaches 18.5 rad/s², and the limit of its acceleration is 8 rad/s²"
+    (gap,) = said(course((0,)), course((0, 0, 0.5)))
+    assert gap.detail == "motion 1: starts 0.5 rad from where turn ended before"
 
 
 def test_a_spline_accelerates_as_its_second_derivative_says() -> None:
@@ -155,7 +166,7 @@ def test_a_spline_accelerates_as_its_second_derivative_says() -> None:
     for t, well in ((1.0001, True), (0.9999, False), (0.5, False)):
         found = said(quintic(-0.1, t, 1), acceleration=np.full(5, limit))
         most = limit / t**2
-        wrong = f"motion 0: y reaches {most:.3g}/s², and the limit of its acceleration is {limit:.3g}/s²"
+        wrong = f"motion 0: y reaches {most:.3g} m/s², and the limit of its acceleration is {limit:.3g} m/s²"
         assert [f.detail for f in found] == ([] if well else [wrong])
         assert [f.amount for f in found] == ([] if well else [pytest.approx(most, rel=1e-5)])
 
@@ -164,20 +175,20 @@ def test_the_worst_piece_of_a_spline_counts() -> None:
     """The second of three is twice as fast as the first, the last is slow."""
     way = splined((0,), (1,), (0,), (0.1,), t_s=(0, 2, 3, 9))
     velocity, acceleration = said(way)
-    assert velocity.detail == "motion 0: x reaches 1.88/s, and the limit of its velocity is 1/s"
-    assert acceleration.detail == "motion 0: x reaches 5.77/s², and the limit of its acceleration is 2/s²"
+    assert velocity.detail == "motion 0: x reaches 1.88 m/s, and the limit of its velocity is 1 m/s"
+    assert acceleration.detail == "motion 0: x reaches 5.77 m/s², and the limit of its acceleration is 2 m/s²"
     assert said(splined((0,), (1,), (0.9,), t_s=(0, 4, 9)), acceleration=np.full(5, 0.4)) == []
 
 
 @pytest.mark.parametrize("row", [0, -1])
 def test_a_spline_rests_at_its_ends(row: int) -> None:
     """A ten-thousandth of the largest limit is rest: the toy's are 4 in velocity, 8 in acceleration."""
-    for rate, order, what, most, unit in ((1, "qd", "velocity", 4e-4, "/s"), (2, "qdd", "acceleration", 8e-4, "/s²")):
+    for rate, order, what, most, unit in ((1, "qd", "velocity", 4e-4, "m/s"), (2, "qdd", "acceleration", 8e-4, "m/s²")):
         for share, well in ((0.95, True), (-0.95, True), (1.05, False), (-1.05, False), (100.0, False)):
             given = np.zeros((3, 5))
             given[row, 1] = share * most
             found = said(splined((0,), (0,), (0,), t_s=(0, 1.5, 4), **{order: given}))  # type: ignore[arg-type]
-            wrong = f"motion 0: y does not rest where it begins or ends: its {what} is {abs(share) * most:.3g}{unit} there"
+            wrong = f"motion 0: y does not rest where it begins or ends: its {what} is {abs(share) * most:.3g} {unit} there"
             assert [f.detail for f in found] == ([] if well else [wrong]), (rate, share)
             assert [f.amount for f in found] == ([] if well else [pytest.approx(abs(share) * most, rel=1e-6)])
 

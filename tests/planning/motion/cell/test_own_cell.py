@@ -113,7 +113,7 @@ def test_the_plan_begins_where_the_arm_is(ur5e: Robot, scene: Scene) -> None:
 @pytest.mark.parametrize(
     ("start", "says"),
     [
-        ({"elbow_joint": 3.5}, "transit (at the start, joint elbow_joint is at 3.5, outside its limits -3.142 to 3.142)"),
+        ({"elbow_joint": 3.5}, "transit (at the start, joint elbow_joint is at 3.5, outside its limits -3.142 to 3.142 (rad, or m))"),
         ({"shoulder_lift_joint": 0.0, "elbow_joint": 0.0}, "transit: wrist_3_link touches floor (at the start)"),
     ],
 )

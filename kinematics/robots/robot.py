@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,6 +18,7 @@ from kinematics.transforms import Array, inverse, rotation_about, transform
 
 WINDOW = 1.3 * np.pi
 PIVOT_M = 0.001
+OWN_ARM = 4  # joints from which on what is on a rail is an arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +108,32 @@ class Robot:
 
     def pivot(self, T_world_base: Array) -> Array:
         """Where (2,) the arm's first joint turns about the vertical, in the world's x and y; the base's origin where it does not turn so,
-        or turns there."""
+        or turns there. On a rail (`rails`), where that joint is with the arm in the middle of it."""
         first = self._movers[0]
-        joint = T_world_base @ self._poses_at_home[first]
+        joint = T_world_base @ (self._mid_rail if self.rails else self._poses_at_home[first])
         upright = self.tree.kind[first] == TURNS and abs(joint[2, :3] @ self.tree.axis[first]) > np.cos(0.01)
         there, base = joint[:2, 3], T_world_base[:2, 3]
-        return np.asarray(there if upright and np.hypot(*(there - base)) > PIVOT_M else base)
+        return np.asarray(there if (upright or self.rails) and np.hypot(*(there - base)) > PIVOT_M else base)
+
+    @cached_property
+    def rails(self) -> tuple[tuple[int, Array], ...]:
+        """What carries a whole arm along: the level sliders before its first joint that turns, each with the direction (2,) in which it
+        leads, in the base's x and y. None where hardly more than a wrist is on them: a telescope, a gantry."""
+        first = list(itertools.takewhile(lambda link: self.tree.kind[link] == SLIDES, self._movers))
+        ways = [(int(self.tree.q_index[i]), self._poses_at_home[i, :3, :3] @ self.tree.axis[i]) for i in first]
+        return tuple((j, w[:2]) for j, w in ways if abs(w[2]) < np.sin(0.01)) if len(self._movers) - len(first) >= OWN_ARM else ()
+
+    def mid_rails(self) -> Array:
+        """The middle (R,) of the range of each of `rails`, in m."""
+        return np.array([(self.lower[joint] + self.upper[joint]) / 2 for joint, _ in self.rails])
+
+    @cached_property
+    def _mid_rail(self) -> Array:
+        """The pose (4, 4) in the base frame of the first joint that turns, the arm in the middle of its rails."""
+        q = self.home.copy()
+        q[[joint for joint, _ in self.rails]] = self.mid_rails()
+        turning = next(link for link in self._movers if self.tree.kind[link] == TURNS)
+        return np.asarray(self.tree.poses(q)[turning])
 
     def shoulder(self, T_world_base: Array) -> float:
         """How high the arm's first joint is at home, world, m."""

@@ -12,18 +12,23 @@ from kinematics.robots.hands.hull_sections import HEIGHTS_M
 from kinematics.robots.hands.opening import ROOM_M, SLICES, TILTS
 from kinematics.transforms import Array
 
+FOOT_M = 0.002
+"""What of a pad comes so much further in than where it holds is behind what is held: the foot of a finger shaped like an L. Less is a pad
+that tapers."""
 
-def free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> float:
+
+def free_depth(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float, *, feet: bool) -> float:
     """How far behind pad_z an object of this width may reach, however high it is, plus ROOM_M: an object that ends ROOM_M before this depth
     keeps ROOM_M from all other links, beside it as well as behind it.
 
-    placed: hulls in the hand's frame, (link, vertices, faces).
+    placed: hulls in the hand's frame, (link, vertices, faces). feet: whether the pads are in its way, too, where they come further in than
+    `FOOT_M` past where they hold it.
     """
     nearest = float(HEIGHTS_M[0])
     steps = np.linspace(0.0, ROOM_M, 11)
     for link, vertices, faces in sorted(placed, key=lambda hull: -float(hull[1][:, 2].max())):
-        if link not in pads and vertices[:, 2].max() > nearest:
-            reach = _furthest(vertices, faces, width / 2 + steps[1:])
+        if (feet or link not in pads) and vertices[:, 2].max() > nearest:
+            reach = _furthest(vertices, faces, width / 2 + (np.array([-FOOT_M]) if link in pads else steps[1:]))
             for inner, z in zip(steps, reach):  # what is that far beside it has to be so far behind it
                 if z < pad_z:
                     nearest = max(nearest, float(z) - ROOM_M + float(np.sqrt(ROOM_M**2 - inner**2)))
@@ -42,7 +47,7 @@ def _furthest(vertices: Array, faces: Int, half: Array) -> Array:
     return np.asarray(best)
 
 
-def free_depths(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float) -> Array:
+def free_depths(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], width: float, pad_z: float, *, feet: bool) -> Array:
     """The same along each of TILTS, for each of SLICES of an object of this width: (T, S); of links behind the pads alone, so of no camera
     that looks past them."""
     half, along = width / 2, np.stack([np.sin(TILTS), np.cos(TILTS)])
@@ -54,14 +59,15 @@ def free_depths(placed: Sequence[tuple[str, Array, Int]], pads: frozenset[str], 
     at, low, high, inner = (np.array(column) for column in zip(*slices))
     spare = np.sqrt(ROOM_M**2 - inner**2)[:, None]  # what is beside it has to be less far behind it
     for link, vertices, faces in placed:
-        if link in pads or not vertices[:, 0].min() < 0.0 < vertices[:, 0].max():
+        if (link in pads and not feet) or not vertices[:, 0].min() < 0.0 < vertices[:, 0].max():
             continue
         ahead = (vertices[:, ::2] - [0.0, pad_z]) @ along
         if (ahead.max(0)[:, None] <= forward).all():
             continue
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        reach = _forward(vertices[:, 1], ahead, edges[edges[:, 0] < edges[:, 1]], low, high)
-        behind = reach[:, straight] < 0.0
+        most = half - FOOT_M if link in pads else np.inf
+        reach = _forward(vertices[:, 1], ahead, edges[edges[:, 0] < edges[:, 1]], np.minimum(low, most), np.minimum(high, most))
+        behind = (reach[:, straight] < 0.0) & (low < most)
         np.maximum.at(forward.T, at[behind], (reach - ROOM_M + spare)[behind])
     return -forward
 

@@ -63,7 +63,8 @@ def measure(
         inner = [p.links for p in profiles]
         pads = frozenset(f for f in fingers if max(np.min(inner[i][f][_BETWEEN], initial=np.inf) - widths[i] / 2 for i in wide) < PAD_M)
     pad_z = [0.0 if hinged else _pad_z(profiles[i], widths[i], jaw) for i in usable]
-    depth = [free_depth(_centred(places[i], middles[i]), pads, widths[i], z) for i, z in zip(usable, pad_z)]
+    feet = not jaw and not hinged  # of what turns, the pads stand askew
+    depth = [free_depth(_centred(places[i], middles[i]), pads, widths[i], z, feet=feet) for i, z in zip(usable, pad_z)]
     there = [_width_at_origin(profiles[i]) for i in usable]
     if min(depth) < SHALLOW_M and all(z < 0.0 and w - widths[i] < TAPER_M for i, z, w in zip(usable, pad_z, there)):
         depth, pad_z = [deep - z for deep, z in zip(depth, pad_z)], [0.0] * len(usable)  # nearer to the tips, at the hand frame
@@ -74,7 +75,7 @@ def measure(
     kept = np.concatenate([[True], np.diff(table[1]) > 1e-6])
     value, width, z, deep, y = table[:, kept]
     at = [(usable[k], pad_z[k]) for k in order[kept]]
-    tilted = np.array([free_depths(_centred(places[i], middles[i]), pads, widths[i], middle) for i, middle in at])
+    tilted = np.array([free_depths(_centred(places[i], middles[i]), pads, widths[i], middle, feet=feet) for i, middle in at])
     return Opening(value, width, z, deep, y, jaw, hinged, tilted_m=tilted), pads
 
 

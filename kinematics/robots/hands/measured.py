@@ -13,7 +13,7 @@ from kinematics.robots.hands.opening import Opening
 from kinematics.robots.tree import LinkHull, Tree
 from kinematics.transforms import Array
 
-_VERSION = "opening-8"  # raise it when what `measure` computes changes
+_VERSION = "opening-10"  # raise it when what `measure` computes changes
 _NUMBERS = ("jaw", "round_only", "cup_m")
 
 

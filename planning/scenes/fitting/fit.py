@@ -30,6 +30,7 @@ LEAST_SHARE, BOX_SHARE = 0.2, 0.5
 has to look that is before it."""
 SLIMMER = (1.0, 0.9, 0.8, 0.65, 0.5)
 """Shares of the objects' width, of which the first is taken that the hand can hold: palm and knuckles may leave less room than fingers."""
+ALONG_RAIL = np.sin(np.pi / 20)  # of a direction that is across a rail, what leads along it
 LEVEL_ONLY = "it may only take them level: --spec paper-any lets it from above and aslant, too"
 SCENES, THINNER = 16, ((1.0, 1.0), (1.0, 2.0), (0.7, 2.0), (0.5, 2.0), (0.4, 2.0))
 """So many scenes are solved, each of them; or else objects are fewer and further apart: shares of their number, times their gap."""
@@ -173,9 +174,12 @@ def _positions(arm: Arm) -> Array:
 
 def _facing(arm: Arm) -> float:
     """The direction in which an arm works best, yaw in rad: where its hand is level and looks away from it most often; ahead, if that is
-    about as good."""
+    about as good. An arm on a rail works across it, and away from where on the rail it is."""
     T = arm.seeds.T.reshape(3, 4, -1).astype(float)
     out, at = T[:, 2], T[:2, 3] - arm.robot.pivot(np.eye(4))[:, None]
+    rails, own = arm.robot.rails, list(arm.robot.arm_joints)
+    for (joint, way), middle in zip(rails, arm.robot.mid_rails()):
+        at = at - way[:, None] * (arm.seeds.q[:, own.index(joint)] - middle)
     level = np.abs(out[2]) < 0.5
     looks, lies = np.arctan2(out[1], out[0])[level], np.arctan2(at[1], at[0])[level]
 
@@ -183,5 +187,6 @@ def _facing(arm: Arm) -> float:
         return int(((np.cos(looks - yaw) > np.cos(0.8)) & (np.cos(lies - yaw) > np.cos(1.0))).sum())
 
     yaws = np.arange(24) * np.pi / 12
-    counts = np.array([good(float(yaw)) for yaw in yaws])
+    across = np.array([all(abs(way @ [np.cos(yaw), np.sin(yaw)]) < ALONG_RAIL for _, way in rails) for yaw in yaws])
+    counts = np.array([good(float(yaw)) for yaw in yaws]) * (across if across.any() else True)
     return 0.0 if counts[0] >= 0.85 * counts.max() else float(yaws[int(np.argmax(counts))])

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from itertools import islice, product
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from kinematics import inverse
+from kinematics.chain import Int
 from kinematics.collision.fcl_solids import apart
 from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import Box, ConvexMesh
@@ -22,7 +24,8 @@ from planning.scenes.generation import Spec
 
 AHEAD, HIGH, TRIES = 18, 12, 8
 """Distances and heights at which an arm's reach is looked at, the least number of them: of a cabinet that is small beside the reach more,
-so that some lie in it; and starts of inverse kinematics."""
+so that some lie in it, and of the many that are worth as much those first that lie amid others, the lowest of them; and starts of
+inverse kinematics."""
 LOW_TO = (0.1, 0.45)  # the heights of a cabinet, in shares of it, in which objects are taken
 LATERAL = (-0.84, -0.56, -0.28, 0.0, 0.28, 0.56, 0.84)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""
@@ -78,8 +81,10 @@ def _by_worth(arm: Arm, spec: Spec, ways: _Ways, reach: float, base: float) -> l
     for i, k, j in product(range(columns), range(rows), range(len(LATERAL))):
         p = np.array([x + ahead[i], y + LATERAL[j] * width / 2, base + up[k]])
         reached[i, k, j] = ways.some(p, spec.grasp_bearing_share * float(np.arctan2(p[1] - y, p[0] - x)))
-    found = []
-    for front, floor in product(x + ahead, base + up[up < 0.9 * reach]):
+    found, many = [], rows > HIGH
+    fronts, floors = x + ahead, base + up[up < 0.9 * reach]
+    most = np.full((len(fronts), len(floors)), -np.inf)
+    for (i, front), (k, floor) in product(enumerate(fronts), enumerate(floors)):
         level = (base + up > floor + LOW_TO[0] * height) & (base + up < floor + LOW_TO[1] * height)
         best = None
         for deep, wide in product(DEPTHS, WIDTHS):
@@ -91,8 +96,22 @@ def _by_worth(arm: Arm, spec: Spec, ways: _Ways, reach: float, base: float) -> l
                 if best is None or found_worth > best[0]:
                     best = found_worth, -place.front, place
         if best is not None:
-            found.append((best[0], best[1], best[2].floor, best[2]))
-    return [place for *_, place in sorted(found, key=lambda f: f[:3], reverse=True)]
+            most[i, k] = best[0]
+            found.append((i, k, best[1], best[2]))
+    steps, up_or_down = (_amid(most), -1.0) if many else (np.zeros(most.shape, np.int64), 1.0)
+    ordered = sorted(found, key=lambda f: (most[f[0], f[1]], steps[f[0], f[1]], f[2], up_or_down * f[3].floor), reverse=True)
+    return [place for *_, place in ordered]
+
+
+def _amid(worths: Array) -> Int:
+    """How many steps in all directions on a grid (I, K) nothing is worth less than each of its places: (I, K); beyond its edge all is."""
+    steps, least = np.zeros(worths.shape, np.int64), np.pad(worths, 1, constant_values=-np.inf)
+    amid = np.isfinite(worths)
+    while amid.any():
+        least = np.pad(sliding_window_view(least, (3, 3)).min((2, 3)), 1, constant_values=-np.inf)
+        amid &= least[1:-1, 1:-1] >= worths
+        steps += amid
+    return steps
 
 
 class _Ways:

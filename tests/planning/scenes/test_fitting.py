@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from six_joints import box
+from six_joints import arm, box, joint
 
 from kinematics.robots.load import load
 from kinematics.robots.robot import Robot
@@ -22,8 +22,8 @@ from planning.motion.pick_place import Motions
 from planning.motion.settings import UNCONSTRAINED
 from planning.scenes.fitting import fit as fitting
 from planning.scenes.fitting import trials
-from planning.scenes.fitting.fit import SCENES, THINNER, Fitted, fit
-from planning.scenes.fitting.places import BESIDE_M, Place, is_beside, promising
+from planning.scenes.fitting.fit import SCENES, THINNER, Fitted, _facing, fit
+from planning.scenes.fitting.places import BESIDE_M, Place, _amid, is_beside, promising
 from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, scaled, slimmed
 from planning.scenes.fitting.trials import ALONG, Trial, held_heights, not_held, one_shape, share, solved
 from planning.scenes.generation import NoScene, Spec, generate, load_spec
@@ -78,10 +78,9 @@ def test_above_a_table_that_the_arm_stands_on_there_are_places_too(tmp_path: Pat
     on_it = f'<link name="floor">{box(f"2 2 {table}", f"0 0 {table / 2}")}</link>'
     stands = f'<joint name="s" type="fixed"><parent link="floor"/><child link="base"/><origin xyz="0 0 {table + 0.05}"/></joint>'
     file.write_text(ARM.replace("</robot>", f"{on_it}{stands}</robot>"))
-    arm = arm_at(load(str(file)), np.eye(4))
     ref = RobotRef(np.eye(4), urdf=str(file))
     scene = trials.with_shapes(SPEC, ref, [one_shape(SPEC, 0.5, boxes=False)])
-    *before, above = promising(arm, SPEC, scene, reach)
+    *before, above = promising(arm_at(load(str(file)), np.eye(4)), SPEC, scene, reach)
     assert all(place.front > 1.0 for places in before for place in places)
     assert above
     assert all(place.front < 1.0 and place.floor > table + SPEC.cabinet_wall_m for place in above)
@@ -91,9 +90,57 @@ def test_a_cabinet_that_is_small_beside_the_reach_finds_a_place(tmp_path: Path) 
     """As an industrial arm of 3 m has it, and one with a small gripper: so near together are the places that some lie in it."""
     file = tmp_path / "arm.urdf"
     file.write_text(ARM)
-    arm, small = arm_at(load(str(file)), np.eye(4)), replace(scaled(SPEC, 0.25), grasp_bearing_share=1.0)
+    here, small = arm_at(load(str(file)), np.eye(4)), replace(scaled(SPEC, 0.25), grasp_bearing_share=1.0)
     scene = trials.with_shapes(small, RobotRef(np.eye(4), urdf=str(file)), [one_shape(small, 0.5, boxes=False)])
-    assert next(promising(arm, small, scene, 1.2), [])
+    places = next(promising(here, small, scene, 1.2), [])
+    assert places
+    full = [(place.front, place.floor) for place in places if place.depth == place.width == 1.0]
+    assert full[0][0] > min(front for front, _ in full)  # nor at the edge of where it reaches: of KR 210 the cabinet hung 2.6 m high
+    assert full[0][1] < max(floor for _, floor in full)
+
+
+def test_amid_are_places_with_others_as_good_around() -> None:
+    worths = np.full((5, 5), 1.0)
+    rings = [[0, 0, 0, 0, 0], [0, 1, 1, 1, 0], [0, 1, 2, 1, 0], [0, 1, 1, 1, 0], [0, 0, 0, 0, 0]]
+    np.testing.assert_array_equal(_amid(worths), rings)
+    worths[2, 2], worths[0, 0] = 2.0, -np.inf
+    rings[1][1] = rings[2][2] = 0
+    np.testing.assert_array_equal(_amid(worths), rings)
+
+
+def _on_rail(along: str, limits: tuple[float, float]) -> str:
+    """The arm on a slide of 2 m."""
+    rail = joint("rail", "prismatic", "stand", "base", "0 0 0.2", along, limits)
+    return ARM.replace("</robot>", f'<link name="stand">{box("0.05 0.05 0.05")}</link>{rail}</robot>')
+
+
+@pytest.mark.parametrize(("along", "across"), [("0 1 0", (0.0,)), ("1 0 0", (np.pi / 2, 3 * np.pi / 2)), ("0 0 1", (0.0,))])
+@pytest.mark.parametrize("limits", [(-1.0, 1.0), (0.0, 2.0)])
+def test_an_arm_on_a_rail_works_across_it_from_its_middle(
+    along: str, across: tuple[float, ...], limits: tuple[float, float], tmp_path: Path
+) -> None:
+    """Its hand is most often at the rail's ends, where the cabinet stood; a lift is no rail."""
+    (tmp_path / "arm.urdf").write_text(_on_rail(along, limits))
+    robot = load(str(tmp_path / "arm.urdf"))
+    here = arm_at(robot, np.eye(4))
+    assert any(_facing(here) == pytest.approx(yaw) for yaw in across)
+    x, y, z = (float(v) for v in along.split())
+    np.testing.assert_allclose(robot.pivot(np.eye(4)), sum(limits) / 2 * np.array([x, y]), atol=1e-9)
+    assert len(robot.rails) == (0 if z else 1)
+
+
+def test_a_telescope_is_no_rail(tmp_path: Path) -> None:
+    """Of an arm that stretches out along a slide only the wrist is on it: it works where the slide leads."""
+    links = "".join(f'<link name="{name}">{box("0.05 0.05 0.05")}</link>' for name in ("base", "mast", "w1", "w2"))
+    hand = ARM[ARM.index('<link name="palm">') :]
+    joints = (
+        joint("lift", "prismatic", "base", "mast", "0 0 0.1", "0 0 1", (0.0, 1.0))
+        + joint("out", "prismatic", "mast", "w1", "0 0 0.1", "0 1 0", (0.0, 0.8))
+        + joint("yaw", "revolute", "w1", "w2", "0 0 0.1", "0 0 1", (-2.0, 2.0))
+        + joint("pitch", "revolute", "w2", "palm", "0 0.1 0.1", "1 0 0", (-2.5, 2.5))
+    )
+    (tmp_path / "arm.urdf").write_text(f'<robot name="stretch">{links}{joints}{hand}')
+    assert not load(str(tmp_path / "arm.urdf")).rails
 
 
 @pytest.mark.parametrize("boxes", [True, False])
@@ -153,6 +200,24 @@ def test_a_hand_with_a_near_palm_holds_slim_objects_only(tmp_path: Path) -> None
     assert wrong is not None
     assert "palm would touch the target itself" in wrong
     assert not_held(slimmed(SPEC, 0.5), robot, ref, boxes=False) is None
+
+
+def test_a_box_is_held_before_the_feet_of_fingers_shaped_like_an_l(tmp_path: Path) -> None:
+    """OnRobot's 2FG7: between its pads feet come 14 mm further in. Boxes were put onto them, so that a fit left all boxes out."""
+    foot, pad = box("0.02 0.028 0.008", "0 0.016 0.004"), box("0.02 0.01 0.05", "0 0.025 0.025")
+    left, right = (
+        f'<link name="f1">{foot}{pad}</link>',
+        f'<link name="f2">{foot.replace("0 0.0", "0 -0.0")}{pad.replace("0 0.0", "0 -0.0")}</link>',
+    )
+    slides = "".join(joint(f"j{f}", "prismatic", "palm", f, "0 0 0.01", f"0 {y} 0", (0.0, 0.02)) for f, y in (("f1", 1), ("f2", -1)))
+    (tmp_path / "arm.urdf").write_text(arm(f"{left}{right}{slides}"))
+    robot = load(str(tmp_path / "arm.urdf"))
+    np.testing.assert_allclose(robot.opening.width_m[[0, -1]], [0.04, 0.08], atol=1e-3)
+    feet_m = -0.027  # 35 mm behind the hand frame, 15 mm behind the tips, begins the palm; the feet are 8 mm high
+    np.testing.assert_allclose(robot.opening.pad_z_m - robot.opening.depth_m, feet_m, atol=1e-3)
+    for half in (0.022, 0.027, 0.034):
+        wide = replace(SPEC, objects_half_width_m=(half, half), target_half_width_m=(half, half))
+        assert not_held(wide, robot, RobotRef(np.eye(4), urdf=str(tmp_path / "arm.urdf")), boxes=True) is None
 
 
 def test_a_smaller_cabinet_holds_fewer_objects_and_its_target_stands_less_deep() -> None:

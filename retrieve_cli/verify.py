@@ -98,23 +98,28 @@ def moved_strangers(scene: Scene, plan: Plan) -> list[str]:
 
 
 def judged(settings: Settings, as_json: bool, limits: str | None, item: Item) -> tuple[str, bool]:
-    """What is printed of a plan, and whether it is false. A plan without motions may be of an invalid scene: None. Raises:
-    InputError when the scene's robot can't be loaded."""
+    """What is printed of a plan, and whether it is false. Raises: InputError, see `examined`."""
+    where, _, plan, _ = item
+    verdict = examined(settings, limits, item)
+    return (to_json(plan, verdict) if as_json else f"{where}: {in_words(plan, verdict)}"), verdict.verified is False
+
+
+def examined(settings: Settings, limits: str | None, item: Item) -> Verdict:
+    """The verdict on a plan; one without motions may be of an invalid scene: None. Raises: InputError when the scene's robot can't be
+    loaded."""
     from kinematics.robots.load import from_ref
     from planning.sensing.on_truth import judge_on_truth
     from planning.verdict import Verdict, examine
 
     where, scene, plan, seen = item
-    verdict = Verdict((), (), None)
-    if scene is not None:
-        with blame(where):
-            arm = with_limits(from_ref(scene.robot, on_step=say), limits)
-            if seen is None or not plan.motions:
-                verdict = examine(scene, plan, arm, settings)
-            else:
-                faults = judge_on_truth(arm, scene, seen, plan, settings)
-                verdict = Verdict(faults, (), not faults)
-    return (to_json(plan, verdict) if as_json else f"{where}: {in_words(plan, verdict)}"), verdict.verified is False
+    if scene is None:
+        return Verdict((), (), None)
+    with blame(where):
+        arm = with_limits(from_ref(scene.robot, on_step=say), limits)
+        if seen is None or not plan.motions:
+            return examine(scene, plan, arm, settings)
+        faults = judge_on_truth(arm, scene, seen, plan, settings)
+        return Verdict(faults, (), not faults)
 
 
 def in_words(plan: Plan, verdict: Verdict) -> str:

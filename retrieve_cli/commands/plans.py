@@ -205,9 +205,20 @@ def export(
     joints: Annotated[
         str | None, typer.Option("--joints", help="The arm's joints in the controller's order, with commas between.", metavar="NAMES")
     ] = None,
+    scenes: Annotated[
+        Path | None,
+        typer.Option(
+            "--scenes", help="The scenes that the plans were made for: judges each plan anew before it is written.", metavar="FILE"
+        ),
+    ] = None,
+    limits: Annotated[
+        Path | None, typer.Option("--limits", help="With --scenes: limits that the plans were made by.", metavar="FILE")
+    ] = None,
     unverified: Annotated[bool, typer.Option("--unverified", help="Export plans that are not verified, too.")] = False,
 ) -> Job:
     """Write plans as files that a controller takes: trajectories of the arm, and the gripper's commands between them."""
     from retrieve_cli.export import command
 
-    return partial(command.run, plans=plans, to=to, out=out, rate_hz=rate_hz, joints=joints, unverified=unverified)
+    return partial(
+        command.run, plans=plans, to=to, out=out, rate_hz=rate_hz, joints=joints, scenes=scenes, limits=limits, unverified=unverified
+    )

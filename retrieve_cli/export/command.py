@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from kinematics.errors import InputError, choose
@@ -10,17 +11,27 @@ from kinematics.names import free_name
 from planning.io.files import read_plans
 from planning.io.outputs import alone_in, naming, replacing, write_text
 from planning.plan import Plan
-from retrieve_cli.terminal import say
+from retrieve_cli.terminal import announce_first_run, say
 
 FORMATS = ("ros2", "urscript", "franka", "csv", "npz")
 
 
 def run(
-    *, plans: Path | None, to: str, out: Path, rate_hz: float | None = None, joints: str | None = None, unverified: bool = False
+    *,
+    plans: Path | None,
+    to: str,
+    out: Path,
+    rate_hz: float | None = None,
+    joints: str | None = None,
+    scenes: Path | None = None,
+    limits: Path | None = None,
+    unverified: bool = False,
 ) -> int | None:
     """Write every successful plan of a file below `out`; those that failed are named.
 
-    Raises: InputError when none is left, for a plan that is not verified, and for one that does not fit the format.
+    scenes: what the plans were made for; each is judged anew by its scene before it is written, whatever it says of itself. limits: of
+    speed, by which they were made. Raises: InputError when none is left, for a plan that is not verified or is judged to be false, and
+    for one that does not fit the format.
     """
     choose("format", to, FORMATS)
     if rate_hz is not None and to not in ("csv", "npz"):
@@ -28,20 +39,59 @@ def run(
     if rate_hz is not None and not 1 <= rate_hz <= 10_000:
         raise InputError(f"export: --rate: {rate_hz:g} is not within 1 to 10000 Hz")
     wanted = None if joints is None else [name.strip() for name in joints.split(",")]
+    if scenes is not None and unverified:
+        raise InputError("export: --scenes refuses what --unverified would export; leave one of them out")
+    if limits is not None and scenes is None:
+        raise InputError("export: --limits is what --scenes judges by; name the scenes, too")
+    if scenes is not None and str(scenes) == "-" and (plans is None or str(plans) == "-"):
+        raise InputError("export: plans and scenes can't both come from stdin; give one of them as a file")
+    check = _take_its_word if scenes is None else _judge_by(scenes, limits)
     with alone_in(out):
-        _export_all(plans, to, out, rate_hz, wanted, unverified)
+        _export_all(plans, to, out, rate_hz, wanted, _export_any if unverified else check)
     return None
 
 
-def _export_all(plans: Path | None, to: str, out: Path, rate_hz: float | None, joints: list[str] | None, unverified: bool) -> None:
+Check = Callable[[str, Plan], None]
+"""Raises InputError for a plan, and where it stands, that is not to be exported."""
+
+
+def _export_any(where: str, plan: Plan) -> None:
+    pass
+
+
+def _take_its_word(where: str, plan: Plan) -> None:
+    if not plan.verified:
+        raise InputError(f"{where}: the plan of {plan.scene} is not verified; --unverified exports it all the same, at your own risk")
+
+
+def _judge_by(scenes: Path, limits: Path | None) -> Check:
+    """A check that passes a verdict of its own."""
+    from planning.io.settling import NOISE_M
+    from planning.verdict import Settings
+    from retrieve_cli.verify import by_id, examined
+
+    announce_first_run()
+    known, refused = by_id(scenes, NOISE_M)
+
+    def check(where: str, plan: Plan) -> None:
+        if plan.scene not in known:
+            raise InputError(f"{where}: " + refused.get(plan.scene, f"none of the {len(known)} scenes in {scenes} is {plan.scene}"))
+        faults = examined(Settings(), None if limits is None else str(limits), (where, known[plan.scene], plan, None)).faults
+        if faults:
+            more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+            raise InputError(f"{where}: the plan of {plan.scene} is false: {faults[0]}{more}; retrieve verify --json lists every fault")
+
+    return check
+
+
+def _export_all(plans: Path | None, to: str, out: Path, rate_hz: float | None, joints: list[str] | None, check: Check) -> None:
     names, failed = set[str](), list[str]()
-    for where, plan in read_plans(plans):
+    for where, plan in read_plans(plans, "export"):
         if not plan.success:
             failed.append(f"{where}: the plan of {plan.scene} failed ({plan.reason}); there is nothing to carry out")
             say(failed[-1])
             continue
-        if not plan.verified and not unverified:
-            raise InputError(f"{where}: the plan of {plan.scene} is not verified; --unverified exports it all the same, at your own risk")
+        check(where, plan)
         name = free_name(re.sub(r"[^\w.-]+", "_", plan.scene).strip(".") or "plan", names)
         names.add(name)
         folder = out / name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import importlib.util
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -222,6 +223,52 @@ def test_motions_that_do_not_follow_one_another_are_refused(plan: Plan, tmp_path
         assert main(["export", str(tmp_path / "plans.jsonl"), "-o", str(tmp_path / "out")]) == 2
         assert says in capsys.readouterr().err
         assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a scene of a can alone, scenes.jsonl, and its plan, plans.jsonl."""
+    folder = tmp_path_factory.mktemp("planned")
+    scenes, plans = str(folder / "scenes.jsonl"), str(folder / "plans.jsonl")
+    assert main(["scene", "--object", "can:0.025x0.12@0.6,0", "-o", scenes]) == 0
+    assert main(["plan", scenes, "--policy", "local", "-o", plans]) == 0
+    return folder
+
+
+def test_a_plan_that_calls_itself_verified_is_judged_by_its_scene(
+    planned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As it is, it is exported; a post in its way, a scene of another name, or one that is missing is told, and nothing is written."""
+    scenes, plans, out = planned / "scenes.jsonl", planned / "plans.jsonl", tmp_path / "out"
+    honest, said = json.loads(plans.read_text()), json.loads(scenes.read_text())
+    post = {"type": "box", "size_m": [0.05, 0.05, 0.6]}
+    blocked = {**said, "obstacles": [{"name": "post", "shape": post, "T_world_object": said["objects"][0]["T_world_object"]}]}
+    blocked["obstacles"][0]["T_world_object"] = {"p": [0.45, 0.0, 0.4], "q_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    (tmp_path / "blocked.jsonl").write_text(json.dumps({**blocked, "schema": "retrieve/scene@2"}) + "\n")
+    (tmp_path / "other.jsonl").write_text(json.dumps({**said, "id": "other"}) + "\n")
+    (tmp_path / "unsaid.jsonl").write_text(json.dumps({**honest, "verified": False}) + "\n")
+
+    def exported(*args: object) -> tuple[int, str]:
+        return main(["export", *map(str, args), "--to", "npz", "-o", str(out)]), capsys.readouterr().err
+
+    for args, says in (
+        (
+            (plans, "--scenes", tmp_path / "blocked.jsonl"),
+            r"plans.jsonl:1: the plan of scene is false: \w+: motion \d+: \w+ is .* inside post",
+        ),
+        ((plans, "--scenes", tmp_path / "other.jsonl"), "plans.jsonl:1: none of the 1 scenes in .*other.jsonl is scene"),
+        ((plans, "--scenes", scenes, "--unverified"), "--scenes refuses what --unverified would export"),
+        ((plans, "--limits", scenes), "--limits is what --scenes judges by"),
+        (("-", "--scenes", "-"), "can't both come from stdin"),
+        ((tmp_path / "unsaid.jsonl",), "is not verified"),
+    ):
+        code, err = exported(*args)
+        assert code == 2
+        assert re.search(says, err)
+        assert not out.exists()
+    assert exported(plans, "--scenes", scenes)[0] == 0
+    assert exported(tmp_path / "unsaid.jsonl", "--scenes", scenes)[0] == 0  # the verdict counts, not what it says
+    assert (out / "scene" / "trajectory.npz").is_file()
 
 
 @pytest.mark.parametrize("form", ["ros2", "npz"])

@@ -69,8 +69,8 @@ def read_tables(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except OSError as e:
         raise ValueError(f"{file}: {e.strerror or e}") from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise ValueError(f"{file}: no TOML: {e}") from e
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as e:
+        raise ValueError(f"{file}: is no TOML: {e}") from e
 
 
 def read_limits(file: Path, joints: Sequence[str], known: JointLimits, urdf: str) -> JointLimits:

@@ -18,7 +18,7 @@ import numpy as np
 
 from kinematics.collision.fcl_solids import apart
 from kinematics.errors import did_you_mean
-from kinematics.git_lfs import refuse_pointer
+from kinematics.robots.limits import read_tables
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder, Shape
@@ -101,36 +101,28 @@ INSTEAD = {
 def load_spec(which: str) -> Spec:
     """A spec that ships (`SPECS`), or a TOML file. Raises ValueError naming the file and the field."""
     if which in SPECS:
-        text, where = resources.files("planning.scenes").joinpath("specs", f"{which}.toml").read_text(encoding="utf-8"), which
+        table = tomllib.loads(resources.files("planning.scenes").joinpath("specs", f"{which}.toml").read_text(encoding="utf-8"))
     elif Path(which).is_file():
-        refuse_pointer(Path(which), "TOML")
-        try:
-            text, where = Path(which).read_text(encoding="utf-8-sig"), which
-        except UnicodeDecodeError as e:
-            raise ValueError(f"{which}: no text in UTF-8") from e
+        table = read_tables(Path(which))
     else:
         raise ValueError(f"unknown spec {which!r}{did_you_mean(which, SPECS)}: the specs are {', '.join(SPECS)}; or give a TOML file")
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as e:
-        raise ValueError(f"{where}: {e}") from e
     given = {f"{section}_{key}": value for section, entries in table.items() if isinstance(entries, dict) for key, value in entries.items()}
     known = {f.name for f in fields(Spec)}
     needed = [f.name for f in fields(Spec) if f.default is MISSING]
     needed += [name for other, names in INSTEAD.items() if other not in given for name in names]
     for name in [*(n for n in given if n not in known), *(n for n in needed if n not in given)]:
         what = "is missing" if name in known else "is no field of a spec"
-        raise ValueError(f"{where}: {_field(name)} {what} (planning/scenes/specs/paper.toml and lab-s.toml show them all)")
+        raise ValueError(f"{which}: {_field(name)} {what} (planning/scenes/specs/paper.toml and lab-s.toml show them all)")
     for other, names in INSTEAD.items():
         for name in names if other in given else ():
             if name in given:
-                raise ValueError(f"{where}: {_field(name)} says what {_field(other)} says otherwise: leave one of them out")
-    spec = Spec(**{name: _checked(where, name, value) for name, value in given.items()})
+                raise ValueError(f"{which}: {_field(name)} says what {_field(other)} says otherwise: leave one of them out")
+    spec = Spec(**{name: _checked(which, name, value) for name, value in given.items()})
     largest = spec.cabinet_size_m if spec.cabinet_size_to_m is None else spec.cabinet_size_to_m
     for name, axis, how in (("objects_height_m", 2, "high"), ("target_depth_m", 0, "deep")):
         least = getattr(spec, name)[0]
         if least >= largest[axis]:
-            raise ValueError(f"{where}: {_field(name)}: {least:g} m or more do not fit into a cabinet that is {largest[axis]:g} m {how}")
+            raise ValueError(f"{which}: {_field(name)}: {least:g} m or more do not fit into a cabinet that is {largest[axis]:g} m {how}")
     return spec
 
 

@@ -178,7 +178,7 @@ SHOWN = "(planning/scenes/specs/paper.toml and lab-s.toml show them all)"
         ("n = 10", "n = 0", "regions.n: 0 is no positive whole number"),
         ('["horizontal"]', '["sideways"]', "moves.approaches: ['sideways'] is no list of horizontal, diagonal, downward"),
         ("[0.56, 0.86, 0.50]", "[0.56, -0.86, 0.50]", "cabinet.size_m: [0.56, -0.86, 0.5] is not three positive lengths"),
-        ("[cabinet]", "[cabinet", "Expected ']' at the end of a table declaration (at line 3, column 9)"),
+        ("[cabinet]", "[cabinet", "is no TOML: Expected ']' at the end of a table declaration (at line 3, column 9)"),
     ],
 )
 def test_a_wrong_spec(old: str, new: str, says: str, tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:

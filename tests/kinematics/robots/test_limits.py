@@ -64,7 +64,7 @@ def test_a_file_replaces_what_it_names(toy_urdf: Callable[..., Path], tmp_path: 
         ("[turn]\nvelocity = 2.5\n", "turn.velocity: 2.5 is above the URDF's 2, by which every plan is judged; give less, or a URDF that "),
         ("[turn]\njerk = true\n", "turn.jerk: True is no positive number"),
         ("turn = 3\n", "turn must be a table, [turn], with numbers for velocity, acceleration, jerk"),
-        ("[turn\n", "no TOML: "),
+        ("[turn\n", "is no TOML: "),
     ],
 )
 def test_a_mistake_in_a_file_is_pointed_out(toy_urdf: Callable[..., Path], tmp_path: Path, text: str, says: str) -> None:

@@ -24,8 +24,10 @@ from planning.scenes.generation import Spec
 
 AHEAD, HIGH, TRIES = 18, 12, 8
 """Distances and heights at which an arm's reach is looked at, the least number of them: of a cabinet that is small beside the reach more,
-so that some lie in it, and of the many that are worth as much those first that lie amid others, the lowest of them; and starts of
-inverse kinematics."""
+so that some lie in it; and starts of inverse kinematics."""
+LONG = 3.5
+"""An arm that reaches so many times further than a cabinet is high has many places that are worth as much: those first that lie amid others,
+the lowest of them, not the highest of the nearest."""
 LOW_TO = (0.1, 0.45)  # the heights of a cabinet, in shares of it, in which objects are taken
 LATERAL = (-0.84, -0.56, -0.28, 0.0, 0.28, 0.56, 0.84)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""
@@ -81,7 +83,7 @@ def _by_worth(arm: Arm, spec: Spec, ways: _Ways, reach: float, base: float) -> l
     for i, k, j in product(range(columns), range(rows), range(len(LATERAL))):
         p = np.array([x + ahead[i], y + LATERAL[j] * width / 2, base + up[k]])
         reached[i, k, j] = ways.some(p, spec.grasp_bearing_share * float(np.arctan2(p[1] - y, p[0] - x)))
-    found, many = [], rows > HIGH
+    found = []
     fronts, floors = x + ahead, base + up[up < 0.9 * reach]
     most = np.full((len(fronts), len(floors)), -np.inf)
     for (i, front), (k, floor) in product(enumerate(fronts), enumerate(floors)):
@@ -98,7 +100,7 @@ def _by_worth(arm: Arm, spec: Spec, ways: _Ways, reach: float, base: float) -> l
         if best is not None:
             most[i, k] = best[0]
             found.append((i, k, best[1], best[2]))
-    steps, up_or_down = (_amid(most), -1.0) if many else (np.zeros(most.shape, np.int64), 1.0)
+    steps, up_or_down = (_amid(most), -1.0) if reach > LONG * height else (np.zeros(most.shape, np.int64), 1.0)
     ordered = sorted(found, key=lambda f: (most[f[0], f[1]], steps[f[0], f[1]], f[2], up_or_down * f[3].floor), reverse=True)
     return [place for *_, place in ordered]
 

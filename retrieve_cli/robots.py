@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -85,8 +86,13 @@ def _made(name: str, tool: Path | None, at: str | None, xacro_args: Sequence[str
     if at is not None and tool is None:
         raise InputError(f"robots: --at says where a tool is; say which: retrieve robots {name} --tool GRIPPER.urdf --urdf OUT.urdf")
     if out is None or str(out) == "-":
-        what, words = ("arm with its tool", f"--tool {tool}") if tool else ("robot", f"--xacro-arg {xacro_args[0]}")
-        raise InputError(f"robots: say where the {what} goes: retrieve robots {name} {words} --urdf OUT.urdf")
+        words = [
+            *(["--tool", str(tool)] if tool else []),
+            *(["--at", at] if at else []),
+            *(w for a in xacro_args for w in ("--xacro-arg", a)),
+        ]
+        what, command = "arm with its tool" if tool else "robot", shlex.join(["retrieve", "robots", name, *words, "--urdf", "OUT.urdf"])
+        raise InputError(f"robots: say where the {what} goes: {command}")
     from kinematics.robots.files import urdf
     from kinematics.robots.files.hang_tool import with_tool
     from kinematics.robots.load import approach_of
@@ -144,6 +150,7 @@ def about(arm: Robot, own: bool) -> dict[str, Any]:
     import numpy as np
 
     from kinematics.robots.named import named_robots
+    from kinematics.robots.own import CAMERA_ALONG_HAND
     from planning.io.documents import pose_to_json
 
     entry = {} if own else {"package": named_robots()[arm.name]["distribution"]}
@@ -154,6 +161,7 @@ def about(arm: Robot, own: bool) -> dict[str, Any]:
     poses = arm.link_poses(arm.home)
     last = next(i for i in arm.tree.path(arm.tree.index["hand"])[::-1] if arm.tree.kind[i] != 0)
     T_wrist_hand = np.linalg.inv(poses[arm.tree.names[last]]) @ poses["hand"]
+    T_hand_camera = np.linalg.inv(poses["hand"]) @ poses["camera"]
     grip = arm.grip
     motors = list(grip.joints) if grip else [arm.joint_names[arm.gripper_joint]]
     jaw = arm.opening.jaw != 0
@@ -169,7 +177,9 @@ def about(arm: Robot, own: bool) -> dict[str, Any]:
                     **({"cup_m": round(arm.opening.cup_m, 4)} if arm.opening.cup_m else {})},
         "opening_m": round(arm.opening.max_m, 4),
         "closes_to_m": round(float(arm.opening.width_m[0]), 4) + 0.0,
-        "camera": arm.has_camera,
+        "camera": arm.has_camera or not np.allclose(T_hand_camera, CAMERA_ALONG_HAND, atol=1e-6),
+        "camera_in_link": arm.carrier("camera"),
+        "optical_frames": [link for link in arm.tree.names if "optical" in link.lower()],
         "home": [round(float(q), 4) for q in arm.home],
         "links": list(dict.fromkeys(h.link for h in arm.hulls)),
         "hulls": len(arm.hulls),
@@ -224,6 +234,16 @@ def _one(row: dict[str, Any], as_json: bool) -> None:
     show(f"{row['name']}: {row['title']}", view, *_lines(row))
 
 
+def _camera(row: dict[str, Any]) -> str:
+    if not row["camera"]:
+        frames = row["optical_frames"]
+        named = f" (rename the link {frames[0]!r} to camera, and it looks from there)" if frames else ""
+        return f"none; where one is needed it looks along the hand{named}"
+    if row["camera_in_link"] == row["hand"]["in_link"]:
+        return "a link of its own"
+    return f"a link of its own, which goes with {row['camera_in_link']} and not with the hand: --sense needs one that does"
+
+
 def _lines(row: dict[str, Any]) -> list[str]:
     from kinematics.robots.own import pose_words
     from kinematics.transforms import rotation_from_wxyz, transform
@@ -242,7 +262,7 @@ def _lines(row: dict[str, Any]) -> list[str]:
         if "cup_m" in grip
         else f"opening: {1000 * abs(row['closes_to_m']):.0f} to {1000 * row['opening_m']:.0f} mm{force}",
         f"hand frame ({where}): {pose_words(T)} in {hand['in_link']}",
-        f"camera: {'a link of its own' if row['camera'] else 'none; where one is needed it looks along the hand'}",
+        f"camera: {_camera(row)}",
         f"links: {', '.join(row['links'])} ({row['hulls']} convex hulls)",
         f"pairs that may touch: {', '.join(pairs[:SHOWN])}{more}",
     ]

@@ -23,6 +23,8 @@ from kinematics.transforms import Array, inverse, rotation_about, transform, wxy
 
 ALONG = 0.5
 """A link's z that is meant as the approach leads as near to the measured one as that, at least: the cosine."""
+CAMERA_ALONG_HAND = transform(rotation_about((0, 0, 1), np.pi / 2))
+"""The pose (4, 4) in the hand frame of the camera of a robot that has none of its own."""
 AROUND_M = 0.01
 """Collision geometry is around another's that reaches out of its hull by no more."""
 
@@ -317,6 +319,6 @@ def put_in(root: etree._Element, grip: Grip) -> None:
             limit.set("lower", repr(max(grip.limits[0], float(limit.get("lower", "0")))))
             limit.set("upper", repr(min(grip.limits[1], float(limit.get("upper", "0")))))
     if "camera" not in links:
-        urdf.add_link(root, "camera", grip.link, grip.T_link_hand @ transform(rotation_about((0, 0, 1), np.pi / 2)))
+        urdf.add_link(root, "camera", grip.link, grip.T_link_hand @ CAMERA_ALONG_HAND)
     if grip.link != "hand" or (grip.T_link_hand != np.eye(4)).any():
         urdf.add_link(root, "hand", grip.link, grip.T_link_hand)

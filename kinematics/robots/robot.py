@@ -194,6 +194,11 @@ class Robot:
         frame, T = carried(self.tree.joints, q, *self.carriers(T_world_base))
         return {name: (int(frame[i]), T[i]) for i, name in enumerate(self.tree.names)}
 
+    def carrier(self, link: str) -> str:
+        """The last link on the way to a link, itself included, that one of the arm's joints moves; the first one where none does."""
+        path = self.tree.path(self.tree.index[link])
+        return self.tree.names[next((i for i in path[::-1] if i in self._movers), path[0])]
+
     def parts(self, gripper: float, T_world_base: Array) -> tuple[Parts, tuple[str, ...]]:
         """Every link hull for compiled code, with the fingers at one gripper value; also the link behind each part."""
         carried = self.frame_of_links(gripper, T_world_base)

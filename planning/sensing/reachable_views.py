@@ -74,8 +74,12 @@ def views_from(robot: Robot, empty_scene: Scene, poses: Array, intrinsics: Intri
     """
     T_base = empty_scene.robot.T_world_base
     carried = robot.frame_of_links(float(robot.home[robot.gripper_joint]), T_base)
-    if "camera" not in carried or carried["camera"][0] != carried["hand"][0]:
-        raise ValueError(f"robot {robot.name} has no camera in its hand: give its URDF a link called camera, fixed to the hand")
+    if carried["camera"][0] != carried["hand"][0]:
+        raise ValueError(
+            f"robot {robot.name} has no camera in its hand: its link 'camera' goes with {robot.carrier('camera')!r}; views are chosen for "
+            f"one that is fixed to {robot.carrier('hand')!r}: move the link there, or call it otherwise; what a camera elsewhere has seen "
+            "is read by `retrieve sense --from-views DIR`"
+        )
     T_camera_hand = inverse(carried["camera"][1]) @ carried["hand"][1]
     workcell = Workcell(robot, empty_scene, iterations=1, time_budget_s=None)  # nothing is searched
     gripper = float(robot.home[robot.gripper_joint])

@@ -12,10 +12,14 @@ import pytest
 from lxml import etree
 
 from kinematics.robots.load import forget, from_ref, load
+from kinematics.scene import Cabinet, RobotRef, Scene
+from kinematics.transforms import transform
+from perception.camera import realsense_d435i
 from planning.motion.cell.arm import arm_at
 from planning.motion.pick_place import Motions
 from planning.scenes.fitting.fit import fit
 from planning.scenes.generation import NoScene, load_spec
+from planning.sensing.reachable_views import views_from
 from retrieve_cli.__main__ import main
 from retrieve_cli.gen import robot_ref
 
@@ -38,6 +42,39 @@ def test_what_was_understood_of_a_urdf_is_told_drawn_and_written(tmp_path: Path,
     assert "hand frame (given): p [0, 0, 0.12], q_wxyz [0, 0, 0, 1] in palm" in capsys.readouterr().out, "not -1, as its rpy gives it"
     assert main(["robots", str(OWN), "--urdf", str(urdf)]) == 0
     assert '<link name="hand"' in urdf.read_text()
+
+
+@pytest.mark.parametrize(
+    ("link", "on", "told", "own"),
+    [
+        ("camera", "palm", "camera: a link of its own\n", True),
+        ("camera", "base", "camera: a link of its own, which goes with base and not with the hand: --sense needs one that does\n", True),
+        (
+            "cam_optical_frame",
+            "palm",
+            "looks along the hand (rename the link 'cam_optical_frame' to camera, and it looks from there)\n",
+            False,
+        ),
+    ],
+)
+def test_where_a_camera_is_told(link: str, on: str, told: str, own: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A frame without geometry was told as none, and one beside the robot as any other."""
+    frame = f'<joint name="c" type="fixed"><parent link="{on}"/><child link="{link}"/><origin xyz="0.1 0 0"/></joint><link name="{link}"/>'
+    (tmp_path / "arm.urdf").write_text(OWN.read_text().replace("</robot>", f"{frame}</robot>"))
+    assert main(["robots", str(tmp_path / "arm.urdf")]) == 0
+    assert told in capsys.readouterr().out
+    assert main(["robots", str(tmp_path / "arm.urdf"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["camera"] == own
+
+
+def test_views_are_chosen_for_a_camera_in_the_hand_alone(tmp_path: Path) -> None:
+    frame = '<joint name="c" type="fixed"><parent link="base"/><child link="camera"/></joint><link name="camera"/>'
+    (tmp_path / "arm.urdf").write_text(OWN.read_text().replace("</robot>", f"{frame}</robot>"))
+    robot = load(str(tmp_path / "arm.urdf"))
+    cabinet = Cabinet(np.array([0.5, 0.8, 0.5]), transform(p=[0.4, 0.0, 0.1]), 0.03)
+    scene = Scene("s", RobotRef(np.eye(4), urdf=robot.name), cabinet, (), None, None)
+    with pytest.raises(ValueError, match=r"its link 'camera' goes with 'base'; .* fixed to '.*'.* `retrieve sense --from-views DIR`"):
+        views_from(robot, scene, np.eye(4)[None], realsense_d435i())
 
 
 def test_an_arm_and_a_gripper_of_two_files_become_one_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -177,6 +214,10 @@ def test_a_robot_of_a_xacro_with_arguments(tmp_path: Path, capsys: pytest.Captur
     assert (row["gripper"]["joints"], row["opening_m"]) == (["grip"], 0.09)
     for words, says in (
         (("--xacro-arg", "kind:=prismatic"), f"where the robot goes: retrieve robots {file} --xacro-arg kind:=prismatic --urdf OUT.urdf"),
+        (
+            ("--xacro-arg", "kind:=a", "--xacro-arg", "b:=c d"),
+            f"retrieve robots {file} --xacro-arg kind:=a --xacro-arg 'b:=c d' --urdf OUT.urdf",
+        ),
         (("--xacro-arg", "kind=prismatic", "--urdf", str(out)), "--xacro-arg kind=prismatic: NAME:=VALUE is expected"),
         (("--xacro-arg", "kin:=prismatic", "--urdf", str(out)), "no xacro argument 'kin' (did you mean 'kind'?)"),
     ):

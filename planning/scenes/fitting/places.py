@@ -26,8 +26,8 @@ AHEAD, HIGH, TRIES = 18, 12, 8
 """Distances and heights at which an arm's reach is looked at, the least number of them: of a cabinet that is small beside the reach more,
 so that some lie in it; and starts of inverse kinematics."""
 LONG = 3.5
-"""An arm that reaches so many times further than a cabinet is high has many places that are worth as much: those first that lie amid others,
-the lowest of them, not the highest of the nearest."""
+"""An arm that reaches so many times further than a cabinet is high has many places that are worth as much: those first that lie amid
+others, the lowest of them, not the highest of the nearest."""
 LOW_TO = (0.1, 0.45)  # the heights of a cabinet, in shares of it, in which objects are taken
 LATERAL = (-0.84, -0.56, -0.28, 0.0, 0.28, 0.56, 0.84)
 """Where the arm's reach is looked at across the cabinet, in shares of half its width."""

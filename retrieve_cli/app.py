@@ -23,8 +23,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (gen, sense, label, train, plan, verify, export, report, show, robots, scene, grasp, schema, warmup, demo):
-    app.command()(command)
+PANELS = {
+    "Scenes": (gen, scene, grasp, sense),
+    "Plans": (plan, verify, export, report, show),
+    "Networks": (label, train),
+    "Robots, files, set-up": (robots, schema, warmup, demo),
+}
+for panel, commands in PANELS.items():
+    for command in commands:
+        app.command(rich_help_panel=panel)(command)
 
 
 def parse(args: Sequence[str]) -> Job | int | None:

@@ -224,10 +224,16 @@ class Pace:
         """One scene more, with so many states."""
         self.left, self.scenes, self.states = self.left - 1, self.scenes + 1, self.states + states
         if time.monotonic() - self.told > TELL_S and self.left:
-            say(str(self))
+            say(f"states: {self}")
 
     def __str__(self) -> str:
         self.told = time.monotonic()
         spent = max(self.told - self.began, 1e-9)
         left = self.left * spent / max(self.scenes, 1)
-        return f"{self.states} states, {60 * self.states / spent:.0f} a minute; {self.left} scenes and about {left / 60:.0f} min left"
+        ahead = f"; {self.left} scenes and about {span(left)} left" if self.left else ""
+        return f"{self.states} in all, {60 * self.states / spent:.0f} a minute{ahead}"
+
+
+def span(seconds: float) -> str:
+    """A time in words, as exact as one may want to know beforehand."""
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

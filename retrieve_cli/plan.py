@@ -161,7 +161,8 @@ def _meant(answers: Iterable[Answer], some: bool) -> Iterator[Answer]:
         yield from (*refused, answer)
         refused.clear()
     if refused:
-        more = f"; nor can the {len(refused) - 1} lines after it" if len(refused) > 1 else ""
+        after = "line" if len(refused) == 2 else f"{len(refused) - 1} lines"
+        more = f"; nor can the {after} after it" if len(refused) > 1 else ""
         raise InputError(refused[0].error + more)
 
 

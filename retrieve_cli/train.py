@@ -220,11 +220,12 @@ def sparkline(values: Sequence[float], width: int = 40) -> str:
 
 
 def _show_metrics(metrics: dict[str, dict[str, float]]) -> None:
+    from rich import box
     from rich.table import Table
 
     from retrieve_cli.terminal import show
 
-    table = Table("network", "on validation scenes", "value")
+    table = Table("network", "on validation scenes", "value", box=box.SIMPLE_HEAD)
     for name, values in metrics.items():
         for i, (what, value) in enumerate(values.items()):
             table.add_row(

@@ -139,9 +139,27 @@ def _stand(scene: Scene, objects: dict[str, Body], body: Body, noise_m: float, m
     if height > 0 and _carried(scene, objects, body, noise_m):
         return
     if height > noise_m:
-        raise Unsettled(body.name, f"{body.name!r} floats {1000 * height:.1f} mm above the floor, and nothing carries it; move it down")
+        below = _below(scene, objects, body, height)
+        near = "" if below is None else f", {1000 * below[1]:.1f} mm above {below[0]!r}"
+        raise Unsettled(
+            body.name, f"{body.name!r} floats {1000 * height:.1f} mm above the floor{near}, and nothing carries it; move it down"
+        )
     why = f"it stood {-1000 * height:.1f} mm in the floor" if height < 0 else f"it floated {1000 * height:.1f} mm above the floor"
     _move(scene, objects, body.name, np.array([0.0, 0.0, -height]), why, moved)
+
+
+def _below(scene: Scene, objects: Mapping[str, Body], body: Body, height_m: float) -> tuple[str, float] | None:
+    """What an object that floats would come to stand on if it were lowered, above the floor, and how far below it that is."""
+    T, solids = scene.cabinet.T_world_cabinet, [s.move(body.T_world_body) for s in shape_solids(body.name, body.shape)]
+    found = []
+    for other in (*objects.values(), *scene.obstacles):
+        if other.name != body.name:
+            still = [s.move(other.T_world_body) for s in shape_solids(other.name, other.shape)]
+            away = min(gap(a, b, height_m) for a in solids for b in still)
+            down = T @ transform(p=[0.0, 0.0, -away - LEAST_M]) @ inverse(T)
+            if away < height_m and overlapping([other, replace(body, T_world_body=down @ body.T_world_body)], 0.0):
+                found.append((other.name, away))
+    return min(found, key=lambda near: near[1], default=None)
 
 
 def _carried(scene: Scene, objects: Mapping[str, Body], body: Body, noise_m: float) -> bool:

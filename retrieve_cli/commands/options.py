@@ -63,21 +63,40 @@ class Camera(StrEnum):
     side = "side"
 
 
-Robot = Annotated[str | None, typer.Option("--robot", help="A named robot (see `retrieve robots`) or a URDF file.", metavar="NAME|URDF")]
+ROBOT, SENSING, MOTIONS, PROCESSES = "Robot", "Looking", "Motions", "Processes"
+"""The groups that a long list of options has in `--help`, beside those that belong to no group."""
+
+Robot = Annotated[
+    str | None,
+    typer.Option("--robot", help="A named robot (see `retrieve robots`) or a URDF file.", metavar="NAME|URDF", rich_help_panel=ROBOT),
+]
 HandFrame = Annotated[
-    str | None, typer.Option("--hand-frame", help="Link between the finger pads, for a URDF of one's own.", metavar="LINK")
+    str | None,
+    typer.Option("--hand-frame", help="Link between the finger pads, for a URDF of one's own.", metavar="LINK", rich_help_panel=ROBOT),
 ]
 GripperJoint = Annotated[
-    str | None, typer.Option("--gripper-joint", help="Joint that opens the gripper, for a URDF of one's own.", metavar="JOINT")
+    str | None,
+    typer.Option("--gripper-joint", help="Joint that opens the gripper, for a URDF of one's own.", metavar="JOINT", rich_help_panel=ROBOT),
 ]
-Fit = Annotated[bool, typer.Option("--fit", help="Place and scale the cabinet for this arm's reach and gripper.")]
+Fit = Annotated[bool, typer.Option("--fit", help="Place and scale the cabinet for this arm's reach and gripper.", rich_help_panel=ROBOT)]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.", min=0)]
 Workers = Annotated[
-    int | None, typer.Option("--workers", help="Processes at a time; by default 1 here, and all cores of a Ray cluster.", min=1)
+    int | None,
+    typer.Option(
+        "--workers", help="Processes at a time; by default 1 here, and all cores of a Ray cluster.", min=1, rich_help_panel=PROCESSES
+    ),
 ]
-At = Annotated[Engine, typer.Option("--engine", help="Where the processes run: here, or as tasks of a Ray cluster.")]
+At = Annotated[
+    Engine, typer.Option("--engine", help="Where the processes run: here, or as tasks of a Ray cluster.", rich_help_panel=PROCESSES)
+]
 Address = Annotated[
-    str | None, typer.Option("--address", help="The cluster's address; without it, one of its own on this machine.", metavar="HOST:PORT")
+    str | None,
+    typer.Option(
+        "--address",
+        help="The cluster's address; without it, one of its own on this machine.",
+        metavar="HOST:PORT",
+        rich_help_panel=PROCESSES,
+    ),
 ]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on with what an earlier call, which was broken off, has left beside the file of -o.")

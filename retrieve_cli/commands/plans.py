@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 
 from retrieve_cli.commands.options import (
+    MOTIONS,
+    SENSING,
     Address,
     At,
     By,
@@ -32,13 +34,16 @@ def plan(
         str | None,
         typer.Option(
             "--policy",
-            help="Who chooses objects and regions: neural (where networks ship, the default), local, …, or your own.",
+            help="Who chooses objects and regions: neural (the default where networks ship), neural-greedy, neural-paper, osnet-only, "
+            "rpnet-only (these two with -paper, too), lookahead (the default elsewhere), search, rrt, local, random, or your own.",
             metavar="NAME|MODULE:FUNCTION",
         ),
     ] = None,
     rule: Annotated[Rule, typer.Option("--rule", help="What to try when a proposed move can't be carried out.")] = Rule.deep,
     seed: Seed = 0,
-    iterations: Annotated[int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect).", min=1)] = None,
+    iterations: Annotated[
+        int | None, typer.Option("--iterations", help="Budget of a motion planner's call (RRT-Connect); if left out 3000.", min=1)
+    ] = None,
     time_budget_s: Annotated[
         float | None,
         typer.Option("--time-budget-s", help="Seconds for a try of the target, or of a move, instead: not repeatable.", min=1e-3),
@@ -50,21 +55,41 @@ def plan(
     model: Annotated[
         Path | None, typer.Option("--model", help="A model folder; by default the networks that ship for the robot.", metavar="DIR")
     ] = None,
-    sense: Annotated[bool, typer.Option("--sense", help="Know nothing at first: look, plan on what is seen, look again.")] = False,
+    sense: Annotated[
+        bool, typer.Option("--sense", help="Know nothing at first: look, plan on what is seen, look again.", rich_help_panel=SENSING)
+    ] = False,
     world: Annotated[
         str | None,
-        typer.Option("--world", help="With --sense: a real cell, the object that this function returns.", metavar="MODULE:FUNCTION"),
+        typer.Option(
+            "--world",
+            help="With --sense: a real cell, the object that this function returns.",
+            metavar="MODULE:FUNCTION",
+            rich_help_panel=SENSING,
+        ),
     ] = None,
-    noise: Annotated[bool, typer.Option("--noise", help="With --sense: depths as noisy as a stereo depth camera's.")] = False,
-    by: Annotated[By, typer.Option("--by", help="With --sense: tell objects apart by masks, or by geometry alone.")] = By.mask,
+    noise: Annotated[
+        bool, typer.Option("--noise", help="With --sense: depths as noisy as a stereo depth camera's.", rich_help_panel=SENSING)
+    ] = False,
+    by: Annotated[
+        By, typer.Option("--by", help="With --sense: tell objects apart by masks, or by geometry alone.", rich_help_panel=SENSING)
+    ] = By.mask,
     target_box: Annotated[
         str | None,
-        typer.Option("--target-box", help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.", metavar="BOX"),
+        typer.Option(
+            "--target-box",
+            help="With --sense: where the target is, in the world: cx,cy,cz,dx,dy,dz in metres.",
+            metavar="BOX",
+            rich_help_panel=SENSING,
+        ),
     ] = None,
     smallest: Annotated[
         float,
         typer.Option(
-            "--smallest", help="With --sense: nothing unseen is slimmer, nor than the slimmest seen; 0: any.", metavar="MM", min=0.0
+            "--smallest",
+            help="With --sense: nothing unseen is slimmer, nor than the slimmest seen; 0: any.",
+            metavar="MM",
+            min=0.0,
+            rich_help_panel=SENSING,
         ),
     ] = 40.0,
     grasp: Annotated[
@@ -73,26 +98,55 @@ def plan(
     ] = TargetGrasp.given,
     clearance: Annotated[
         float,
-        typer.Option("--clearance", help="How far motions keep from everything, where the places they join let them, mm.", metavar="MM"),
+        typer.Option(
+            "--clearance",
+            help="How far motions keep from everything, where the places they join let them, mm.",
+            metavar="MM",
+            rich_help_panel=MOTIONS,
+        ),
     ] = 5.0,
-    clearance_least: Annotated[float, typer.Option("--clearance-least", help="Less than that is refused, mm.", metavar="MM")] = 0.5,
+    clearance_least: Annotated[
+        float, typer.Option("--clearance-least", help="Less than that is refused, mm.", metavar="MM", rich_help_panel=MOTIONS)
+    ] = 0.5,
     max_tilt: Annotated[
         float,
-        typer.Option("--max-tilt", help="How far what is carried may lean, where the scene does not say; 180 frees it.", metavar="DEG"),
+        typer.Option(
+            "--max-tilt",
+            help="How far what is carried may lean, where the scene does not say; 180 frees it.",
+            metavar="DEG",
+            rich_help_panel=MOTIONS,
+        ),
     ] = 30.0,
-    speed: Annotated[float, typer.Option("--speed", help="Share of full speed, 0.01 to 1: at 0.5 all takes twice as long.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option("--speed", help="Share of full speed, 0.01 to 1: at 0.5 all takes twice as long.", rich_help_panel=MOTIONS)
+    ] = 1.0,
     hand_speed: Annotated[
-        float, typer.Option("--hand-speed", help="How fast the hand may move with an object in it, m/s.", metavar="M/S")
+        float,
+        typer.Option("--hand-speed", help="How fast the hand may move with an object in it, m/s.", metavar="M/S", rich_help_panel=MOTIONS),
     ] = 1.0,
     slow_below: Annotated[
         float,
-        typer.Option("--slow-below", help="Motions that come nearer to something slow down in proportion; 0: none.", metavar="MM"),
+        typer.Option(
+            "--slow-below",
+            help="Motions that come nearer to something slow down in proportion; 0: none.",
+            metavar="MM",
+            rich_help_panel=MOTIONS,
+        ),
     ] = 0.0,
     limits: Annotated[
-        Path | None, typer.Option("--limits", help="Limits of velocity, acceleration and jerk of your own, TOML.", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--limits", help="Limits of velocity, acceleration and jerk of your own, TOML.", metavar="FILE", rich_help_panel=MOTIONS
+        ),
     ] = None,
     unseen: Annotated[
-        str, typer.Option("--unseen", help="Scenes out of frames: space that nobody has seen is solid, or free.", metavar="solid|free")
+        str,
+        typer.Option(
+            "--unseen",
+            help="Scenes out of frames: space that nobody has seen is solid, or free.",
+            metavar="solid|free",
+            rich_help_panel=SENSING,
+        ),
     ] = "solid",
     html: Annotated[Path | None, typer.Option("--html", help="Also write an animation of the first plan.", metavar="FILE")] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a scene is unsolved.")] = False,
@@ -163,7 +217,13 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="Print every fault, one line of JSON a plan.")] = False,
     mu: Annotated[float, typer.Option("--mu", help="Friction of the pads on objects.", min=0.01, max=5.0)] = 0.5,
     max_tilt_deg: Annotated[
-        float | None, typer.Option("--max-tilt", help="How far, in degrees, an object may lean while it is carried.", min=0.0, max=180.0)
+        float | None,
+        typer.Option(
+            "--max-tilt",
+            help="How far, in degrees, an object may lean while it is carried; if left out, as the scene says.",
+            min=0.0,
+            max=180.0,
+        ),
     ] = None,
     robot: Robot = None,
     hand_frame: HandFrame = None,

@@ -197,7 +197,7 @@ def _table_bounds(rows: Sequence[Row]) -> Table:
         unsolved = r.success.n - r.success.k
         share = f"{100 * r.proved / unsolved:.0f} %" if unsolved else NOTHING
         body.append((name(r), str(scenes), over, str(r.at_least), str(unsolved), str(r.proved), share))
-    columns = ("planner", "solved, bound known", "moves over the bound", "at the bound", "unsolved", "proved unsolvable", "of the unsolved")
+    columns = ("planner", "solved, bound known", "moves ÷ bound", "at the bound", "unsolved", "proved unsolvable", "of the unsolved")
     note = (
         "lower bounds on the moves, and proofs that no picks help or more are needed than are allowed, from whichever planner found them; "
         "all relative to the grasps that were sampled"

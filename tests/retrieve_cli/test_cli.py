@@ -17,6 +17,8 @@ import pytest
 from kinematics.errors import InputError, blame, choose
 from kinematics.jit import shipped
 from kinematics.jit.support import PLAIN
+from planning.motion.pick_place import ITERATIONS
+from planning.policies import POLICIES
 from planning.scenes.generation import SPECS
 from retrieve_cli.__main__ import OURS, check_packages
 from retrieve_cli.errors import BUG, guarded
@@ -24,7 +26,7 @@ from retrieve_cli.errors import BUG, guarded
 ROOT = Path(__file__).resolve().parents[2]
 RETRIEVE = (sys.executable, "-W", "error", "-m", "retrieve_cli")
 COMMANDS = (
-    "gen", "sense", "label", "train", "plan", "verify", "export", "report", "show", "robots", "scene", "grasp", "schema", "warmup", "demo",
+    "gen", "scene", "grasp", "sense", "plan", "verify", "export", "report", "show", "label", "train", "robots", "schema", "warmup", "demo",
 )  # fmt: skip
 
 Spoken = tuple[int, str, str]
@@ -51,7 +53,7 @@ def plans(tmp_path: Path) -> Path:
 def test_help_lists_every_command_and_only_those(retrieve: Callable[..., Spoken]) -> None:
     code, out, err = retrieve("--help")
     assert (code, err) == (0, "")
-    listed = re.findall(r"^│ ([a-z]+)  ", out.split("Commands")[1], re.MULTILINE)
+    listed = re.findall(r"^│ ([a-z]+)  ", out.split("─ Scenes ─")[1], re.MULTILINE)
     assert tuple(listed) == COMMANDS
     assert retrieve()[:2] == (0, out)
 
@@ -76,6 +78,13 @@ def test_help_of_a_command(command: str, retrieve: Callable[..., Spoken]) -> Non
 def test_help_names_every_spec(command: str, retrieve: Callable[..., Spoken]) -> None:
     words = " ".join(retrieve(command, "--help")[1].replace("│", " ").split())
     assert f"{', '.join(SPECS)}, or a TOML file" in words
+
+
+def test_help_names_every_policy(retrieve: Callable[..., Spoken]) -> None:
+    words = " ".join(retrieve("plan", "--help")[1].replace("│", " ").split())
+    said = words[words.index("neural (the default where") : words.index(", or your own")]
+    assert {f"{name}-paper" for name in ("osnet-only", "rpnet-only")} | set(re.findall(r"[a-z]+(?:-[a-z]+)*", said)) >= set(POLICIES)
+    assert f"if left out {ITERATIONS}." in words
 
 
 def test_help_is_quick() -> None:

@@ -17,6 +17,7 @@ from safetensors.numpy import load_file
 from planning.io.outputs import alone_in
 from planning.learning.networks.model import from_pretrained
 from planning.learning.training import train as training
+from retrieve_cli.label import Pace, span
 from retrieve_cli.train import sparkline
 
 FAST = ("--epochs", "2", "--width", "16", "--batch", "32", "--threads", "1", "--device", "cpu")
@@ -161,3 +162,16 @@ def test_heads_that_older_networks_lack_are_new(labels: Path, tmp_path: Path, re
     fresh = make_net("osnet", settings).state_dict()
     assert all(np.array_equal(net[key][: len(w)], w) for key, w in old.items())
     assert np.array_equal(net["head.2.weight"][3], fresh["head.2.weight"][3])
+
+
+def test_what_is_left_is_said_in_a_fitting_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    pace = Pace(3)
+    now[0] = 10.0
+    pace.step(5)
+    assert str(pace) == "5 in all, 30 a minute; 2 scenes and about 20 s left"
+    pace.step(1)
+    pace.step(0)
+    assert str(pace) == "6 in all, 36 a minute"
+    assert [span(s) for s in (0.4, 89.0, 91.0, 5300.0, 9000.0)] == ["0 s", "89 s", "2 min", "88 min", "2.5 h"]

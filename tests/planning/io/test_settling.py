@@ -174,6 +174,7 @@ def test_where_there_is_no_room_for_all_all_touch_as_before() -> None:
 
 CASES: list[tuple[Body, str]] = [
     (standing("a", BOX, 0.2, 0.0, z=0.035), "'a' floats 35.0 mm above the floor, and nothing carries it"),
+    (standing("a", BOX, 0.4, -0.2, z=0.123), "'a' floats 123.0 mm above the floor, 3.0 mm above 'other', and nothing carries it"),
     (standing("a", BOX, 0.2, 0.0, z=-0.005), "'a' overlaps the cabinet's wall 'floor' by 5.0 mm; move it up"),
     (standing("a", BOX, 0.2, 0.0, z=-0.05), "'a' overlaps the cabinet's wall 'floor' by 50.0 mm; is its position that of its bottom?"),
     (standing("a", BOX, 0.2, 0.41), "'a' overlaps the cabinet's wall 'left' by 20.0 mm; move one of them"),

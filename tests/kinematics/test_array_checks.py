@@ -1,9 +1,13 @@
 """Arrays of a wrong shape, NaN, huge and aliased ones at every public function that hands arrays to compiled code: ValueError, or an answer
-that is right; run once more with NUMBA_BOUNDSCHECK=1, where an index beyond an array would be seen."""
+that is right; asked once more with NUMBA_BOUNDSCHECK=1, where an index beyond an array would be seen."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +35,7 @@ from planning.motion.pick_place import Motions
 from planning.motion.search.rrt_connect import plan, reach
 from planning.motion.search.shortcut import shorten
 
+ROOT = Path(__file__).resolve().parents[2]
 ODD = st.sampled_from([0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 3.2])
 SHAPES = st.lists(st.integers(0, 8), min_size=0, max_size=3).map(tuple)
 
@@ -143,6 +148,16 @@ def test_regions_beyond_the_grid_are_refused(doors: Doors) -> None:
     for region in (-1, doors.scene.regions_n**2, 10**12):
         with pytest.raises(ValueError, match="regions run from"):
             motions.place_pose(name, np.eye(4), region)
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_BOUNDSCHECK") == "1", reason="this is the process that checks indices")
+def test_no_index_is_beyond_its_array() -> None:
+    """All tests of this file, in a process whose compiled code looks at each index."""
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"NUMBA_BOUNDSCHECK": "1"}
+    command = [sys.executable, "-m", "pytest", __file__]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    assert f"{len(NAMES) + 3} passed, 1 skipped" in done.stdout
 
 
 def test_what_a_check_says() -> None:

@@ -15,6 +15,8 @@ _NUMBERS = {"origin": ("xyz", "rpy", "quat_xyzw"), "axis": ("xyz",), "limit": ("
             "mimic": ("multiplier", "offset"), "safety_controller": ("soft_lower_limit", "soft_upper_limit")}  # fmt: skip
 _COUNTS = {"xyz": (3,), "rpy": (3,), "quat_xyzw": (4,), "size": (3,), "scale": (1, 3)}
 _POSITIVE = ("radius", "length", "size")
+DEGREES = (40.0, 720.0)  # limits of a joint that turns: between so many rad they are meant in degrees
+MOST_RPY = 4 * np.pi  # and of an origin's angles those beyond
 
 
 def check_numbers(root: etree._Element) -> None:
@@ -36,6 +38,8 @@ def _check_number(where: str, key: str, text: str) -> None:
         raise ValueError(f"{where} must hold {_COUNTS.get(key, (1,))[-1]} numbers")
     if not np.isfinite(values).all():
         raise ValueError(f"{where} is not finite")
+    if key == "rpy" and (np.abs(values) > MOST_RPY).any():
+        raise ValueError(f'{where} is in rad; are these degrees? Then it is rpy="{" ".join(f"{v:.6g}" for v in np.radians(values))}"')
     if key in _POSITIVE and (values <= 0).any() and not (key == "length" and (values == 0).all()):
         raise ValueError(f"{where} is not positive")
 
@@ -94,6 +98,10 @@ def _limits(joint: etree._Element, _: list[str]) -> str | None:
         return f"its lower limit {lower:g} is above its upper limit {upper:g}; swap them"
     if lower == upper:
         return f"its limits are both {lower:g}, so it can't move; make it fixed if it never does, continuous if it turns without end"
+    if joint.get("type") == "revolute" and DEGREES[0] < max(-lower, upper) <= DEGREES[1]:
+        radians = f'lower="{np.radians(lower):.4g}" upper="{np.radians(upper):.4g}"'
+        turns = f"its limits {lower:g} and {upper:g} rad are {(upper - lower) / (2 * np.pi):.0f} turns apart"
+        return f"{turns}; are they in degrees? Then it is {radians}; make it continuous if it turns without end"
     return None
 
 

@@ -57,6 +57,13 @@ def extent(found: list[LinkHull]) -> Array:
     return np.asarray([points.min(0), points.max(0)])
 
 
+def test_limits_of_many_turns_are_taken(tmp_path: Path) -> None:
+    """A roll may turn five times, a slide go 60 m, and simulators write what turns without end as a million."""
+    many = (("-31.5", "31.5", "revolute"), ("0", "60", "prismatic"), ("-1e6", "1e6", "revolute"))
+    for lower, upper, kind in many:
+        read(tmp_path, arm(joint=f'<limit lower="{lower}" upper="{upper}"/>', kind=kind))
+
+
 # What makes no sense is one line ---------------------------------------------------------------------------------------------------------
 
 
@@ -68,6 +75,7 @@ def extent(found: list[LinkHull]) -> Array:
         (arm(joint='<limit lower="nan" upper="1"/>'), "joint 'turn': <limit lower='nan'> is not finite"),
         (arm(joint='<limit lower="-1" upper="one"/>'), "joint 'turn': <limit upper='one'> is no number"),
         (arm(joint='<limit lower="0" upper="0"/>'), "joint 'turn': its limits are both 0, so it can't move; make it fixed"),
+        (arm(joint='<limit lower="-170" upper="90"/>'), "rad are 41 turns apart; are they in degrees? Then it is lower="),
         (arm(joint="<limit velocity='1'/>"), "joint 'turn': it has no limits; give it <limit lower"),
         (arm(joint=""), "joint 'turn': it has no limits"),
         (arm(joint="", kind="floating"), "joint 'turn': its type is 'floating'; revolute, continuous"),
@@ -82,6 +90,7 @@ def extent(found: list[LinkHull]) -> Array:
         (arm(more='<joint name="j" type="fixed"><parent link="tip"/><child link="base"/></joint>'), "closes a circle of links (base on"),
         (arm('<box size="0.1 0.1"/>'), "link 'tip': <box size='0.1 0.1'> must hold 3 numbers"),
         (arm('<sphere radius="-1"/>'), "link 'tip': <sphere radius='-1'> is not positive"),
+        (arm(origin='<origin rpy="0 90 0"/>'), "<origin rpy='0 90 0'> is in rad; are these degrees? Then it is rpy=\"0 1.5708 0\""),
         (arm(origin='<origin quat_xyzw="0 0 0 0"/>'), "quat_xyzw '0 0 0 0' is no rotation"),
     ],
     ids=lambda value: None if str(value).startswith("<robot") else str(value)[:48],

@@ -70,7 +70,7 @@ body { margin: 0; background: radial-gradient(ellipse at 50% 40%, #fafbfc, #e9ec
 #cursor { position: absolute; top: 8px; bottom: 8px; width: 1.5px; background: var(--ink); opacity: .7; pointer-events: none; }
 .dg { display: none; z-index: 3; }
 body.tools .dg { display: block; }
-@media (max-width: 720px) { .plot .name { display: none; } }
+@media (max-width: 720px) { .plot .name { left: 4px; font-size: 8.5px; } .plot .name span { display: none; } }
 @media (max-width: 720px) { #card { width: auto; right: 16px; } #card ol, #card p:last-child { display: none; } #stage { display: none; } }
 @media print { #bar, #plots { display: none; } }
 </style>

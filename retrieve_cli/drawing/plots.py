@@ -104,7 +104,7 @@ def _guide(y: float) -> str:
 
 def _row(name: str, words: str, top: str, bottom: str, inside: str) -> str:
     return (
-        f'<div class="plot"><span class="name"><b>{name}</b><br>{words}</span>'
+        f'<div class="plot"><span class="name"><b>{name}</b><span><br>{words}</span></span>'
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{name} over time">{inside}</svg>'
         f'<span class="ends"><em>{top}</em><em>{bottom}</em></span></div>'
     )

@@ -281,8 +281,9 @@ def _robot(node: Node, folder: Path, second: bool) -> RobotRef:
 
 def _joint_values(node: Node) -> Mapping[str, float]:
     """Values by joint name; which joints there are is known when the robot is loaded."""
-    names = tuple(node.value) if isinstance(node.value, dict) else ()
-    return {name: joint.number() for name, joint in node.record((), names).items()}
+    if not isinstance(node.value, dict):
+        raise node.error('values stand by joint name, in rad or m: {"shoulder_pan_joint": 0.0, …}')
+    return {name: joint.number() for name, joint in node.record((), tuple(node.value)).items()}
 
 
 def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *, least: int, still: bool = False) -> tuple[Body, ...]:

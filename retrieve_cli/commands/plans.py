@@ -274,11 +274,24 @@ def export(
     limits: Annotated[
         Path | None, typer.Option("--limits", help="With --scenes: limits that the plans were made by.", metavar="FILE")
     ] = None,
+    robot: Robot = None,
+    hand_frame: HandFrame = None,
+    gripper_joint: GripperJoint = None,
     unverified: Annotated[bool, typer.Option("--unverified", help="Export plans that are not verified, too.")] = False,
 ) -> Job:
     """Write plans as files that a controller takes: trajectories of the arm, and the gripper's commands between them."""
     from retrieve_cli.export import command
+    from retrieve_cli.robot_options import RobotOptions
 
     return partial(
-        command.run, plans=plans, to=to, out=out, rate_hz=rate_hz, joints=joints, scenes=scenes, limits=limits, unverified=unverified
+        command.run,
+        plans=plans,
+        to=to,
+        out=out,
+        rate_hz=rate_hz,
+        joints=joints,
+        scenes=scenes,
+        limits=limits,
+        robot=RobotOptions(robot, hand_frame, gripper_joint),
+        unverified=unverified,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from kinematics.errors import InputError, choose
@@ -11,6 +12,7 @@ from kinematics.names import free_name
 from planning.io.files import read_plans
 from planning.io.outputs import alone_in, naming, replacing, write_text
 from planning.plan import Plan
+from retrieve_cli.robot_options import NO_OPTIONS, RobotOptions, other_robot
 from retrieve_cli.terminal import announce_first_run, say
 
 FORMATS = ("ros2", "urscript", "franka", "csv", "npz")
@@ -25,13 +27,14 @@ def run(
     joints: str | None = None,
     scenes: Path | None = None,
     limits: Path | None = None,
+    robot: RobotOptions = NO_OPTIONS,
     unverified: bool = False,
 ) -> int | None:
     """Write every successful plan of a file below `out`; those that failed are named.
 
-    scenes: what the plans were made for; each is judged anew by its scene before it is written, whatever it says of itself. limits: of
-    speed, by which they were made. Raises: InputError when none is left, for a plan that is not verified or is judged to be false, and
-    for one that does not fit the format.
+    scenes: what the plans were made for; each is judged anew by its scene before it is written, whatever it says of itself. limits and
+    robot: by which they were made, where the scenes don't say so. Raises: InputError when none is left, for a plan that is not verified
+    or is judged to be false, and for one that does not fit the format.
     """
     choose("format", to, FORMATS)
     if rate_hz is not None and to not in ("csv", "npz"):
@@ -41,11 +44,11 @@ def run(
     wanted = None if joints is None else [name.strip() for name in joints.split(",")]
     if scenes is not None and unverified:
         raise InputError("export: --scenes refuses what --unverified would export; leave one of them out")
-    if limits is not None and scenes is None:
-        raise InputError("export: --limits is what --scenes judges by; name the scenes, too")
+    if scenes is None and (limits is not None or robot.given):
+        raise InputError(f"export: {'--limits' if limits else '--robot'} is what --scenes judges by; name the scenes, too")
     if scenes is not None and str(scenes) == "-" and (plans is None or str(plans) == "-"):
         raise InputError("export: plans and scenes can't both come from stdin; give one of them as a file")
-    check = _take_its_word if scenes is None else _judge_by(scenes, limits)
+    check = _take_its_word if scenes is None else _judge_by(scenes, limits, robot)
     with alone_in(out):
         _export_all(plans, to, out, rate_hz, wanted, _export_any if unverified else check)
     return None
@@ -64,7 +67,7 @@ def _take_its_word(where: str, plan: Plan) -> None:
         raise InputError(f"{where}: the plan of {plan.scene} is not verified; --unverified exports it all the same, at your own risk")
 
 
-def _judge_by(scenes: Path, limits: Path | None) -> Check:
+def _judge_by(scenes: Path, limits: Path | None, robot: RobotOptions) -> Check:
     """A check that passes a verdict of its own."""
     from planning.io.settling import NOISE_M
     from planning.verdict import Settings
@@ -76,7 +79,10 @@ def _judge_by(scenes: Path, limits: Path | None) -> Check:
     def check(where: str, plan: Plan) -> None:
         if plan.scene not in known:
             raise InputError(f"{where}: " + refused.get(plan.scene, f"none of the {len(known)} scenes in {scenes} is {plan.scene}"))
-        faults = examined(Settings(), None if limits is None else str(limits), (where, known[plan.scene], plan, None)).faults
+        scene = known[plan.scene]
+        if robot.given:
+            scene = replace(scene, robot=other_robot(scene.robot, robot, where))
+        faults = examined(Settings(), None if limits is None else str(limits), (where, scene, plan, None)).faults
         if faults:
             more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
             raise InputError(f"{where}: the plan of {plan.scene} is false: {faults[0]}{more}; retrieve verify --json lists every fault")

@@ -259,6 +259,8 @@ def test_a_plan_that_calls_itself_verified_is_judged_by_its_scene(
         ((plans, "--scenes", tmp_path / "other.jsonl"), "plans.jsonl:1: none of the 1 scenes in .*other.jsonl is scene"),
         ((plans, "--scenes", scenes, "--unverified"), "--scenes refuses what --unverified would export"),
         ((plans, "--limits", scenes), "--limits is what --scenes judges by"),
+        ((plans, "--robot", "panda"), "--robot is what --scenes judges by"),
+        ((plans, "--scenes", scenes, "--robot", "panda"), "is false: .* is no actuated joint of this robot"),
         (("-", "--scenes", "-"), "can't both come from stdin"),
         ((tmp_path / "unsaid.jsonl",), "is not verified"),
     ):

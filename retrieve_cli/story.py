@@ -51,7 +51,8 @@ def _failure(plan: Plan, *, again: bool, target: str) -> Iterator[str]:
         yield f"  not solved: {why.detail}"
     elif why is not None:
         yield _blocked(target, why.in_words(), again=again)
-        yield "  not solved: nothing more was found to move"
+        known = why.detail if plan.target_blocked and why.detail != plan.target_blocked[-1].detail else None
+        yield f"  not solved: {known or 'nothing more was found to move'}"
     tried = Counter((move.object, move.reason.in_words()) for move in plan.moves if not move.done and move.reason)
     for (name, words), times in tried.most_common(MOST_REASONS):
         yield f"  {name} can't be moved: {words}" + (f", in {times} attempts" if times > 1 else "")

@@ -117,6 +117,10 @@ class WrittenWorld:
     def out_of_reach(self, state: State, name: str) -> bool:
         return not self.reached(name, self.regions_of(state.poses))
 
+    def gets_to(self, state: State, name: str, rng: np.random.Generator) -> bool:
+        regions = self.regions_of(state.poses)
+        return self.obstructions(state.poses).free(name, frozenset(regions) - {name}) and self.reached(name, regions)
+
 
 @dataclass(frozen=True)
 class _Written:
@@ -132,9 +136,9 @@ class _Written:
 
 
 def at_first(ways: Mapping[str, Sequence[str]]) -> Blocking:
-    """A table of what blocks what while it stands where it stood; an object that was moved is in nobody's way."""
+    """A table of what blocks what while it stands where it stood; an object that was moved, or is gone, is in nobody's way."""
 
     def blocking(name: str, regions: Mapping[str, int]) -> Sequence[str]:
-        return ["".join(o for o in way if regions[o] == -1) for way in ways[name]] if regions.get(name, -1) == -1 else [""]
+        return ["".join(o for o in way if regions.get(o) == -1) for way in ways[name]] if regions.get(name, -1) == -1 else [""]
 
     return blocking

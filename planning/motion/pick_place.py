@@ -256,6 +256,12 @@ class Motions:
         transits = self._ways(state).transits
         return all(isinstance(transits.get(pick), Blocked) for pick in self.picks(state, name)[0])
 
+    def gets_to(self, state: State, name: str, rng: np.random.Generator) -> bool:
+        """Whether the arm gets to one of the picks of an object, or of the target with one of its grasps: a path is sought to each that was
+        not sought before, until one is found."""
+        picks, _ = self.picks(state, name, self.target_grasps if name == self.scene.target_name else None)
+        return any(not isinstance(self._transit(state, pick, rng), Blocked) for pick in picks)
+
     def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False, fingers: bool = True) -> View:
         """What is in the way of what, if objects stand at poses: for plans that look ahead. roughly: without closing fingers and lift;
         fingers: whether it is asked what they meet as they close."""

@@ -18,6 +18,7 @@ import numpy as np
 from kinematics.scene import State
 from perception.observation import Observation
 from planning.plan import Outlook
+from planning.policies.hopeless import why_hopeless
 from planning.policies.random import random_region
 from planning.policies.regions import nearest_regions
 from planning.policies.search import Effort, Preferences, Search, Step, World
@@ -137,11 +138,14 @@ class Lookahead:
                 yield region
 
     def _searched(self, seen: Observation, rng: np.random.Generator) -> list[Step]:
-        """The moves that a search finds with the looks that hold out hope; and at last in other orders."""
+        """The moves that a search finds with the looks that hold out hope, a slow one only where the arm gets to what keeps the target in;
+        and at last in other orders."""
         assert self._state is not None
         state, left, attempts = self._state, self.most - self._made, self.effort.attempts
         hopeful: _Look | None = None
         for hopeful in self._looks(state, frozenset(seen.movable), left):
+            if hopeful.world is not self.world and self._is_hopeless(hopeful.world, state):
+                return []
             search = Search(hopeful.world, self.preferences, replace(self.effort, attempts=round(hopeful.share * attempts)), left, rng)
             if found := search.run(state):
                 return found
@@ -149,6 +153,14 @@ class Lookahead:
         if hopeful is None:
             return []
         return self._searched_at_last(hopeful, state, left, rng)
+
+    def _is_hopeless(self, look: World, state: State) -> bool:
+        """Whether what keeps the target in is where the arm does not get to: asked before a slower look; not where unseen space may be
+        why."""
+        why = None if self.world.partly_unseen else why_hopeless((look, self.world.thorough, self.world.varied), state)
+        if why is not None:
+            self.outlook = replace(self.outlook, undecided=why)
+        return why is not None
 
     def _looks(self, state: State, standing: Names, left: int) -> Iterator[_Look]:
         """The looks in which so many moves as are left do, if what is moved vanished: with the grasps that are quick to sample, and with

@@ -72,6 +72,13 @@ def test_a_failure_says_what_stands_in_the_way_of_what(scene: Scene) -> None:
     ]
 
 
+def test_a_failure_says_what_is_not_got_to(scene: Scene) -> None:
+    """What the policy knows of the scene, not what the last search for a path said."""
+    why, detail = Blocked("transit", "camera", "box_1", detail="no path in 3000 iterations"), "no way was found for the arm to get to box_1"
+    assert told(scene, reason=replace(why, detail=detail), target_blocked=(why,))[2] == f"  not solved: {detail}"
+    assert told(scene, reason=why, target_blocked=(why,))[2] == "  not solved: nothing more was found to move"
+
+
 def test_a_proof_says_what_would_help(scene: Scene) -> None:
     proof = Unsolvable(("box_1", "box_2"), ("another grasp of t", "box_1 taken away by hand"))
     why = Blocked("approach", "camera", "box_1")

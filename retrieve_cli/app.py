@@ -49,7 +49,7 @@ def parse(args: Sequence[str]) -> Job | int | None:
         message = " ".join(e.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
         from kinematics.errors import InputError
 
-        raise InputError(f"{command}: {_of_choice(message)} (see {command} --help)") from e
+        raise InputError(f"{command}: {_of_option(_of_choice(message))} (see {command} --help)") from e
     except interrupted:
         return INTERRUPTED
 
@@ -62,6 +62,16 @@ def _of_choice(message: str) -> str:
     from kinematics.errors import did_you_mean
 
     return message[: told.start()] + told[2] + did_you_mean(told[3], re.findall("'([^']*)'", told[4]))
+
+
+def _of_option(message: str) -> str:
+    """A complaint about an option that there is not, with the commands that have it; any other as it is."""
+    told = re.match("No such option:? (-[-a-z]+)", message)
+    if told is None:
+        return message
+    commands = getattr(typer.main.get_command(app), "commands")  # noqa: B009, of Click's group, which Typer does not name
+    have = [name for name, c in commands.items() if any(told[1] in (*p.opts, *p.secondary_opts) for p in c.params)]
+    return f"{told[0]}; it is one of retrieve {', '.join(have)}" if have else message
 
 
 def _named(name: str) -> type[Exception]:

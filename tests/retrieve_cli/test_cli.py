@@ -111,6 +111,11 @@ def test_version(retrieve: Callable[..., Spoken]) -> None:
     [
         (["paln"], "retrieve: No such command 'paln'"),
         (["plan", "--polic", "local"], "retrieve plan: No such option: --polic"),
+        (
+            ["gen", "--xacro-arg", "a:=1"],
+            "retrieve gen: No such option: --xacro-arg; it is one of retrieve robots (see retrieve gen --help)",
+        ),
+        (["verify", "--fit"], "retrieve verify: No such option: --fit; it is one of retrieve gen, label (see retrieve verify --help)"),
         (["plan", "--rule", "depe"], "retrieve plan: Invalid value for '--rule': "),
         (["gen", "-n", "0"], "retrieve gen: Invalid value for '-n': "),
         (["gen", "-n", "many"], "retrieve gen: Invalid value for '-n': "),

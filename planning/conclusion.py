@@ -63,6 +63,16 @@ def conclude(
     return _judged(scene, plan, touch)
 
 
+def judged_again(robot: Robot, scene: Scene, plan: Plan, settings: MotionSettings) -> Plan:
+    """A plan that was verified where all was turned, and is still where the verdict on the scene as it is finds nothing: contacts are the
+    same in both."""
+    if not plan.verified:
+        return plan
+    verdict = examine(scene, plan, robot, Settings(contact=False, max_tilt_deg=settings.max_tilt_deg))
+    plan = replace(plan, faults=verdict.faults, notes=verdict.notes, verified=not verdict.faults)
+    return _judged(scene, plan, None)
+
+
 def _judged(scene: Scene, plan: Plan, touch: Blocked | None) -> Plan:
     """The plan, which fails if it is not verified: touch is why, or its first fault."""
     if plan.verified:

@@ -19,7 +19,7 @@ from kinematics.robots.load import from_ref, load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from perception.observation import is_seen
-from planning.conclusion import failed
+from planning.conclusion import failed, judged_again
 from planning.io import files
 from planning.io.results import plan_writer
 from planning.learning.networks.model import Model, ships
@@ -32,6 +32,7 @@ from planning.retrieval import Policy, retrieve
 from planning.rules import MAX_MOVES, Rule
 from planning.sensing.unknown_space import unknown_boxes
 from planning.target_grasps.allowed import GraspChoice, target_grasps
+from planning.upright import turned_plan, turned_scene, upright_turn
 from planning.verdict import Fault, judge
 
 STAGE = 4
@@ -86,7 +87,8 @@ def plan_scene(
     where some ship for the robot, else "lookahead". model: networks of one's own. iterations: of one RRT-Connect; time_budget_s: seconds
     instead, which can't be repeated exactly. robot: the scene's own by default. settings: clearance and tilt that motions keep; pace: how
     fast they are. grasp: with which grasps the target may be taken, "given", "any" or "list". unseen_is_solid: whether, in a scene out of
-    recorded frames, what no frame has shown is an obstacle. on_step: told of each step as it is taken.
+    recorded frames, what no frame has shown is an obstacle. on_step: told of each step as it is taken. A cabinet that leans is planned in
+    upright, with all else turned along (`planning.upright`): so a policy of one's own sees it.
 
     The plan says whether it succeeded, or at which stage which link met which body; stage `scene` when x_g can't hold the target.
     Raises: ValueError when the robot can't be loaded, or can't stand there, or the scene has no target, or no such grasps.
@@ -95,6 +97,9 @@ def plan_scene(
     if policy is None:
         policy = default_policy(robot.name, model)
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
+    turn, as_it_is = upright_turn(scene), scene
+    if turn is not None:
+        scene = turned_scene(scene, turn)
     grasps = target_grasps(robot, scene, GraspChoice(grasp))
     if isinstance(grasps, str):
         return failed(scene.id, f"grasp: {grasps}", name=name, rule=rule)
@@ -109,6 +114,8 @@ def plan_scene(
     chooses = make_policy(policy, motions, model=model, max_moves=max_moves) if isinstance(policy, str) else policy(motions)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])
     plan = retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
+    if turn is not None:
+        return judged_again(robot, as_it_is, turned_plan(plan, turn), settings)
     if not unseen or plan.success:
         return plan
     from planning.sensing.missing_views import for_want_of_views  # views and what draws them: not every plan needs them

@@ -1,0 +1,56 @@
+"""A cabinet that leans is planned in as if it stood upright: scene and robot are turned together until it does, and the plan back again.
+
+For the planner's hands, for what it carries and for what it puts down z is up and floors are level; turned so, they keep to the cabinet's
+z, which is what its floor asks for. The verdict judges the plan in the scene as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kinematics.scene import Body, Grasp, Scene
+from kinematics.transforms import Array, inverse, rotation_about, transform
+from planning.plan import Plan
+
+LEVEL_DEG = 0.1
+"""A cabinet that leans by less is taken to be level: 30 cm across, that is half a millimetre."""
+
+
+def upright_turn(scene: Scene) -> Array | None:
+    """T_upright_world (4, 4), the smallest turn about the cabinet's origin after which its z points up; None where it does already."""
+    if scene.cabinet.lean_deg < LEVEL_DEG:
+        return None
+    T = scene.cabinet.T_world_cabinet
+    x, y = T[:2, 2] / np.hypot(*T[:2, 2])
+    R = rotation_about((y, -x, 0.0), np.radians(scene.cabinet.lean_deg))
+    return transform(p=T[:3, 3]) @ transform(R, -R @ T[:3, 3])
+
+
+def turned_scene(scene: Scene, T: Array) -> Scene:
+    """A scene with everything in it turned by T (4, 4), the robot's base, too; but for the views of a camera, which stay as they were."""
+
+    def body(b: Body) -> Body:
+        return replace(b, T_world_body=T @ b.T_world_body)
+
+    return replace(
+        scene,
+        robot=replace(scene.robot, T_world_base=T @ scene.robot.T_world_base),
+        cabinet=replace(scene.cabinet, T_world_cabinet=T @ scene.cabinet.T_world_cabinet),
+        objects=tuple(body(b) for b in scene.objects),
+        obstacles=tuple(body(b) for b in scene.obstacles),
+        grasp=None if scene.grasp is None else _grasp(scene.grasp, T),
+        grasps=tuple((_grasp(grasp, T), score) for grasp, score in scene.grasps),
+    )
+
+
+def turned_plan(plan: Plan, T_upright_world: Array) -> Plan:
+    """The plan of a scene that was turned, for the scene as it is: its motions are the same, for the robot was turned along."""
+    T = inverse(T_upright_world)
+    moves = tuple(replace(m, T_world_from=T @ m.T_world_from, T_world_to=T @ m.T_world_to) for m in plan.moves)
+    return replace(plan, moves=moves, grasp=None if plan.grasp is None else _grasp(plan.grasp, T))
+
+
+def _grasp(grasp: Grasp, T: Array) -> Grasp:
+    return replace(grasp, T_world_hand=T @ grasp.T_world_hand)

@@ -1,0 +1,75 @@
+"""A cabinet that leans: scene and robot are turned until it does not, planned in, and the plan is turned back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kinematics.robots.robot import Robot
+from kinematics.scene import RobotRef, Scene
+from kinematics.transforms import rotation_about, transform
+from planning import plan_scene, verify_plan
+from planning.conclusion import judged_again
+from planning.motion.settings import DEFAULTS
+from planning.scenes.generation import generate, load_spec
+from planning.upright import LEVEL_DEG, turned_plan, turned_scene, upright_turn
+
+
+@pytest.fixture(scope="module")
+def level(ur5e: Robot) -> Scene:
+    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 31, 0)
+
+
+def leaning(scene: Scene, degrees: float, axis: tuple[float, float, float]) -> Scene:
+    """All but the robot turned about the cabinet's origin."""
+    R, p = rotation_about(axis, np.radians(degrees)), scene.cabinet.T_world_cabinet[:3, 3]
+    return replace(turned_scene(scene, transform(p=p) @ transform(R, -R @ p)), robot=scene.robot)
+
+
+@pytest.mark.parametrize(("degrees", "axis"), [(5.0, (0.0, 1.0, 0.0)), (-3.0, (1.0, 0.0, 0.0)), (12.0, (0.6, 0.8, 0.0))])
+def test_a_leaning_cabinet_is_turned_upright(level: Scene, degrees: float, axis: tuple[float, float, float]) -> None:
+    scene = leaning(level, degrees, axis)
+    T = upright_turn(scene)
+    assert T is not None
+    upright = turned_scene(scene, T)
+    for before, after in zip((level.cabinet, *level.objects), (upright.cabinet, *upright.objects)):
+        name = "T_world_body" if hasattr(before, "T_world_body") else "T_world_cabinet"
+        np.testing.assert_allclose(getattr(after, name), getattr(before, name), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.inv(T) @ upright.robot.T_world_base, scene.robot.T_world_base, atol=1e-12)
+
+
+def test_a_level_one_is_left_alone(level: Scene) -> None:
+    assert upright_turn(level) is None
+    assert upright_turn(leaning(level, 0.9 * LEVEL_DEG, (1.0, 0.0, 0.0))) is None
+    assert upright_turn(leaning(level, 30.0, (0.0, 0.0, 1.0))) is None
+    assert upright_turn(leaning(level, 1.1 * LEVEL_DEG, (1.0, 0.0, 0.0))) is not None
+
+
+@pytest.mark.parametrize("degrees", [2.0, 8.0])
+def test_what_is_moved_in_a_leaning_cabinet_stands_on_its_floor(level: Scene, degrees: float) -> None:
+    """The verdict in the scene as it is finds nothing, and the plan's poses are told there."""
+    scene = leaning(level, degrees, (0.0, 1.0, 0.0))
+    plan = plan_scene(scene, "lookahead")
+    assert plan.success
+    assert plan.verified
+    assert len(plan.moves) > 0
+    assert verify_plan(scene, plan) == ()
+    T = upright_turn(scene)
+    assert T is not None
+    assert verify_plan(scene, turned_plan(plan, T))  # told elsewhere they are false
+
+
+def test_the_scene_as_it_is_has_the_last_word(ur5e: Robot, level: Scene) -> None:
+    """A plan of the level cabinet, said to be one of a leaning cabinet, has faults there and fails."""
+    plan = plan_scene(level, "lookahead")
+    again = judged_again(ur5e, leaning(level, 5.0, (0.0, 1.0, 0.0)), plan, DEFAULTS)
+    assert plan.verified
+    assert (again.success, again.verified) == (False, False)
+    assert again.faults
+    assert again.reason is not None
+    assert again.reason.stage == "verify"
+    assert again.value < plan.value
+    kept = judged_again(ur5e, level, plan, DEFAULTS)
+    assert (kept.success, kept.verified, kept.faults) == (True, True, ())

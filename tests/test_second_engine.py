@@ -472,12 +472,15 @@ def test_plans_of_other_robots_hold(name: str, tmp_path: Path) -> None:
     assert found(planned, tmp_path / "robot.urdf") == []
 
 
+SOME = pytest.mark.parametrize("planned", [("paper", 1), ("paper-any", 1), ("shelf", 1)], indirect=True, ids=lambda p: f"{p[0]}-{p[1]}")
+"""One of each spec: what the engine must find in a spoilt plan is found alike in all of them."""
+
+
+@SOME
 def test_plans_with_a_waypoint_in_a_wall_fail(planned: Handmade, ur5e_urdf: Path) -> None:
     """One waypoint within the cabinet is shifted, by one joint, until something of the arm is in a wall."""
     motions = planned.plan["motions"]
-    inside = next((i for i, m in enumerate(motions) if m["stage"] == "approach" and len(m["q"]) > 2), None)
-    if inside is None:
-        pytest.skip("the scene has no solution, and the plan no motion")
+    inside = next(i for i, m in enumerate(motions) if m["stage"] == "approach" and len(m["q"]) > 2)
     hit: set[int | None] = set()
     for joint, by in [
         ("shoulder_lift_joint", 0.5),
@@ -496,11 +499,10 @@ def test_plans_with_a_waypoint_in_a_wall_fail(planned: Handmade, ur5e_urdf: Path
     assert hit == {inside}
 
 
+@SOME
 def test_plans_of_another_scene_fail(planned: Handmade, ur5e_urdf: Path) -> None:
     """What is moved has been dropped from the scene, or stands 4 mm further on."""
     carried = [m["held"]["body"] for m in planned.plan["motions"] if m["held"]]
-    if not carried:
-        pytest.skip("the scene has no solution, and the plan no motion")
 
     def drop(scene: Json, _: Json) -> None:
         scene["objects"] = [o for o in scene["objects"] if o["name"] != carried[0]]

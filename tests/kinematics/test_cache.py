@@ -136,27 +136,31 @@ from kinematics.jit.decorators import njit
 def twice(x):
     return 2 * x
 
-print(twice(21), len(twice.stats.cache_hits), cache_folder.FOLDER, cache_folder.WRONG, sep="|")
+answer, hits = twice(21), len(twice.stats.cache_hits)
+again = njit(cache=True)(twice.py_func)  # it finds what is on disk by now
+assert again(21) == answer
+print(answer, hits, len(again.stats.cache_hits), cache_folder.FOLDER, cache_folder.WRONG, sep="|")
 """
 
 
-def run(folder: Path, home: Path, **environment: str) -> tuple[int, int, Path, str]:
-    """The answer, how many functions came from the cache, the folder, and what is wrong with the one it should have been."""
+def run(folder: Path, home: Path, **environment: str) -> tuple[int, int, int, Path, str]:
+    """The answer, how often it came from the cache, and how often when asked for once more; the folder, and what is wrong with the one it
+    should have been."""
     (folder / "program.py").write_text(PROGRAM)
     env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     env |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(home), **environment}
     done = subprocess.run([sys.executable, "program.py"], cwd=folder, env=env, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
-    answer, hits, where, wrong = done.stdout.strip().split("|")
-    return int(answer), int(hits), Path(where), wrong
+    answer, hits, again, where, wrong = done.stdout.strip().split("|")
+    return int(answer), int(hits), int(again), Path(where), wrong
 
 
 def test_damaged_machine_code_is_compiled_again(tmp_path: Path) -> None:
-    """Whatever happens to a file of the cache, the answer is right, and the next run finds good code."""
+    """Whatever happens to a file of the cache, the answer is right, and who asks next finds good code."""
     home = tmp_path / "cache"
-    assert run(tmp_path, home)[:2] == (42, 0)
-    answer, hits, folder, wrong = run(tmp_path, home)
-    assert (answer, hits, wrong) == (42, 1, "")
+    assert run(tmp_path, home)[:3] == (42, 0, 1)
+    *found, folder, wrong = run(tmp_path, home)
+    assert (found, wrong) == ([42, 1, 1], "")
     assert folder.parent == home / "retrieve"
     assert folder.name.startswith("compiled-")
     for ending in ("nbi", "nbc"):
@@ -165,22 +169,22 @@ def test_damaged_machine_code_is_compiled_again(tmp_path: Path) -> None:
         middle = len(whole) // 2
         for broken in (whole[:middle], whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]):
             file.write_bytes(broken)
-            assert run(tmp_path, home)[:2] == (42, 0)
-            assert run(tmp_path, home)[:2] == (42, 1)
+            assert run(tmp_path, home)[:3] == (42, 0, 1)
+    assert run(tmp_path, home)[:3] == (42, 1, 1)
 
 
 def test_compiled_code_is_kept_apart_and_safe(tmp_path: Path) -> None:
     """By CPU and by numba's settings; and for one run alone where others could put theirs."""
     home = tmp_path / "cache"
-    plain = run(tmp_path, home)[2]
-    assert run(tmp_path, home, NUMBA_BOUNDSCHECK="1")[2] != plain
-    assert run(tmp_path, home, NUMBA_CPU_NAME="x86-64")[2].name.startswith("compiled-x86-64-")
+    plain = run(tmp_path, home)[3]
+    assert run(tmp_path, home, NUMBA_BOUNDSCHECK="1")[3] != plain
+    assert run(tmp_path, home, NUMBA_CPU_NAME="x86-64")[3].name.startswith("compiled-x86-64-")
     plain.chmod(0o777)
-    answer, hits, folder, wrong = run(tmp_path, home)
+    answer, hits, _, folder, wrong = run(tmp_path, home)
     assert (answer, hits) == (42, 0)
     assert wrong == f"{plain} may be written to by others (chmod go-w {plain})"
     assert not folder.exists()  # it was made for that run
     mine = tmp_path / "mine"
-    assert run(tmp_path, home, NUMBA_CACHE_DIR=str(mine))[2:] == (mine, "")
+    assert run(tmp_path, home, NUMBA_CACHE_DIR=str(mine))[3:] == (mine, "")
     (tmp_path / "file").write_text("")
-    assert run(tmp_path, tmp_path / "file")[3].endswith("can't be made: Not a directory")
+    assert run(tmp_path, tmp_path / "file")[4].endswith("can't be made: Not a directory")

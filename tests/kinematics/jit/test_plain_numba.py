@@ -43,7 +43,7 @@ def test_the_core_runs_without_inner_parts() -> None:
     """The same iterations, the same waypoints, the same shortcuts."""
     if PLAIN is not None:
         pytest.skip(f"there is nothing to compare with: {PLAIN}")
-    (why, iterations, path, short, options), said = run_tiny(**{FORCE: "1"})
+    (why, iterations, path, short, options), said = run_tiny(**{FORCE: "1", "NUMBA_OPT": "1"})  # at level 3 it would compile for longer
     assert why == f"{FORCE} is set"
     assert said.splitlines() == [f"retrieve: compiling plainly, so that the first start takes twice as long: {FORCE} is set"]
     assert not {"_nrt", "no_cfunc_wrapper", "pipeline_class"} & set(options)  # type: ignore[call-overload]

@@ -151,7 +151,7 @@ def test_hands_judged_together_are_those_that_picks_judge_one_by_one(ur5e: Robot
 
 def test_hands_on_what_is_round_are_turned_less_where_walls_are_thin(ur5e: Robot) -> None:
     """So much that something is left of the walls with the most room."""
-    can = Body("can", Cylinder(0.028, 0.12), CABINET.T_world_cabinet @ transform(p=[0.25, 0.0, 0.06]))
+    can = Body("can", Cylinder(0.028, 0.05), CABINET.T_world_cabinet @ transform(p=[0.25, 0.0, 0.025]))  # hands on a low one are few
     box = Body("box", Box(np.array([0.05, 0.05, 0.12])), CABINET.T_world_cabinet @ transform(p=[0.25, 0.1, 0.06]))
     for wall_m, turn_m in ((0.03, TURN_M), (0.012, 0.005 - SQUARE.room_m), (thinnest_allowed_m(scene_of(can)), 0.001)):
         scene = scene_of(can, box)

@@ -40,8 +40,8 @@ def turned_scene(scene: Scene, T: Array) -> Scene:
         cabinet=replace(scene.cabinet, T_world_cabinet=T @ scene.cabinet.T_world_cabinet),
         objects=tuple(body(b) for b in scene.objects),
         obstacles=tuple(body(b) for b in scene.obstacles),
-        grasp=None if scene.grasp is None else _grasp(scene.grasp, T),
-        grasps=tuple((_grasp(grasp, T), score) for grasp, score in scene.grasps),
+        grasp=None if scene.grasp is None else turned_grasp(scene.grasp, T),
+        grasps=tuple((turned_grasp(grasp, T), score) for grasp, score in scene.grasps),
     )
 
 
@@ -49,8 +49,9 @@ def turned_plan(plan: Plan, T_upright_world: Array) -> Plan:
     """The plan of a scene that was turned, for the scene as it is: its motions are the same, for the robot was turned along."""
     T = inverse(T_upright_world)
     moves = tuple(replace(m, T_world_from=T @ m.T_world_from, T_world_to=T @ m.T_world_to) for m in plan.moves)
-    return replace(plan, moves=moves, grasp=None if plan.grasp is None else _grasp(plan.grasp, T))
+    return replace(plan, moves=moves, grasp=None if plan.grasp is None else turned_grasp(plan.grasp, T))
 
 
-def _grasp(grasp: Grasp, T: Array) -> Grasp:
+def turned_grasp(grasp: Grasp, T: Array) -> Grasp:
+    """A grasp turned by T (4, 4)."""
     return replace(grasp, T_world_hand=T @ grasp.T_world_hand)

@@ -17,11 +17,12 @@ import numpy as np
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, Grasp, Scene
 from kinematics.shapes import ConvexMesh, bounds
-from kinematics.transforms import Array
+from kinematics.transforms import Array, inverse
 from planning.grasping.antipodal import FRICTION_ANGLE
 from planning.grasping.cup_grasps import grasps_on
 from planning.grasping.line_contacts import stretch_at
 from planning.motion.pick_place import Motions
+from planning.upright import turned_grasp, turned_scene, upright_turn
 from planning.verdict import judge_grasp
 
 MOST_SAMPLED = 60
@@ -49,7 +50,8 @@ class Proposals:
 
     def __str__(self) -> str:
         said = [f"{n} {why}" for why, n in self.dropped]
-        return f"{len(self.grasps)} grasps" + (f"; left out: {', '.join(said)}" if said else "")
+        n = len(self.grasps)
+        return f"{n} grasp{'s' if n != 1 else ''}" + (f"; left out: {', '.join(said)}" if said else "")
 
 
 def propose(robot: Robot, scene: Scene, *, most: int = 12) -> Proposals:
@@ -57,6 +59,9 @@ def propose(robot: Robot, scene: Scene, *, most: int = 12) -> Proposals:
 
     Raises: InputError for a scene without a target; ValueError when the robot can't stand there.
     """
+    if (turn := upright_turn(scene)) is not None:  # the hand's ways are level, or down, by the cabinet that the target stands in
+        found = propose(robot, turned_scene(scene, turn), most=most)
+        return replace(found, grasps=tuple((turned_grasp(grasp, inverse(turn)), score) for grasp, score in found.grasps))
     target, base = scene.target_body, scene.robot.T_world_base[:3, 3]
     middle = np.sum(bounds(target.shape, target.T_world_body), axis=0) / 2
     toward = float(np.arctan2(middle[1] - base[1], middle[0] - base[0]))

@@ -14,7 +14,9 @@ from planning import plan_scene, verify_plan
 from planning.conclusion import judged_again
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
+from planning.target_grasps.proposals import propose
 from planning.upright import LEVEL_DEG, turned_plan, turned_scene, upright_turn
+from planning.verdict import judge_grasp
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +61,13 @@ def test_what_is_moved_in_a_leaning_cabinet_stands_on_its_floor(level: Scene, de
     T = upright_turn(scene)
     assert T is not None
     assert verify_plan(scene, turned_plan(plan, T))  # told elsewhere they are false
+
+
+def test_grasps_are_proposed_by_the_cabinets_vertical(ur5e: Robot, level: Scene) -> None:
+    scene = leaning(level, 10.0, (0.0, 1.0, 0.0))
+    found = propose(ur5e, scene)
+    assert len(found.grasps) > 3
+    assert all(judge_grasp(ur5e, scene, grasp) is None for grasp, _ in found.grasps)
 
 
 def test_the_scene_as_it_is_has_the_last_word(ur5e: Robot, level: Scene) -> None:

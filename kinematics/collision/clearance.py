@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,9 @@ GRIPPER_DECIMALS = 2
 """To so many decimals of their joint's value, rad or m, fingers on their way are told apart where a curve is drawn of clearances."""
 TOLERANCE = 1e-3
 """Share of the distance by which a clearance may be given too low."""
+BETWEEN, TOO_LARGE_M = 4, 5e-5
+"""At so many openings on either side of the nearest that was looked at, fingers that move alone are looked at once more; what lies lower by
+no more than that is left as it is."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
     among the robot's own links, nor between allowed contacts. Fingers that move are looked at in `FINGERS_AT` places and more, where the
     arm moves as well at each of these openings on all of its way. step_m: from one row to the next no point moves further.
     """
-    asked, of = list[Asked](), list[int]()
+    asked, of, opened, nearest_at = list[Asked](), list[int](), list[int](), dict[int, int]()
     for s, stretch in enumerate(packed.stretches):
         first, *others = packed.openings[s]
         begin, end = packed.starts[s], packed.starts[s + 1]
@@ -53,6 +57,7 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
             else:
                 asked.append(whole._replace(parts=packed.parts(s, at)[0]))
         of += [s] * (1 + len(others))
+        opened += range(1 + len(others))
     out: list[Clearance | None] = [None] * len(packed.stretches)
     if not asked:
         return out
@@ -62,12 +67,36 @@ def least_clearances(packed: PackedStretches, step_m: float) -> list[Clearance |
     scratch = make_scratch(problem, int(np.diff(starts).max()))
     gaps = make_gaps(queries.rows, starts)
     path_clearances(problem, packed.arm, queries.rows, starts, steps_m, FARTHEST_M, TOLERANCE, scratch, gaps, least, nearest)
-    for s, distance_m, pair in zip(of, least.tolist(), nearest.tolist()):
+    for s, opening, distance_m, pair in zip(of, opened, least.tolist(), nearest.tolist()):
         known = out[s]
         if pair >= 0 and (known is None or distance_m < known.distance_m):
             a, b = problem.pairs[pair, :2]
             out[s] = Clearance(distance_m, (packed.names[a], packed.names[b]))
-    return out
+            nearest_at[s] = opening
+    return _between_openings(packed, out, nearest_at)
+
+
+def _between_openings(packed: PackedStretches, found: list[Clearance | None], nearest_at: Mapping[int, int]) -> list[Clearance | None]:
+    """The same, with fingers that move alone looked at around the opening at which they were nearest: on an arc, or past a corner, they
+    come nearer in between."""
+    stretches, of = list[Stretch](), list[int]()
+    for s, k in nearest_at.items():
+        openings, q = packed.openings[s], packed.stretches[s].q
+        if len(openings) == 1 or not (packed.arm[packed.starts[s] : packed.starts[s + 1]] == packed.arm[packed.starts[s]]).all():
+            continue
+        for other in (k - 1, k + 1):
+            if 0 <= other < len(openings):
+                for value in np.linspace(openings[k], openings[other], BETWEEN + 2)[1:-1]:
+                    row = q[:1].copy()
+                    row[:, packed.robot.gripper_joint] = value
+                    stretches.append(replace(packed.stretches[s], q=row))
+                    of.append(s)
+    if stretches:
+        for s, between in zip(of, least_clearances(PackedStretches(packed.robot, packed.scene, stretches), 0.0)):
+            known = found[s]
+            if between is not None and known is not None and between.distance_m < known.distance_m - TOO_LARGE_M:
+                found[s] = between
+    return found
 
 
 def clearances(robot: Robot, scene: Scene, stretch: Stretch, cap_m: float) -> Array:

@@ -50,7 +50,7 @@ class PackedStretches:
     """
 
     def __init__(self, robot: Robot, scene: Scene, stretches: Sequence[Stretch]) -> None:
-        self.robot, self.stretches = robot, tuple(stretches)
+        self.robot, self.scene, self.stretches = robot, scene, tuple(stretches)
         self.model = robot_collision_model(robot, scene.robot.T_world_base)
         self.links, self._fingers = self.model.links, self.model.fingers
         rows = [checked("q", s.q, -1, len(robot.joint_names)) for s in self.stretches]

@@ -52,6 +52,8 @@ def run(
     with blame("train"):
         data, manifest = dataset.read_all(labels)
         rest, held_out = (data.take(index) for index in dataset.split(data.scene, VALIDATION_SHARE))
+    if out.resolve() in [folder.resolve() for folder in labels]:
+        raise InputError(f"train: {out}: holds the labels; name another folder for the model with -o")
     _refuse_to_overwrite(out, resume)
     first = None if begin is None else _first_weights(begin, form)
     settings = Settings(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from kinematics.errors import did_you_mean
+from kinematics.errors import did_you_mean, one_line
 from kinematics.git_lfs import refuse_pointer
 from kinematics.transforms import Array
 
@@ -68,7 +68,7 @@ def read_tables(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except OSError as e:
-        raise ValueError(f"{file}: {e.strerror or e}") from e
+        raise ValueError(one_line(e)) from e
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as e:
         raise ValueError(f"{file}: is no TOML: {e}") from e
 

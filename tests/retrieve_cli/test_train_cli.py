@@ -109,6 +109,10 @@ def test_what_train_refuses(labels: Path, tmp_path: Path, retrieve: Callable[...
     new = tmp_path / "new"
     assert refused(tmp_path, "-o", new).startswith(f"train: {tmp_path}: is no folder of labels, for it has no manifest.json; make one: ")
     assert not new.exists()
+    assert (
+        refused(labels, "-o", labels / ".." / labels.name)
+        == f"train: {labels}/../{labels.name}: holds the labels; name another folder for the model with -o\n"
+    )
     assert refused(labels, "-o", new, "--width", "18").startswith("train: --width: 18 is no multiple of 4")
     assert "there is no run, nothing to resume" in refused(labels, "-o", new, "--resume")
     assert not new.exists()

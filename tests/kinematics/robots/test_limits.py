@@ -77,5 +77,5 @@ def test_a_mistake_in_a_file_is_pointed_out(toy_urdf: Callable[..., Path], tmp_p
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="No such file"):
+    with pytest.raises(ValueError, match=r"limits.toml: no such file or folder"):
         read_limits(tmp_path / "limits.toml", JOINTS, load("ur5e").limits, load("ur5e").urdf)

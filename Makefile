@@ -43,6 +43,7 @@ demo: $(VENV)/ready
 	$(RETRIEVE) demo --out out
 
 docs: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
 	$(BIN)/python -m mkdocs build --strict --quiet
 
 test: $(VENV)/ready

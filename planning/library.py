@@ -32,7 +32,7 @@ from planning.retrieval import Policy, retrieve
 from planning.rules import MAX_MOVES, Rule
 from planning.sensing.unknown_space import unknown_boxes
 from planning.target_grasps.allowed import GraspChoice, target_grasps
-from planning.upright import turned_plan, turned_scene, upright_turn
+from planning.upright import more_upright, turned_plan, turned_scene, upright_turn
 from planning.verdict import Fault, judge
 
 STAGE = 4
@@ -97,9 +97,9 @@ def plan_scene(
     if policy is None:
         policy = default_policy(robot.name, model)
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
-    turn, as_it_is = upright_turn(scene), scene
+    turn, as_it_is, settings_as_they_are = upright_turn(scene), scene, settings
     if turn is not None:
-        scene = turned_scene(scene, turn)
+        scene, settings = more_upright(turned_scene(scene, turn), settings, scene.cabinet.lean_deg)
     grasps = target_grasps(robot, scene, GraspChoice(grasp))
     if isinstance(grasps, str):
         return failed(scene.id, f"grasp: {grasps}", name=name, rule=rule)
@@ -115,12 +115,12 @@ def plan_scene(
     rng = np.random.default_rng([seed, STAGE, scene.random_word])
     plan = retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
     if turn is not None:
-        return judged_again(robot, as_it_is, turned_plan(plan, turn), settings)
+        plan = judged_again(robot, as_it_is, turned_plan(plan, turn), settings_as_they_are)
     if not unseen or plan.success:
         return plan
     from planning.sensing.missing_views import for_want_of_views  # views and what draws them: not every plan needs them
 
-    return for_want_of_views(motions, plan)
+    return for_want_of_views(motions, plan, as_it_is)
 
 
 def verify_plan(scene: Scene, plan: Plan) -> tuple[Fault, ...]:

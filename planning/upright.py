@@ -12,6 +12,7 @@ import numpy as np
 
 from kinematics.scene import Body, Grasp, Scene
 from kinematics.transforms import Array, inverse, rotation_about, transform
+from planning.motion.settings import LEAST_TILT_DEG, MOST_TILT_DEG, MotionSettings
 from planning.plan import Plan
 
 LEVEL_DEG = 0.1
@@ -43,6 +44,17 @@ def turned_scene(scene: Scene, T: Array) -> Scene:
         grasp=None if scene.grasp is None else turned_grasp(scene.grasp, T),
         grasps=tuple((turned_grasp(grasp, T), score) for grasp, score in scene.grasps),
     )
+
+
+def more_upright(scene: Scene, settings: MotionSettings, lean_deg: float) -> tuple[Scene, MotionSettings]:
+    """A scene that was turned by so many degrees, and settings for it, by which what is carried may lean by less: in the scene as it is it
+    leans by up to twice as many more. A third of each limit is left, whatever the lean: the verdict has the last word."""
+
+    def less(most_deg: float) -> float:
+        return most_deg if most_deg >= MOST_TILT_DEG else max(LEAST_TILT_DEG, most_deg / 3, most_deg - 2 * lean_deg)
+
+    objects = tuple(body if body.max_tilt_deg is None else replace(body, max_tilt_deg=less(body.max_tilt_deg)) for body in scene.objects)
+    return replace(scene, objects=objects), replace(settings, max_tilt_deg=less(settings.max_tilt_deg))
 
 
 def turned_plan(plan: Plan, T_upright_world: Array) -> Plan:

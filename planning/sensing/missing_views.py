@@ -30,19 +30,20 @@ NEAR_M = 0.3
 """A view is told by where the camera is and by the point so far before it."""
 
 
-def for_want_of_views(motions: Motions, plan: Plan) -> Plan:
+def for_want_of_views(motions: Motions, plan: Plan, scene: Scene) -> Plan:
     """The plan of an unsolved scene out of frames; its reason is stage "look", with what to look at, when unseen space is why.
 
-    motions: with which it was sought. Unseen space is not why when it is proved that no moves would help even if all of it were free.
+    motions: with which it was sought. scene: that of which the reason tells, in which the cabinet may lean. Unseen space is not why when it
+    is proved that no moves would help even if all of it were free.
     """
     if plan.success or plan.reason is None or plan.reason.stage in ("scene", "verify"):
         return plan
-    robot, scene, free = motions.robot, motions.scene, motions.if_free
+    free = motions.if_free
     if plan.unsolvable is not None and Prover(free)(free.start()).unsolvable is not None:
         return plan
     stuck = () if plan.unsolvable is None else plan.unsolvable.stuck
     hindered = dict.fromkeys([*stuck, *(m.object for m in plan.moves if not m.done)])
-    words = missing(robot, scene, tuple(hindered))
+    words = missing(motions.robot, scene, tuple(hindered))
     if words is None:
         return plan
     why = plan.reason

@@ -15,7 +15,7 @@ from planning.conclusion import judged_again
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
 from planning.target_grasps.proposals import propose
-from planning.upright import LEVEL_DEG, turned_plan, turned_scene, upright_turn
+from planning.upright import LEVEL_DEG, more_upright, turned_plan, turned_scene, upright_turn
 from planning.verdict import judge_grasp
 
 
@@ -61,6 +61,18 @@ def test_what_is_moved_in_a_leaning_cabinet_stands_on_its_floor(level: Scene, de
     T = upright_turn(scene)
     assert T is not None
     assert verify_plan(scene, turned_plan(plan, T))  # told elsewhere they are false
+
+
+@pytest.mark.parametrize(
+    ("most", "lean", "left"), [(30.0, 5.0, 20.0), (30.0, 10.0, 10.0), (30.0, 15.0, 10.0), (180.0, 15.0, 180.0), (1.5, 5.0, 1.0)]
+)
+def test_what_is_carried_may_lean_by_less_where_all_was_turned(level: Scene, most: float, lean: float, left: float) -> None:
+    """Twice the lean is what it may cost in the scene as it is; of an object's own limit, too."""
+    first, *others = level.objects
+    scene = replace(level, objects=(replace(first, max_tilt_deg=most), *others))
+    upright, settings = more_upright(scene, replace(DEFAULTS, max_tilt_deg=most), lean)
+    assert settings.max_tilt_deg == left
+    assert [body.max_tilt_deg for body in upright.objects] == [left, *(body.max_tilt_deg for body in others)]
 
 
 def test_grasps_are_proposed_by_the_cabinets_vertical(ur5e: Robot, level: Scene) -> None:

@@ -93,7 +93,7 @@ def test_whether_unseen_space_is_why_is_asked_with_the_grasps_and_settings_of_th
 
     monkeypatch.setattr(missing_views, "Prover", prover)
     plan = replace(failed("s", "", name="n", rule="deep"), reason=Blocked("unsolvable"), unsolvable=proof)
-    assert missing_views.for_want_of_views(motions, plan) is plan
+    assert missing_views.for_want_of_views(motions, plan, motions.scene) is plan
     (free,) = asked
     assert not free.partly_unseen
     assert free.target_grasps == given

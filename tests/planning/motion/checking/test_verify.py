@@ -157,7 +157,7 @@ def test_fingers_that_move_alone_pass_nothing_nearer_than_is_said(at: tuple[floa
 
 @pytest.mark.parametrize("at", [(0.0192, 0.0411, 0.0325), (-0.0035, 0.0491, 0.0313), (-0.015, 0.0402, 0.0324), (-0.0034, 0.0441, 0.0356)])
 def test_nor_in_between_what_is_looked_at(at: tuple[float, float, float], ur5e: Robot) -> None:
-    """Of such pins a finger that closes was said to keep up to 0.4 mm more than it does; one plan of twenty was judged false for it."""
+    """Of such pins a finger that closes was said to keep up to 0.4 mm more than it does, and plans were judged false for it."""
     wide, shut = (ur5e.with_arm(ur5e.home[list(ur5e.arm_joints)], ur5e.opening.value_at(width)) for width in (0.085, 0.04))
     pin = Body("0", Box(np.full(3, 0.004)), hand_poses(ur5e, scene_of(ur5e, cabinet=FAR), wide) @ transform(p=at))
     scene = scene_of(ur5e, pin, cabinet=FAR)

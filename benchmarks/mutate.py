@@ -64,7 +64,7 @@ VERDICT = {
 """The verdict's modules, each with its own tests: none needs all of them, and the fewer are loaded, the sooner a mutant is asked."""
 GROUPS = (
     Group(
-        _in("planning/policies", "search", "lookahead", "neural", "regions", "unsolvable", "rrt", "local", "random", "__init__")
+        _in("planning/policies", "search", "lookahead", "hopeless", "neural", "regions", "unsolvable", "rrt", "local", "random", "__init__")
         + _in("planning", "relaxed_plan", "retrieval", "conclusion", "episodes", "metrics"),
         ("tests/planning/policies", *_in("tests/planning", "test_relaxed_plan", "test_retrieval", "test_episodes", "test_metrics")),
     ),

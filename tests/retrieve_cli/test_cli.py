@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -88,13 +87,14 @@ def test_help_names_every_policy(retrieve: Callable[..., Spoken]) -> None:
 
 
 def test_help_is_quick() -> None:
-    """0.2 s on an idle core; the bound leaves room for a busy machine."""
+    """0.2 s of processor time: nothing heavy is imported for it. Processor time, for a busy machine would be no fault of ours."""
     times = []
     for _ in range(3):
-        begin = time.perf_counter()
+        begin = os.times()
         assert process("--help")[0] == 0
-        times.append(time.perf_counter() - begin)
-    assert min(times) < 1.0
+        end = os.times()
+        times.append(end.children_user + end.children_system - begin.children_user - begin.children_system)
+    assert 0.01 < min(times) < 1.0
 
 
 def test_version(retrieve: Callable[..., Spoken]) -> None:

@@ -51,6 +51,17 @@ def test_there_is_hope_where_another_way_to_the_target_is_blocked_by_what_is_got
     assert why(world) is None
 
 
+def test_those_are_named_that_keep_it_in_alone() -> None:
+    """Of several that the arm does not get to; where none does it alone, all of them."""
+    ways = {"a": [""], "b": [""], "c": [""]}
+    alone = world_of("cba", {"t": ["ab", "ac"], **ways}, reached=never("a", "b", "c"))
+    assert why(alone) == "no way was found for the arm to get to a even if nothing else but t stood there"
+    each = world_of("cba", {"t": ["cab"], **ways}, reached=never("a", "b", "c"))
+    assert why(each) == "no way was found for the arm to get to a or to b or to c even if nothing else but t stood there"
+    together = world_of("cba", {"t": ["a", "c", "b"], **ways}, reached=never("a", "b", "c"))
+    assert why(together) == "no way was found for the arm to get to a or to b or to c even if nothing else but t stood there"
+
+
 def test_what_is_behind_something_that_stays_stays_too() -> None:
     """b would be got to, were it not for a, which blocks one way to the target, as b does the other: none of them does it alone."""
     world = world_of("ab", {"t": ["a", "b"], "a": [""], "b": ["a"]}, reached=never("a"))

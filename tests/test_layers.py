@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -112,3 +113,9 @@ def test_help_loads_neither_numpy_nor_the_library() -> None:
     loaded = set(done.stderr.split())
     assert "typer" in loaded
     assert not loaded & {"numpy", "kinematics", "perception", "planning", *(HEAVY - {"rich"})}  # rich draws the help
+
+
+def test_no_two_modules_of_the_tests_have_one_name() -> None:
+    """pytest imports them by their names alone, and would refuse the second when all are run together."""
+    names = Counter(file.name for file in (ROOT / "tests").rglob("*.py") if file.name != "__init__.py")
+    assert [name for name, n in names.items() if n > 1] == []

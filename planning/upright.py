@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kinematics.scene import Body, Grasp, Scene
-from kinematics.transforms import Array, inverse, rotation_about, transform
+from kinematics.transforms import Array, apply, inverse, rotation_about, transform
 from planning.motion.settings import LEAST_TILT_DEG, MOST_TILT_DEG, MotionSettings
 from planning.plan import Plan
 
@@ -29,6 +29,11 @@ def upright_turn(scene: Scene) -> Array | None:
     return transform(p=T[:3, 3]) @ transform(R, -R @ T[:3, 3])
 
 
+def turned_box(box: Array, T: Array) -> Array:
+    """The box (6,), centre and size along the axes, around one that was turned by T (4, 4)."""
+    return np.concatenate([apply(T, box[:3]), np.abs(T[:3, :3]) @ box[3:]])
+
+
 def turned_scene(scene: Scene, T: Array) -> Scene:
     """A scene with everything in it turned by T (4, 4), the robot's base, too; but for the views of a camera, which stay as they were."""
 
@@ -41,6 +46,7 @@ def turned_scene(scene: Scene, T: Array) -> Scene:
         cabinet=replace(scene.cabinet, T_world_cabinet=T @ scene.cabinet.T_world_cabinet),
         objects=tuple(body(b) for b in scene.objects),
         obstacles=tuple(body(b) for b in scene.obstacles),
+        target_box=None if scene.target_box is None else turned_box(scene.target_box, T),
         grasp=None if scene.grasp is None else turned_grasp(scene.grasp, T),
         grasps=tuple((turned_grasp(grasp, T), score) for grasp, score in scene.grasps),
     )

@@ -87,14 +87,17 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
 
     from perception.camera import DepthNoise
     from planning import library
+    from planning.conclusion import judged_again
     from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
     from planning.rules import Rule
     from planning.sensing.retrieve import retrieve_unseen
     from planning.sensing.settings import LoopSettings, SensingSettings
+    from planning.sensing.turned_world import TurnedWorld
     from planning.sensing.world import SimulatedWorld, World
     from planning.target_grasps.allowed import GraspChoice, check_choice
+    from planning.upright import more_upright, turned_box, turned_plan, turned_scene, upright_turn
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):
@@ -106,30 +109,37 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
         name = _name(job, arm.name)
         model = once_loaded(job.model) if job.model else None
         rng, model_noise = np.random.default_rng([job.seed, library.STAGE, scene.random_word]), DepthNoise()
+        box = None if job.target_box is None else parse_box(job.target_box, "plan")
+        turn, leaning, settings = upright_turn(scene), scene, motion_settings(job)
+        own = None if job.world is None else own_world(job.world, scene, arm)
+        if own is not None:
+            scene = as_it_is(own, scene, arm)
+        if turn is not None:
+            scene, settings = more_upright(turned_scene(scene, turn), settings, scene.cabinet.lean_deg)
+            box = None if box is None else turned_box(box, turn)
         world: World
-        if job.world is None:
+        if own is None:
             world = simulated = SimulatedWorld(arm, scene, rng, model_noise if job.noise else None, job.by)
         else:
-            world, simulated = own_world(job.world, scene, arm), None
-            scene = as_it_is(world, scene, arm)
+            world, simulated = own if turn is None else TurnedWorld(own, turn), None
 
         def policy_for(motions: Motions, moves: int) -> Policy:
             return own_policy(job.policy)(motions) if is_own(job.policy) else make_policy(name, motions, model=model, max_moves=moves)
 
-        return retrieve_unseen(
+        plan = retrieve_unseen(
             world,
             arm,
             scene,
             policy_for,
             truth=simulated,
-            target_box=scene.target_box if job.target_box is None else parse_box(job.target_box, "plan"),
+            target_box=scene.target_box if box is None else box,
             name=name,
             settings=LoopSettings(
                 rule=Rule(job.rule),
                 max_moves=job.max_moves,
                 iterations=job.iterations or ITERATIONS,
                 time_budget_s=job.time_budget_s,
-                motion=motion_settings(job),
+                motion=settings,
                 pace=pace(job),
                 grasp=choice,
             ),
@@ -140,6 +150,10 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             ),
             rng=rng,
         )
+        if turn is None:
+            return plan
+        plan = turned_plan(plan, turn)
+        return plan if simulated is None else judged_again(arm, leaning, plan, motion_settings(job))
 
 
 def _name(job: Job, robot: str) -> str:

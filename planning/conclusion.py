@@ -14,7 +14,7 @@ from planning.motion.checking.verify import first_touch
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.plan import SCENE, Blocked, Fault, Motion, Move, Plan
 from planning.stopwatch import Stopwatch
-from planning.verdict import Settings, examine
+from planning.verdict import Settings, Verdict, examine
 
 
 def conclude(
@@ -54,8 +54,7 @@ def conclude(
         sampled = replayed(robot, scene, way)
         touch = first_touch(robot, scene, way, sampled)
         if touch is None:  # all besides contacts is for the verdict to judge
-            limits = Settings(contact=False, max_tilt_deg=settings.max_tilt_deg)
-            verdict = examine(scene, plan, robot, limits)
+            verdict = _verdict(robot, scene, plan, settings)
             faults, notes = verdict.faults, verdict.notes
         motions = with_clearances(way, sampled)
     plan = replace(plan, motions=motions, motion_time_s=moving.seconds, faults=faults, notes=notes)
@@ -68,9 +67,14 @@ def judged_again(robot: Robot, scene: Scene, plan: Plan, settings: MotionSetting
     same in both."""
     if not plan.verified:
         return plan
-    verdict = examine(scene, plan, robot, Settings(contact=False, max_tilt_deg=settings.max_tilt_deg))
+    verdict = _verdict(robot, scene, plan, settings)
     plan = replace(plan, faults=verdict.faults, notes=verdict.notes, verified=not verdict.faults)
     return _judged(scene, plan, None)
+
+
+def _verdict(robot: Robot, scene: Scene, plan: Plan, settings: MotionSettings) -> Verdict:
+    """On all besides contacts."""
+    return examine(scene, plan, robot, Settings(contact=False, max_tilt_deg=settings.max_tilt_deg))
 
 
 def _judged(scene: Scene, plan: Plan, touch: Blocked | None) -> Plan:

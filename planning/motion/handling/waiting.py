@@ -11,7 +11,7 @@ import numpy as np
 from kinematics import inverse
 from kinematics.collision import edge_check, edge_problem
 from kinematics.collision.edge_problem import MARGIN_M
-from kinematics.collision.fcl_solids import shape_solids, touch
+from kinematics.collision.fcl_solids import always_touching, shape_solids, touch
 from kinematics.collision.geometry import Query, make_solids
 from kinematics.robots.joints import beyond_limits
 from kinematics.robots.robot import Robot
@@ -34,6 +34,7 @@ OUTSIDE_M = 0.03  # before the cabinet's front ends what is pulled straight out 
 LEAST_OUTWARD = 0.5  # a hand that looks in more steeply is not pulled back along its own axis
 PULL_TRIES = 6  # starts of inverse kinematics
 ENOUGH_WAITING = 24  # after a look at so many places to wait with an object in the hand, those that were found will do
+ANYWHERE = 100  # configurations of an arm at which its links are asked whether they touch wherever it is
 LOOKS_DOWN = 0.1  # the horizontal part of the hand's approach, from which on it tells where the hand looks
 
 
@@ -95,7 +96,7 @@ def home(cell: Workcell) -> Array:
     words = f"robot {cell.robot.name} finds no place to wait before this cabinet: at home, "
     if (limb := _limb_in_the_way(cell)) is not None:
         raise ValueError(f"{words}{limb}")
-    raise ValueError(f"{words}{at_home.link} touches {at_home.body}")
+    raise ValueError(words + (touching_anywhere(cell.robot) or f"{at_home.link} touches {at_home.body}"))
 
 
 def _limb_in_the_way(cell: Workcell) -> str | None:
@@ -125,6 +126,29 @@ def _limb_on_itself(robot: Robot) -> Blocked | None:
         if not between & planned and (depth := touch(one, other)) is not None and depth > TOUCH_M:
             return Blocked("transit", one.name, other.name, detail=f"at home, {_set_by_hand(robot, between)}")
     return None
+
+
+@lru_cache(maxsize=16)
+def touching_anywhere(robot: Robot) -> str | None:
+    """Which links touch nearly wherever the arm is, as joints that no plan moves stand at home: which, and what mends it, in words; None
+    where there are none. Links that touch wherever all joints are may do so."""
+    moved_by, planned = _moved_by(robot), _planned(robot)
+    if not set().union(*moved_by.values()) - planned:
+        return None
+    rng, arm = np.random.default_rng(0), list(robot.arm_joints)
+    low, high = np.maximum(robot.lower[arm], -np.pi), np.minimum(robot.upper[arm], np.pi)
+    at = robot.with_arm(rng.uniform(low, np.maximum(low, high), (ANYWHERE, len(arm))), robot.home[np.full(ANYWHERE, robot.gripper_joint)])
+    samples = [robot.link_poses(q) for q in at]
+    pairs = sorted(sorted(pair) for pair in always_touching(robot.hulls, samples, set(robot.skip)))
+    pairs = [(a, b) for a, b in pairs if (moved_by[a] ^ moved_by[b]) - planned]
+    if not pairs:
+        return None
+    joints = set().union(*(moved_by[a] ^ moved_by[b] for a, b in pairs)) - planned
+    touching = ", ".join(f"{a} touches {b}" for a, b in pairs)
+    srdf = " ".join(f'<disable_collisions link1="{a}" link2="{b}"/>' for a, b in pairs)
+    return (
+        f"wherever the arm is, {touching}, {_set_by_hand(robot, joints)}, or let them touch in an SRDF of the URDF's name beside it: {srdf}"
+    )
 
 
 def _moved_by(robot: Robot) -> dict[str, set[int]]:

@@ -18,6 +18,7 @@ from kinematics.scene import RobotRef
 from kinematics.transforms import Array, rotation_about, transform
 from planning.grasping.hand_poses import UP
 from planning.motion.cell.arm import Arm, arm_at
+from planning.motion.handling.waiting import touching_anywhere
 from planning.scenes.fitting.aside import aside
 from planning.scenes.fitting.places import Place, promising, worth
 from planning.scenes.fitting.sizes import cut, fewer, not_too_slim, of_one_kind, scale_for, scaled, slimmed
@@ -93,7 +94,9 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
             break
     if found.share < LEAST_SHARE:
         hint = "" if why == NOWHERE or spec.moves_approaches != ("horizontal",) else f"; {LEVEL_ONLY}"
-        if why == NOWHERE and not arm.pitches:
+        if why == NOWHERE and (touching := touching_anywhere(robot)):
+            why = touching
+        elif why == NOWHERE and not arm.pitches:
             hint = f"; of its {len(robot.arm_joints)} joints none pitches its hand, so that where the hand is decides how steeply it looks"
         raise NoScene(
             f"robot {robot.name}: wherever a cabinet like this one stands, the arm takes objects from {100 * found.share:.0f} % of it at "

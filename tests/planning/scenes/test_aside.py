@@ -17,9 +17,11 @@ from kinematics.transforms import transform
 from planning.motion.cell.arm import arm_at
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
-from planning.motion.handling.waiting import places_to_wait
+from planning.motion.handling.waiting import places_to_wait, touching_anywhere
 from planning.motion.settings import UNCONSTRAINED
 from planning.scenes.fitting.aside import AHEAD_M, aside
+from planning.scenes.fitting.fit import fit
+from planning.scenes.generation import NoScene, load_spec
 
 
 def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, least: float, most: float) -> str:
@@ -155,3 +157,29 @@ def test_an_arm_that_hangs_beside_the_trunk_stays_and_so_does_what_carries_the_r
     foot = f'<link name="leg">{box("0.6 0.05 0.05", "0.3 0 -0.1")}</link>'
     leg = _joint("hip", "revolute", "base", "leg", 'xyz="0 0.2 0"', "0 1 0", -1.0, 1.0)
     assert aside(_robot(tmp_path, "", foot + leg), 0.0) == {}
+
+
+def test_links_that_touch_wherever_the_arm_is_are_named_with_what_mends_it(tmp_path: Path) -> None:
+    """A bellows of Fetch's torso has a joint that no plan moves, and lies in what the torso is on: no arm could wait anywhere."""
+    cover = f'<link name="cover">{box("0.05 0.05 0.9", "0 0 -0.4")}</link>'
+    cover += _joint("slide", "prismatic", "trunk", "cover", 'xyz="-0.1 0 0"', "0 1 0", 0.0, 1.5)
+    robot = _robot(tmp_path, "", cover)
+    with pytest.raises(
+        NoScene, match=r"wherever the arm is, base touches cover, and no plan moves slide: say .*<disable_collisions link1="
+    ) as e:
+        fit(load_spec("paper-any"), robot, RobotRef(np.eye(4), urdf=robot.name))
+    cabinet = Cabinet(np.array([0.5, 0.8, 0.4]), transform(p=[0.45, 0.0, 0.45]), 0.03)
+    scene = Scene("before it", RobotRef(np.eye(4), urdf=robot.name), cabinet, (), None, None)
+    with pytest.raises(ValueError, match="no place to wait before this cabinet: at home, wherever the arm is, base touches cover"):
+        waiting.home(Workcell(robot, scene, iterations=1, time_budget_s=None, settings=UNCONSTRAINED))
+    srdf = re.search("<disable.*/>", str(e.value))
+    assert srdf is not None
+    Path(robot.name).with_suffix(".srdf").write_text(f'<robot name="two">{srdf[0]}</robot>')
+    forget()
+    mended = load(robot.name)
+    assert touching_anywhere(mended) is None
+    assert list(places_to_wait(arm_at(mended, np.eye(4)), cabinet))
+
+
+def test_links_without_a_standing_joint_between_are_not_asked(ur5e: Robot) -> None:
+    assert touching_anywhere(ur5e) is None

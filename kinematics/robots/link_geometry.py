@@ -25,6 +25,8 @@ from kinematics.git_lfs import refuse_pointer
 from kinematics.robots.tree import LinkHull
 from kinematics.transforms import Array
 
+MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
+"""Of meshes whose format is another it is said what to make of them."""
 LARGEST_M = 3.0
 """A link whose mesh is longer than that was meant in millimetres."""
 FILLS, HAND_FILLS = 0.6, 0.9
@@ -137,7 +139,8 @@ def read_mesh(file: Path, scale: tuple[float, float, float]) -> MeshSolid:
         merged.merge_vertices(merge_tex=True, merge_norm=True)
     except Exception as e:  # trimesh and Qhull raise many kinds, all of them "this file is no solid"
         why = str(e).strip().split("\n")[0] or type(e).__name__
-        raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}") from e
+        mend = "" if file.suffix.lower() in MESHES else f"; convert it to one of {', '.join(MESHES)}"
+        raise ValueError(f"mesh file {file} can't be read, or holds no solid: {why}{mend}") from e
     vertices, faces = np.asarray(merged.vertices, float), np.asarray(merged.faces, np.int64)
     with np.errstate(all="ignore"):  # of what is flat
         return MeshSolid(points, vertices, faces, abs(float(merged.volume)), float(hull.volume))

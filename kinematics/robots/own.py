@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kinematics.errors import did_you_mean
 from kinematics.robots.files import urdf
+from kinematics.robots.files.dialects import plain_mimics
 from kinematics.robots.files.fixed_joints import freeze
 from kinematics.robots.hands.find_gripper import HINGE_RAD, CupFound, Motors, drives, find_palm, rigid
 from kinematics.robots.hands.gripper import NotClosing, measure
@@ -318,6 +319,7 @@ def put_in(root: etree._Element, grip: Grip) -> None:
         if name == grip.joints[0] and (limit := joint.find("limit")) is not None:
             limit.set("lower", repr(max(grip.limits[0], float(limit.get("lower", "0")))))
             limit.set("upper", repr(min(grip.limits[1], float(limit.get("upper", "0")))))
+    plain_mimics(root)
     if "camera" not in links:
         urdf.add_link(root, "camera", grip.link, grip.T_link_hand @ CAMERA_ALONG_HAND)
     if grip.link != "hand" or (grip.T_link_hand != np.eye(4)).any():

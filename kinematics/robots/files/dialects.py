@@ -101,9 +101,13 @@ def _finding_packages(substitutions: object, file: Path) -> Iterator[None]:
 
 
 def drop_points(root: etree._Element) -> None:
-    """Take out visual and collision elements whose box is 0 0 0 or whose ball has no radius, in place: frames that some exporters draw."""
+    """Take out visual and collision elements without geometry, and those whose box is 0 0 0 or whose ball has the radius 0, in place: some
+    exporters draw frames so."""
     for link in root.iter("link"):
         for element in (*link.findall("visual"), *link.findall("collision")):
+            if (geometry := element.find("geometry")) is None or not len(geometry):
+                link.remove(element)
+                continue
             box, ball = element.find("geometry/box"), element.find("geometry/sphere")
             sizes = ["" if box is None else box.get("size", ""), "" if ball is None else ball.get("radius", "")]
             if any(text.split() and set(text.split()) <= {"0", "0.0", "0."} for text in sizes):
@@ -111,11 +115,24 @@ def drop_points(root: etree._Element) -> None:
 
 
 def in_plain_words(root: etree._Element) -> None:
-    """Say quaternions, capsules and colours as all readers of URDFs understand them, in place."""
+    """Say quaternions, capsules, colours and mimics as all readers of URDFs understand them, in place."""
+    plain_mimics(root)
     _plain_origins(root)
     _turn_drakes_meshes(root)
     _plain_capsules(root)
     _plain_colours(root)
+
+
+def plain_mimics(root: etree._Element) -> None:
+    """Let each joint that mimics one that mimics another follow that one itself, in place: not all readers follow such chains. They are
+    known to end."""
+    follows = {j.get("name", ""): m for j in root.findall("joint") if (m := j.find("mimic")) is not None}
+    for mimic in follows.values():
+        while (after := follows.get(mimic.get("joint", ""))) is not None:
+            rate = float(mimic.get("multiplier", "1"))
+            mimic.set("multiplier", repr(rate * float(after.get("multiplier", "1"))))
+            mimic.set("offset", repr(float(mimic.get("offset", "0")) + rate * float(after.get("offset", "0"))))
+            mimic.set("joint", after.get("joint", ""))
 
 
 def _turn_drakes_meshes(root: etree._Element) -> None:

@@ -13,10 +13,27 @@ MOVABLE = ("revolute", "continuous", "prismatic")
 _NUMBERS = {"origin": ("xyz", "rpy", "quat_xyzw"), "axis": ("xyz",), "limit": ("lower", "upper", "velocity", "effort"), "box": ("size",),
             "cylinder": ("radius", "length"), "capsule": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",),
             "mimic": ("multiplier", "offset"), "safety_controller": ("soft_lower_limit", "soft_upper_limit")}  # fmt: skip
+_NEEDS = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length"), "mesh": ("filename",)}
 _COUNTS = {"xyz": (3,), "rpy": (3,), "quat_xyzw": (4,), "size": (3,), "scale": (1, 3)}
 _POSITIVE = ("radius", "length", "size")
 DEGREES = (40.0, 720.0)  # limits of a joint that turns: between so many rad they are meant in degrees
 MOST_RPY = 4 * np.pi  # and of an origin's angles those beyond
+
+
+def check_shapes(root: etree._Element) -> None:
+    """Raises: ValueError that names the link whose geometry is of no known shape, lacks what a shape needs, or is of several at once."""
+    for link in root.iter("link"):
+        for element in link.iter("visual", "collision"):
+            shapes = [e for e in element.findall("geometry/*") if isinstance(e.tag, str) and "{" not in e.tag and ":" not in e.tag]
+            where = f"link {link.get('name', '')!r}: its <{element.tag}>"
+            for shape in shapes:
+                if shape.tag not in _NEEDS:
+                    raise ValueError(f"{where} has a <{shape.tag}> for geometry; {', '.join(_NEEDS)} can be used")
+                if missing := [key for key in _NEEDS[shape.tag] if not shape.get(key, "").strip()]:
+                    raise ValueError(f"{where} has a <{shape.tag}> without {missing[0]}")
+            if len(shapes) > 1:
+                each = " and ".join(f"<{shape.tag}>" for shape in shapes)
+                raise ValueError(f"{where} has a <geometry> with {each}; give each a <{element.tag}> of its own")
 
 
 def check_numbers(root: etree._Element) -> None:
@@ -33,13 +50,16 @@ def _check_number(where: str, key: str, text: str) -> None:
     try:
         values = np.array([float(v) for v in text.split()])
     except ValueError:
-        raise ValueError(f"{where} is no number") from None
+        xacro = "; is this xacro? Then its file's name ends with .xacro" if "$" in text else ""
+        raise ValueError(f"{where} is no number{xacro}") from None
     if len(values) not in _COUNTS.get(key, (1,)):
         raise ValueError(f"{where} must hold {_COUNTS.get(key, (1,))[-1]} numbers")
     if not np.isfinite(values).all():
         raise ValueError(f"{where} is not finite")
     if key == "rpy" and (np.abs(values) > MOST_RPY).any():
         raise ValueError(f'{where} is in rad; are these degrees? Then it is rpy="{" ".join(f"{v:.6g}" for v in np.radians(values))}"')
+    if key == "scale" and (values == 0).any():
+        raise ValueError(f"{where} leaves nothing of it")
     if key in _POSITIVE and (values <= 0).any() and not (key == "length" and (values == 0).all()):
         raise ValueError(f"{where} is not positive")
 

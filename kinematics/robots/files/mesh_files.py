@@ -17,21 +17,31 @@ DEEP, LEVELS, MOST = 5, 6, 20_000
 
 def find_mesh(name: str, urdf: Path) -> Path:
     """A mesh's absolute path. Raises: FileNotFoundError with the places that were looked at."""
+    name = name.strip().replace("\\", "/")
     if name.startswith(SCHEMES):
         package, _, rest = unquote(name.partition("://")[2]).partition("/")
+        rest = rest.lstrip("/")
         found = _in_package(package, rest, urdf)
         if found is None:
             paths = [variable for variable in SEARCH_PATHS if os.environ.get(variable)]
             where = f"the folders above {urdf.parent}" + (f", and {', '.join(paths)}" if paths else f" ({SEARCH_PATHS[0]} is not set)")
-            raise FileNotFoundError(f"{rest} of the package {package!r}: looked in {where}")
+            home = find_package(package, urdf)
+            raise FileNotFoundError(f"{rest} of the package {package!r}: looked in {where}{'' if home is None else _spelt(home / rest)}")
         return found
-    plain = unquote(name.removeprefix("file://")) if name.startswith("file:") else name
+    plain = unquote(name.removeprefix("file:").removeprefix("//")) if name.startswith("file:") else name
     path = (urdf.parent / plain).resolve()
     above = (folder / plain for folder in _workspace(urdf))  # relative to a package's root, say
     found = path if path.is_file() else None if Path(plain).is_absolute() else next((p for p in above if p.is_file()), None)
     if found is None:
-        raise FileNotFoundError(str(path))
+        raise FileNotFoundError(f"{path}{_spelt(path)}")
     return found
+
+
+def _spelt(path: Path) -> str:
+    """Words on a file that is there in other capitals: some systems don't tell them apart, and others do."""
+    there = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+    other = next((name for name in there if name != path.name and name.lower() == path.name.lower()), None)
+    return f"; there is {other}: capitals count" if other else ""
 
 
 def find_package(package: str, near: Path) -> Path | None:

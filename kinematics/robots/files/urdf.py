@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from copy import deepcopy
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 
@@ -25,7 +26,7 @@ from kinematics.robots.files.dialects import (
     is_xacro,
     visuals_collide,
 )
-from kinematics.robots.files.joint_checks import check_joints, check_numbers
+from kinematics.robots.files.joint_checks import check_joints, check_numbers, check_shapes
 from kinematics.robots.files.mesh_files import find_mesh
 from kinematics.robots.files.mobile_base import hold_base
 from kinematics.transforms import Array, rpy_from_rotation
@@ -34,6 +35,8 @@ _KEEP = {"link", "joint", "visual", "collision", "inertial", "geometry", "origin
 _KEEP |= {"mimic", "mesh", "box", "cylinder", "sphere", "material", "color"}
 NO_TRIANGLE = (80, 84)
 """Bytes of an STL file with nothing but its head, without or with the number of triangles, as some exporters write one for a frame."""
+_BROKEN = {"ERR_TAG_NOT_FINISHED", "ERR_TAG_NAME_MISMATCH", "ERR_ATTRIBUTE_NOT_FINISHED", "ERR_GT_REQUIRED"}
+"""What libxml2 says of XML whose elements don't end where they should."""
 _MISPLACED = {("link", "origin"), ("collision", "material")}  # pytorch-kinematics prints a line for each
 
 
@@ -52,17 +55,13 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
         text, said = expand_xacro(file, arguments)
     elif arguments:
         raise UnknownArgument(f"{file}: arguments are for xacro, and this is none", next(iter(arguments)))
-    try:
-        root = etree.fromstring(text, etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
-    except etree.XMLSyntaxError as e:
-        raise ValueError(f"{file} is no URDF: {e}") from e
-    if root is None or root.tag != "robot":
-        raise ValueError(f"{file} is no URDF: its root element is not <robot>")
+    root = _parsed(file, text)
     if root.find("link") is None:
         macros = "; it defines macros: give the file that calls them" if b"xacro:macro" in file.read_bytes() else ""
         raise ValueError(f"{file} has no links{macros}")
     try:
         drop_points(root)
+        check_shapes(root)
         check_numbers(root)
         notes = [f"xacro arguments: {' '.join(f'{name}:={value}' for name, value in said.items())} (others: --xacro-arg)"] if said else []
         notes += [f"joint {name} stands still: the scene's robot pose says where the robot is" for name in hold_base(root)]
@@ -78,6 +77,29 @@ def read(file: Path, arguments: Mapping[str, str] = MappingProxyType({})) -> tup
     except ValueError as e:
         raise ValueError(f"{file}: {e}") from e
     return root, tuple(notes)
+
+
+def _parsed(file: Path, text: bytes) -> etree._Element:
+    """The root element of a URDF's text, its name the file's where it has none, its tags without a default namespace.
+
+    Raises: ValueError when it is no URDF, or is cut off: an XML parser that goes on would leave out what does not end.
+    """
+    parser = etree.XMLParser(recover=True, remove_comments=True, remove_pis=True)
+    try:
+        root = etree.fromstring(text, parser)
+    except etree.XMLSyntaxError as e:
+        raise ValueError(f"{file} is no URDF: {e}") from e
+    if broken := next((e for e in parser.error_log if e.type_name in _BROKEN), None):
+        raise ValueError(f"{file} is broken, or cut off: line {broken.line}: {broken.message.strip()}")
+    if root is not None and (default := root.nsmap.get(None)):  # as Drake's has
+        for element in root.iter(f"{{{default}}}*"):
+            element.tag = etree.QName(element).localname
+        etree.cleanup_namespaces(root)
+    if root is None or root.tag != "robot":
+        raise ValueError(f"{file} is no URDF: its root element is {f'<{root.tag}>, ' if root is not None else ''}not <robot>")
+    if not root.get("name"):
+        root.set("name", file.stem)
+    return root
 
 
 def _find_meshes(root: etree._Element, file: Path) -> list[str]:
@@ -142,8 +164,8 @@ def join(root: etree._Element, tool: etree._Element, at: str, T: Array, prefix: 
 
 
 def add_fixed_joint(root: etree._Element, name: str, parent: str, child: str, T: Array) -> None:
-    """Append a fixed joint that puts `child` at pose T (4, 4) in `parent`."""
-    joint = etree.SubElement(root, "joint", name=name, type="fixed")
+    """Append a fixed joint that puts `child` at pose T (4, 4) in `parent`; where there is a joint of that name, with a number behind it."""
+    joint = etree.SubElement(root, "joint", name=_free(name, {e.get("name", "") for e in root.iter("joint")}), type="fixed")
     _origin(joint, T)
     etree.SubElement(joint, "parent", link=parent)
     etree.SubElement(joint, "child", link=child)
@@ -152,16 +174,18 @@ def add_fixed_joint(root: etree._Element, name: str, parent: str, child: str, T:
 def add_link(root: etree._Element, name: str, parent: str, T: Array, boxes: tuple[tuple[Array, Array], ...] = ()) -> None:
     """Append a link at pose T (4, 4) in `parent`, with boxes (size (3,), centre (3,)) as its visual and collision geometry.
 
-    A link that has the name already steps aside: it is called `<name>_original` from then on.
+    A link that has the name already steps aside: it is called `<name>_original` from then on, with a number behind it where that is taken.
     """
-    if any(e.get("name") == name for e in root.iter("link")):
+    names = {e.get("name", "") for e in root.iter("link")}
+    if name in names:
+        aside = _free(f"{name}_original", names)
         for e in root.iter("link"):
             if e.get("name") == name:
-                e.set("name", f"{name}_original")
+                e.set("name", aside)
         for e in root.iter("parent", "child"):
             if e.get("link") == name:
-                e.set("link", f"{name}_original")
-        parent = f"{name}_original" if parent == name else parent
+                e.set("link", aside)
+        parent = aside if parent == name else parent
     link = etree.SubElement(root, "link", name=name)
     for size, centre in boxes:
         for kind in ("visual", "collision"):
@@ -204,6 +228,11 @@ def _drop_foreign(element: etree._Element) -> None:
             for key in unwanted:
                 del child.attrib[key]
             _drop_foreign(child)
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """The name, or where it is taken, the first that is not with a number from 2 on behind it."""
+    return next(n for n in (name if i == 1 else f"{name}_{i}" for i in count(1)) if n not in taken)
 
 
 def _origin(element: etree._Element, T: Array) -> None:

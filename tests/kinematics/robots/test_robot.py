@@ -238,7 +238,7 @@ def test_an_srdf_beside_the_urdf_is_read(toy_urdf: Callable[..., Path]) -> None:
         ((("</robot>", '<link name="loose"/></robot>'),), "tcp", "grip", r"2 root links \(.*loose"),
         ((('<origin xyz="0 0 0.08"/>', '<origin xyz="0 0 0.08" rpy="0 0 1.5708"/>'),), "tcp", "grip", r"two fingers found .*T_link"),
         ((('<origin xyz="0 0 0.08"/>', '<origin xyz="0 0 0.3"/>'),), "tcp", "grip", r"between whose pads p \[0, 0, -0.22"),
-        ((("<robot", "<machine"), ("</robot", "</machine")), "tcp", "grip", r"no URDF: its root element is not <robot>"),
+        ((("<robot", "<machine"), ("</robot", "</machine")), "tcp", "grip", r"no URDF: its root element is <machine>, not <robot>"),
     ],
 )  # fmt: skip
 def test_what_a_urdf_must_have(
@@ -359,3 +359,14 @@ def test_the_arms_joints_may_stand_anywhere_among_all(ur5e: Robot, arm_joints: t
         assert np.array_equal(robot.arm_q(full), arm)
         assert (full[..., robot.gripper_joint] == 0.25).all()
         assert np.array_equal(full[..., others], np.broadcast_to(robot.home[others], (*q.shape[:-1], len(others))))
+
+
+def test_what_is_written_is_read_again_and_again(tmp_path: Path) -> None:
+    """Each time there are links `hand` and `camera` already, and joints that hold them."""
+    robot = load(str(Path(__file__).resolve().parents[3] / "examples" / "04_own_arm" / "arm.urdf"))
+    q, T = robot.home, robot.link_poses(robot.home)["hand"]
+    for n in range(3):
+        file = tmp_path / f"{n}.urdf"
+        file.write_text(robot.urdf)
+        robot = load(str(file))
+        np.testing.assert_allclose(robot.link_poses(q)["hand"], T, atol=1e-9)

@@ -92,6 +92,13 @@ def test_limits_of_many_turns_are_taken(tmp_path: Path) -> None:
         (arm('<sphere radius="-1"/>'), "link 'tip': <sphere radius='-1'> is not positive"),
         (arm(origin='<origin rpy="0 90 0"/>'), "<origin rpy='0 90 0'> is in rad; are these degrees? Then it is rpy=\"0 1.5708 0\""),
         (arm(origin='<origin quat_xyzw="0 0 0 0"/>'), "quat_xyzw '0 0 0 0' is no rotation"),
+        (arm(joint='<limit lower="${-pi}" upper="3"/>'), "<limit lower='${-pi}'> is no number; is this xacro? Then its file's name ends"),
+        (arm('<ellipsoid radii="1 1 1"/>'), "link 'tip': its <collision> has a <ellipsoid> for geometry; box, cylinder, sphere, capsule"),
+        (arm('<cylinder length="1"/>'), "link 'tip': its <collision> has a <cylinder> without radius"),
+        (arm('<capsule radius="1"/>'), "link 'tip': its <collision> has a <capsule> without length"),
+        (arm("<mesh/>"), "link 'tip': its <collision> has a <mesh> without filename"),
+        (arm('<box size="1 1 1"/><sphere radius="1"/>'), "has a <geometry> with <box> and <sphere>; give each a <collision> of its own"),
+        (arm('<mesh filename="a.stl" scale="0 1 1"/>'), "link 'tip': <mesh scale='0 1 1'> leaves nothing of it"),
     ],
     ids=lambda value: None if str(value).startswith("<robot") else str(value)[:48],
 )  # fmt: skip
@@ -100,6 +107,19 @@ def test_what_can_not_be_meant_is_one_line_with_the_file_and_the_joint(text: str
         read(tmp_path, text)
     assert str(e.value).startswith(f"{tmp_path / 'a.urdf'}: ")
     assert "\n" not in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (arm().removesuffix("</robot>"), "is broken, or cut off: line 1: Premature end of data in tag robot"),
+        (arm().replace("</collision>", ""), "is broken, or cut off: line 1: Opening and ending tag mismatch"),
+        ('<sdf version="1.7"><model name="x"/></sdf>', "is no URDF: its root element is <sdf>, not <robot>"),
+    ],
+)
+def test_a_file_that_is_cut_off_or_something_else_is_not_read_in_part(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'a.urdf'} {says}")):
+        read(tmp_path, text)
 
 
 # Other words for what URDF 1.0 can say ---------------------------------------------------------------------------------------------------
@@ -427,3 +447,60 @@ def test_a_hollow_but_convex_link_stays_one_hull(tmp_path: Path) -> None:
     inner.invert()
     write_mesh(tmp_path / "shell.stl", trimesh.util.concatenate([outer, inner]))
     assert len(hulls(tmp_path, arm('<mesh filename="shell.stl"/>'))) == 1
+
+
+def test_a_robot_without_a_name_has_the_files_and_a_default_namespace_is_no_obstacle(tmp_path: Path) -> None:
+    """Open Manipulator's has no name; Drake's files have a namespace."""
+    text = re.sub("<robot[^>]*>", '<robot xmlns="http://drake.mit.edu">', arm(), count=1)
+    root, _ = read(tmp_path, text)
+    assert root.get("name") == "a"
+    assert "xmlns" not in urdf.to_string(root)
+    assert urdf.to_string(root).replace('name="a"', "") == urdf.to_string(read(tmp_path, arm())[0]).replace('name="a"', "")
+
+
+@pytest.mark.parametrize("nothing", ["<collision/>", "<collision><geometry/></collision>", "<visual/>"])
+def test_elements_without_geometry_are_nothing(nothing: str, tmp_path: Path) -> None:
+    """MATLAB's PR2 and Baxter have some."""
+    without = urdf.to_string(read(tmp_path, arm())[0])
+    assert urdf.to_string(read(tmp_path, arm().replace('<link name="base">', f'<link name="base">{nothing}'))[0]) == without
+
+
+def test_a_mimic_of_a_mimic_follows_the_first(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """yourdfpy takes the second for one that stands still, and says so."""
+    more = "".join(
+        f'<link name="{name}"/><joint name="{name}" type="revolute"><parent link="base"/><child link="{name}"/>{LIMIT}{mimic}</joint>'
+        for name, mimic in (
+            ("first", '<mimic joint="second" multiplier="-2" offset="0.5"/>'),
+            ("second", '<mimic joint="turn" multiplier="0.5" offset="0.1"/>'),
+        )
+    )
+    root, _ = read(tmp_path, arm(more=more))
+    mimic = root.find("joint[@name='first']/mimic")
+    assert dict(mimic.attrib) == {"joint": "turn", "multiplier": "-1.0", "offset": "0.3"}
+    derive(urdf.to_string(root), "a", None, {})
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("name", ["package://odd//m.stl", "file:{folder}/m.stl", "meshes\\..\\m.stl", " m.stl "])
+def test_odd_names_of_meshes_are_understood(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "odd"
+    (folder / "meshes").mkdir(parents=True)
+    write_mesh(folder / "m.stl")
+    root, _ = read(folder, arm(f'<mesh filename="{name.format(folder=folder)}"/>'))
+    assert mesh_of(root) == folder / "m.stl"
+
+
+@pytest.mark.parametrize("name", ["m.stl", "package://odd/m.stl"])
+def test_a_mesh_in_other_capitals_is_named(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "odd"
+    folder.mkdir()
+    (folder / "package.xml").write_text("<package><name>odd</name></package>")
+    write_mesh(folder / "M.STL")
+    with pytest.raises(ValueError, match=r"which does not exist: .*; there is M.STL: capitals count"):
+        read(folder, arm(f'<mesh filename="{name}"/>'))
+
+
+def test_of_a_mesh_in_another_format_it_is_said_what_to_make_of_it(tmp_path: Path) -> None:
+    (tmp_path / "m.3ds").write_text("MM")
+    with pytest.raises(ValueError, match=r"mesh file .*m.3ds can't be read, .*; convert it to one of .stl, .obj, "):
+        hulls(tmp_path, arm('<mesh filename="m.3ds"/>'))

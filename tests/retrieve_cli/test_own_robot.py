@@ -124,7 +124,7 @@ NO_MESH = '<robot name="m"><link name="tip"><collision><geometry><mesh filename=
     [
         (NO_GEOMETRY, "robot {} has links but no collision geometry: add <collision> elements to its URDF"),
         (NO_MESH, "{}: link 'tip' names the mesh nowhere.stl, which does not exist: "),
-        ("<html/>", "{} is no URDF: its root element is not <robot>"),
+        ("<html/>", "{} is no URDF: its root element is <html>, not <robot>"),
         ("", "{} is no URDF: "),
     ],
     ids=["no collision geometry", "missing mesh", "HTML", "empty"],

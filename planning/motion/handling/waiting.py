@@ -139,8 +139,8 @@ def touching_anywhere(robot: Robot) -> str | None:
     low, high = np.maximum(robot.lower[arm], -np.pi), np.minimum(robot.upper[arm], np.pi)
     at = robot.with_arm(rng.uniform(low, np.maximum(low, high), (ANYWHERE, len(arm))), robot.home[np.full(ANYWHERE, robot.gripper_joint)])
     samples = [robot.link_poses(q) for q in at]
-    pairs = sorted(sorted(pair) for pair in always_touching(robot.hulls, samples, set(robot.skip)))
-    pairs = [(a, b) for a, b in pairs if (moved_by[a] ^ moved_by[b]) - planned]
+    found = sorted(sorted(pair) for pair in always_touching(robot.hulls, samples, set(robot.skip)))
+    pairs = [(a, b) for a, b in found if (moved_by[a] ^ moved_by[b]) - planned]
     if not pairs:
         return None
     joints = set().union(*(moved_by[a] ^ moved_by[b] for a, b in pairs)) - planned

@@ -7,7 +7,7 @@ before the edge nor what is behind it but something between.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.scene import Cabinet
-from kinematics.transforms import Array, apply, inverse, transform
-from perception.camera import cloud
+from kinematics.transforms import Array, apply, inverse
 from perception.frames import Frame
 from perception.pixels import flying_pixels
+from perception.readings import Sample, other_readings, sample
+from perception.seen_through import contradicted
 
 FARTHEST_M = 10.0
 """No depth camera for arm's length measures further; what says so is no measurement."""
@@ -27,12 +28,18 @@ EDGE_M = 0.02
 OUTSIDE_M = 0.03
 """What is nearer to the inner space than this is the cabinet's, as poses are not exact."""
 EVERY_PX = 7
+LEAST = 500  # points that others look at, at least, before frames can contradict one another
 SOME, MANY = 0.002, 0.2
 """Of the points of a recording that fits, more than the first share are in the cabinet; another reading that holds the second one explains
 a recording that does not fit."""
 AT_WALL_M, FAR_BETTER = 0.02, 4.0
 """What is so near to a wall shows it. A reading that shows so many times as much of the walls is the right one: with poses that are right
 three quarters of the points do, with the same the other way round a hundredth."""
+CONTRADICTED, DOUBTFUL, BETTER = 0.35, 0.05, 1.5
+"""Of what frames show in the cabinet and others look at, so much at most is where these look through to what is behind, and from the second
+one on it is said. With poses that are right it is a hundredth at most, with each 1° and 5 mm off a twentieth, 2° and 1 cm off a quarter. A
+reading that shows so many times as much of the walls is told as well."""
+ONE = 4.0  # a frame's own share, beside the median of all, from which on it is this frame that is wrong
 
 
 def trusted(frame: Frame) -> Frame:
@@ -42,28 +49,55 @@ def trusted(frame: Frame) -> Frame:
     return replace(frame, depth=np.where(flying_pixels(depth, EDGE_M), np.float32(0), depth))
 
 
-def misfit(frames: Sequence[Frame], cabinet: Cabinet) -> str | None:
+def misfit(frames: Sequence[Frame], cabinet: Cabinet, T_world_base: Array, on_doubt: Callable[[str], None] = lambda _: None) -> str | None:
     """Why the frames can't be of this cabinet, with the likely cause; None when they may be.
 
-    They can't when hardly any of what they measured lies inside it. Then the pose the other way round, the camera's axes as OpenGL and
-    Blender have them, and other units of depth and of the pose, are tried: a reading that puts much inside the cabinet is the likely cause.
-    Nor can they when such a reading shows the cabinet's walls far better.
+    They can't when hardly any of what they measured lies inside it. Then what the files may have meant instead is tried (see
+    `perception.readings`): a reading that puts much inside the cabinet is the likely cause. Nor can they when such a reading shows the
+    cabinet's walls far better, nor when frames look through what others show. T_world_base (4, 4): the robot's. on_doubt: is
+    told where frames agree badly, but not so badly that they can't be used.
     """
     if not any((f.depth > 0).any() for f in frames):
         return None if not frames else "no pixel of the frames measured anything: is this a depth image, and its depth_scale right?"
-    as_said, others = _fit(frames, cabinet), [(_fit(other, cabinet), cause) for cause, other in _other_readings(frames)]
+    samples = [sample(f, EVERY_PX) for f in frames]
+    as_said = _fit(samples, cabinet)
+    others = [(_fit(other, cabinet), cause) for cause, other in other_readings(samples, cabinet, T_world_base)]
+    found, cause = max(others, key=lambda other: other[0].at_walls)
     if as_said.inside <= SOME:
-        found, cause = max(others, key=lambda other: other[0].inside)
+        if found.at_walls <= MANY:
+            found, cause = max(others, key=lambda other: other[0].inside)
         if found.inside > MANY:
             return f"nothing that the frames measured lies inside the cabinet; {cause} ({100 * found.inside:.0f} % of the points would)"
         return (
             "nothing that the frames measured lies inside the cabinet: is the pose world-to-camera, in millimetres, of the scene's own "
             "world, and depth_scale the millimetres of one step?"
         )
-    found, cause = max(others, key=lambda other: other[0].at_walls)
+    shares = f"{100 * as_said.at_walls:.0f} % of the points lie at the cabinet's walls, and {100 * found.at_walls:.0f} % would"
     if found.at_walls > max(MANY, FAR_BETTER * as_said.at_walls):
-        shares = f"{100 * as_said.at_walls:.0f} % of the points lie at the cabinet's walls, and {100 * found.at_walls:.0f} % would"
         return f"the frames hardly show this cabinet; {cause} ({shares})"
+    if why := _contradiction(frames, cabinet, on_doubt):
+        return f"{why}; {cause} ({shares})" if found.at_walls > max(MANY, BETTER * as_said.at_walls) else why
+    return None
+
+
+def _contradiction(frames: Sequence[Frame], cabinet: Cabinet, on_doubt: Callable[[str], None]) -> str | None:
+    """Whether frames look through what others show in the cabinet, all of them or one; None when they agree."""
+    through, seen = contradicted(frames, lambda points: _inside(points, cabinet))
+    asked = through + seen
+    if asked.sum() < LEAST:
+        return None
+    share, what = through.sum() / asked.sum(), "of what frames show in the cabinet is where others look through"
+    if share > CONTRADICTED:
+        causes = "poses (hand-eye calibration, the moments they were taken at), cam_K or depth_scale are wrong, or things moved meanwhile"
+        return f"the frames contradict one another, {100 * share:.0f} % {what}: {causes}"
+    of_each = (asked + asked.T).sum(1)
+    shares = np.where(of_each >= LEAST, (through + through.T).sum(1) / np.maximum(of_each, 1), 0.0)
+    k = int(shares.argmax())
+    if shares[k] > max(CONTRADICTED, ONE * np.median(shares)):
+        return f"frame {k} and the others contradict one another, {100 * shares[k]:.0f} % {what}: is its pose right, and did nothing move?"
+    if share > DOUBTFUL or shares[k] > 2 * DOUBTFUL:
+        causes = "poses are off by a degree or more, or things moved meanwhile"
+        on_doubt(f"{100 * share:.0f} % {what}, and {100 * shares[k]:.0f} % at frame {k}: {causes}")
     return None
 
 
@@ -74,24 +108,34 @@ class _Fit(NamedTuple):
     at_walls: float
 
 
-def _fit(frames: Sequence[Frame], cabinet: Cabinet) -> _Fit:
-    """How much of what was measured is of the cabinet: one in EVERY_PX columns and rows is looked at."""
+def _fit(samples: Sequence[Sample], cabinet: Cabinet) -> _Fit:
+    """How much of what was measured is of the cabinet."""
     total = inside = at_walls = 0
     T = inverse(cabinet.T_world_cabinet)
-    low = np.array([0.0, -cabinet.size_m[1] / 2, 0.0])
-    high = low + cabinet.size_m
-    for frame in frames:
-        depth = np.zeros_like(frame.depth)
-        depth[::EVERY_PX, ::EVERY_PX] = frame.depth[::EVERY_PX, ::EVERY_PX]
-        points = apply(T, cloud(depth, frame.intrinsics, frame.T_world_camera))
+    low, high = _inner(cabinet)
+    for some in samples:
+        points = apply(T, some.points)
         total += len(points)
         points = points[((points > low - OUTSIDE_M) & (points < high + OUTSIDE_M)).all(1)]
         inside += len(points)
         near = (np.abs(points - low) < AT_WALL_M) | (np.abs(points - high) < AT_WALL_M)
         near[:, 0] = np.abs(points[:, 0] - high[0]) < AT_WALL_M  # there is no wall in front
         shown = points[near.any(1)]
-        at_walls += int(np.count_nonzero(_through_opening((T @ frame.T_world_camera)[:3, 3], shown, low, high)))
+        at_walls += int(np.count_nonzero(_through_opening((T @ some.T_world_camera)[:3, 3], shown, low, high)))
     return _Fit(inside / max(total, 1), at_walls / max(total, 1))
+
+
+def _inner(cabinet: Cabinet) -> tuple[Array, Array]:
+    """The least and the greatest corner of the inner space, in the cabinet's frame."""
+    low = np.array([0.0, -cabinet.size_m[1] / 2, 0.0])
+    return low, low + cabinet.size_m
+
+
+def _inside(points: Array, cabinet: Cabinet) -> NDArray[np.bool_]:
+    """Which points (N, 3) of the world are the cabinet's: in it, or at its walls."""
+    low, high = _inner(cabinet)
+    there = apply(inverse(cabinet.T_world_cabinet), points)
+    return np.asarray(((there > low - OUTSIDE_M) & (there < high + OUTSIDE_M)).all(1))
 
 
 def _through_opening(camera: Array, points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
@@ -102,35 +146,3 @@ def _through_opening(camera: Array, points: Array, low: Array, high: Array) -> N
         return np.zeros(len(points), bool)
     crossing = camera + (points - camera) * (-camera[0] / np.maximum(points[:, 0] - camera[0], 1e-9))[:, None]
     return np.asarray(((crossing[:, 1:] > low[1:] - OUTSIDE_M) & (crossing[:, 1:] < high[1:] + OUTSIDE_M)).all(1))
-
-
-def _other_readings(frames: Sequence[Frame]) -> list[tuple[str, list[Frame]]]:
-    """What the files may have meant instead, in words, and the frames as they would be then."""
-
-    def posed(change: float, turned: bool = False) -> list[Frame]:
-        return [replace(f, T_world_camera=_pose(f.T_world_camera, change, turned)) for f in frames]
-
-    readings = [("the pose is the camera's in the world: cam_R_w2c and cam_t_w2c must be world to camera", posed(1.0, True))]
-    readings.append(("the pose's translation is in metres: cam_t_w2c must be in millimetres", posed(1000.0)))
-    readings.append(
-        ("the pose is the camera's in the world, and in metres: cam_t_w2c must be world to camera, in millimetres", posed(1000.0, True))
-    )
-    axes = "the camera's axes are OpenGL's (y up, z backwards): its y and z axes must be turned round, x right, y down, z ahead"
-    readings.append((f"{axes} (the second and third row of cam_R_w2c and cam_t_w2c, with the other sign)", _turned_round(frames)))
-    readings.append((f"{axes}, and cam_R_w2c and cam_t_w2c must be world to camera", _turned_round(posed(1.0, True))))
-    for factor in (1000.0, 10.0, 4.0, 0.25, 0.1, 0.001):
-        more = [replace(f, depth=(f.depth * np.float32(factor)).astype(np.float32)) for f in frames]
-        readings.append((f"depth_scale is wrong by a factor of {factor:g}: it is the millimetres of one step", more))
-    return readings
-
-
-def _turned_round(frames: Sequence[Frame]) -> list[Frame]:
-    """The frames with the camera's y and z axes turned round."""
-    return [replace(f, T_world_camera=f.T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])) for f in frames]
-
-
-def _pose(T_world_camera: Array, scale: float, turned: bool) -> Array:
-    """The pose with the file's translation (world to camera) in another unit; or, `turned`, with the file's pose as the camera's."""
-    w2c = inverse(T_world_camera)
-    w2c = transform(w2c[:3, :3], scale * w2c[:3, 3])
-    return w2c if turned else inverse(w2c)

@@ -7,7 +7,7 @@ clears no space.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy import ndimage
 from kinematics.transforms import Array, apply, inverse
 from perception.camera import Depth, Intrinsics
 from perception.frames import Frame
+from perception.readings import sample
 
 APART_M = 0.02
 """At 1 m and nearer, growing with z²: neighbouring pixels whose depths differ by more are at an edge, and a view that measures so much more
@@ -25,6 +26,7 @@ OFF_M, AT_M = 0.005, 0.5
 """So far may poses be off: so far around where a pixel would be, at this distance, a view has to see through."""
 VALID = 0.5  # of the pixels there that measured something, at least, for a view to have a say
 VIEWS = 2  # so many, and more than see something there
+EVERY_PX = 11  # of columns and rows, where frames are compared with one another
 
 
 def without_seen_through(frames: Sequence[Frame]) -> list[Frame]:
@@ -32,6 +34,22 @@ def without_seen_through(frames: Sequence[Frame]) -> list[Frame]:
     0, nothing measured. A robot's own pixels have no say, and are left as they are."""
     others = [_view(frame) for frame in frames]
     return [_judged(frame, [view for view, other in zip(others, frames) if other is not frame]) for frame in frames]
+
+
+def contradicted(frames: Sequence[Frame], counts: Callable[[Array], NDArray[np.bool_]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """How many points of frame i frame j looks through to what is behind, and at how many it sees something: (F, F) each.
+
+    counts: which of points (N, 3), world, are asked about. What is hidden in frame j, and a robot's own pixels, have no say.
+    """
+    views = [_view(frame) for frame in frames]
+    through, seen = (np.zeros((len(frames), len(frames)), np.int64) for _ in range(2))
+    for i, frame in enumerate(frames):
+        points = sample(frame, EVERY_PX).points
+        points = points[counts(points)]
+        for j, view in enumerate(views):
+            if j != i:
+                through[i, j], seen[i, j] = (int(np.count_nonzero(some)) for some in _looked_at(view, points))
+    return through, seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +76,20 @@ def _judged(frame: Frame, views: Sequence[_View]) -> Frame:
     points = apply(frame.T_world_camera, np.stack([(u - k.cx) / k.fx * z, (v - k.cy) / k.fy * z, z], -1))
     through, seen = np.zeros(len(z), int), np.zeros(len(z), int)
     for view in views:
-        nearest, far = _seen_at(view, points)
-        margin = APART_M * np.maximum(far * far, 1.0)
-        through += (nearest > 0) & (nearest > far + margin)
-        seen += (nearest > 0) & (np.abs(nearest - far) <= margin)
+        looked_through, at = _looked_at(view, points)
+        through += looked_through
+        seen += at
     wrong = (through >= VIEWS) & (through > seen)
     depth = frame.depth.copy()
     depth[v[wrong], u[wrong]] = 0.0
     return replace(frame, depth=depth)
+
+
+def _looked_at(view: _View, points: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which of points (N, 3), world, a view looks through to what is behind, and where it sees something."""
+    nearest, far = _seen_at(view, points)
+    margin = APART_M * np.maximum(far * far, 1.0)
+    return (nearest > 0) & (nearest > far + margin), (nearest > 0) & (np.abs(nearest - far) <= margin)
 
 
 def _seen_at(view: _View, points: Array) -> tuple[Array, Array]:

@@ -190,10 +190,11 @@ def recorded(arm: Robot, scene: Scene, folder: Path, index: int) -> tuple[Frame,
     from perception.rendering.synthetic_camera import marked
     from perception.seen_through import without_seen_through
 
-    frames = [trusted(f) for f in read_frames(folder, scene=None if _is_one(folder) else index)]
-    if why := misfit(frames, scene.cabinet):
+    base = scene.robot.T_world_base
+    frames = marked(arm, base, [trusted(f) for f in read_frames(folder, scene=None if _is_one(folder) else index)])
+    if why := misfit(frames, scene.cabinet, base, lambda doubt: say(f"{scene.id}: {doubt}")):
         raise InputError(f"--from-views {folder}: {why}")
-    return tuple(without_seen_through(marked(arm, scene.robot.T_world_base, frames)))
+    return tuple(without_seen_through(frames))
 
 
 def limits_of(share: float | None, max_views: int | None, *, recording: bool) -> Limits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from PIL import Image
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box
-from kinematics.transforms import Array, inverse, rotation_about, transform
-from perception.camera import look_at, realsense_d435i
+from kinematics.transforms import Array, inverse, rotation_about, rotation_from_wxyz, transform, wxyz_from_rotation
+from perception.camera import look_at, ray_directions, realsense_d435i
 from perception.frames import Frame, read_frames, write_frames
 from perception.mapping.voxels import FREE, unknown_voxels
 from perception.recorded import misfit, trusted
@@ -22,6 +23,7 @@ from perception.rendering.surfaces import surfaces
 
 CAMERA = realsense_d435i(320, 240)
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.5, 0.0, 0.1]), 0.03)
+BASE = transform(p=[-0.1, 0.3, 0.2])
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 POSE = look_at(np.array([0.25, -0.2, 0.5]), np.array([0.8, 0.0, 0.15]))
 
@@ -76,8 +78,8 @@ def test_clean_surfaces_are_no_flying_pixels() -> None:
 
 
 def test_a_recording_that_fits_is_not_complained_of() -> None:
-    assert misfit([photograph()], CABINET) is None
-    assert misfit([], CABINET) is None
+    assert misfit([photograph()], CABINET, BASE) is None
+    assert misfit([], CABINET, BASE) is None
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,7 @@ def test_a_recording_that_fits_is_not_complained_of() -> None:
     ids=["inverted", "metres", "opengl", "opengl, inverted", "scale", "elsewhere", "blind"],
 )
 def test_a_recording_that_can_not_fit_says_why(frame: Frame, cause: str) -> None:
-    why = misfit([frame], CABINET)
+    why = misfit([frame], CABINET, BASE)
     assert why is not None
     assert cause in why
 
@@ -122,8 +124,8 @@ def test_poses_the_other_way_round_are_found_where_they_show_something_of_the_ca
         depth = np.where(depth > 0, depth + rng.normal(scale=0.004, size=depth.shape), 0.0).astype(np.float32)
         off = transform(rotation_about(axis / np.linalg.norm(axis), np.radians(2)), rng.normal(scale=0.006, size=3))
         frame = trusted(Frame(depth, None, (), small, pose @ off))
-        assert misfit([frame], CABINET) is None
-        why = misfit([replace(frame, T_world_camera=inverse(pose))], CABINET) or ""
+        assert misfit([frame], CABINET, BASE) is None
+        why = misfit([replace(frame, T_world_camera=inverse(pose))], CABINET, BASE) or ""
         found, showed = found + ("must be world to camera" in why), showed + ("hardly show" in why)
     assert found >= (54 if deep else 60)  # a single view from within may lie in the cabinet either way
     assert showed > 5
@@ -138,3 +140,101 @@ def test_intrinsics_of_another_resolution_are_told(middle: tuple[float, float], 
     (home / "scene_camera.json").write_text(json.dumps(cameras))
     with pytest.raises(ValueError, match="is cam_K for another resolution"):
         read_frames(tmp_path)
+
+
+def photographs() -> list[Frame]:
+    """Seven views of a cabinet with a box in it, from before it, from aside, from above and from below."""
+    bodies = [Body("box", Box(np.array([0.1, 0.1, 0.2])), transform(p=[0.75, 0.1, 0.2])), *CABINET.walls()]
+    seen = surfaces([b.shape for b in bodies], np.array([b.T_world_body for b in bodies]))
+    small = realsense_d435i(160, 120)
+    eyes = [(0.2, -0.3, 0.3), (0.25, -0.2, 0.5), (0.2, 0.0, 0.2), (0.1, 0.1, 0.45), (0.25, 0.3, 0.3), (0.2, 0.2, 0.55), (0.55, 0.0, 0.5)]
+    poses = [look_at(np.array(eye), np.array([0.8, 0.1 * k - 0.3, 0.2])) for k, eye in enumerate(eyes)]
+    return [Frame(raycast(seen, pose, small).depth, None, (), small, pose) for pose in poses]
+
+
+def with_rotation(T: Array, R: Array) -> Array:
+    return transform(R, T[:3, 3])
+
+
+def rolled(T: Array, shift: int) -> Array:
+    return with_rotation(T, rotation_from_wxyz(np.roll(wxyz_from_rotation(T[:3, :3]), shift)))
+
+
+def tilted(degrees: float) -> Array:
+    return transform(rotation_about((0, 1, 0), np.radians(degrees)))
+
+
+def aside(rng: np.random.Generator, degrees: float, away_m: float) -> Array:
+    """A turn about any axis, and a way in any direction."""
+    axis, way = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+    return transform(rotation_about(axis, np.radians(degrees)), away_m * way)
+
+
+def turned(degrees: float) -> Array:
+    return transform(rotation_about((0, 0, 1), np.radians(degrees)))
+
+
+T_BODY_OPTICAL = transform(np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "cause"),
+    [
+        (lambda T: rolled(T, -1), "quaternions that say x, y, z, w and were read as w, x, y, z"),
+        (lambda T: rolled(T, 1), "quaternions that say w, x, y, z and were read as x, y, z, w"),
+        (lambda T: inverse(rolled(inverse(T), -1)), "quaternions that say x, y, z, w and were read as w, x, y, z"),
+        (lambda T: inverse(rolled(inverse(T), 1)), "quaternions that say w, x, y, z and were read as x, y, z, w"),
+        (lambda T: with_rotation(T, T[:3, :3].T), "rotation in the world is transposed"),
+        (lambda T: inverse(with_rotation(inverse(T), T[:3, :3])), "cam_R_w2c is the camera's rotation in the world"),
+        (lambda T: inverse(transform(T[:3, :3].T, T[:3, 3])), "cam_t_w2c is where the camera is in the world"),
+        (lambda T: T @ inverse(T_BODY_OPTICAL), "its body's in ROS"),
+        (lambda T: inverse(T @ inverse(T_BODY_OPTICAL)), "its body's in ROS"),
+        (lambda T: T @ turned(180), "turned by 180°"),
+        (lambda T: T @ turned(90), "turned by 90°"),
+        (lambda T: T @ turned(-90), "turned by 90°"),
+        (lambda T: inverse(BASE) @ T, "the robot's base frame"),
+        (lambda T: inverse(CABINET.T_world_cabinet) @ T, "the cabinet's frame"),
+    ],
+)  # fmt: skip
+def test_poses_that_other_programs_would_tell_are_recognised(wrong: Callable[[Array], Array], cause: str) -> None:
+    """Most of them put a good part of the points into the cabinet, where nobody would notice but by what is found there."""
+    frames = photographs()
+    assert misfit(frames, CABINET, BASE) is None
+    assert cause in (misfit([replace(f, T_world_camera=wrong(f.T_world_camera)) for f in frames], CABINET, BASE) or "")
+
+
+def test_images_and_depths_that_other_programs_would_write_are_recognised() -> None:
+    frames = photographs()
+    mirrored = [replace(f, depth=np.ascontiguousarray(f.depth[:, ::-1])) for f in frames]
+    along = [replace(f, depth=(f.depth * np.linalg.norm(ray_directions(f.intrinsics), axis=2)).astype(np.float32)) for f in frames]
+    near = [replace(f, depth=f.depth * np.float32(0.001)) for f in frames]
+    for wrong, cause in ((mirrored, "left and right exchanged"), (along, "distances from the camera"), (near, "factor of 1000")):
+        assert cause in (misfit(wrong, CABINET, BASE) or "")
+
+
+def test_frames_that_look_through_what_others_show_are_refused() -> None:
+    """A hand-eye calibration that is 10° off, and a camera matrix of another lens, show the cabinet still; so does one wrong pose."""
+    frames, doubts = photographs(), list[str]()
+    calibration, doubtful = ([replace(f, T_world_camera=f.T_world_camera @ off) for f in frames] for off in (tilted(10), tilted(4)))
+    assert misfit(frames, CABINET, BASE, doubts.append) is None
+    assert not doubts
+    assert misfit(doubtful, CABINET, BASE, doubts.append) is None
+    assert "is where others look through" in doubts[0]
+    rng = np.random.default_rng(5)
+    loose = [replace(f, T_world_camera=f.T_world_camera @ aside(rng, 2, 0.01)) for f in frames]
+    assert misfit(loose, CABINET, BASE) is None
+    lens = [replace(f, intrinsics=replace(f.intrinsics, fx=f.intrinsics.fx * 1.5, fy=f.intrinsics.fy * 1.5)) for f in frames]
+    for wrong in (calibration, lens):
+        assert "the frames contradict one another" in (misfit(wrong, CABINET, BASE) or "")
+    frames[4] = replace(frames[4], T_world_camera=transform(p=[0.12, 0.1, 0.05]) @ frames[4].T_world_camera)
+    assert "frame 4 and the others contradict one another" in (misfit(frames, CABINET, BASE) or "")
+
+
+def test_a_robot_s_own_pixels_contradict_nothing() -> None:
+    frames = photographs()
+    for k, f in enumerate(frames):
+        arm = np.zeros(f.depth.shape, bool)
+        arm[60:] = True
+        frames[k] = replace(f, depth=np.where(arm, np.float32(0.2), f.depth), arm=arm)
+    assert misfit(frames, CABINET, BASE) is None
+    assert misfit([replace(f, arm=None) for f in frames], CABINET, BASE) is not None

@@ -17,6 +17,7 @@ from kinematics.transforms import rotation_from_wxyz, rotation_rpy, rpy_from_rot
 
 NO_PACKAGE = "there is no package"
 DRAKE = "package://drake"
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 GREY = "0.7 0.7 0.7 1"
 """Of what has no colour that can be read."""
 
@@ -115,8 +116,9 @@ def drop_points(root: etree._Element) -> None:
 
 
 def in_plain_words(root: etree._Element) -> None:
-    """Say quaternions, capsules, colours and mimics as all readers of URDFs understand them, in place."""
+    """Say quaternions, capsules, colours, mimics and inertias as all readers of URDFs understand them, in place."""
     plain_mimics(root)
+    _whole_inertials(root)
     _plain_origins(root)
     _turn_drakes_meshes(root)
     _plain_capsules(root)
@@ -133,6 +135,23 @@ def plain_mimics(root: etree._Element) -> None:
             mimic.set("multiplier", repr(rate * float(after.get("multiplier", "1"))))
             mimic.set("offset", repr(float(mimic.get("offset", "0")) + rate * float(after.get("offset", "0"))))
             mimic.set("joint", after.get("joint", ""))
+
+
+def _whole_inertials(root: etree._Element) -> None:
+    """Take out inertial elements without a mass or a whole inertia, in place: ROS's reader leaves out the links that have such."""
+    for link in root.iter("link"):
+        for element in link.findall("inertial"):
+            mass, inertia = element.find("mass"), element.find("inertia")
+            numbers = [None if mass is None else mass.get("value"), *(None if inertia is None else inertia.get(key) for key in _INERTIA)]
+            if not all(_is_number(text) for text in numbers):
+                link.remove(element)
+
+
+def _is_number(text: str | None) -> bool:
+    try:
+        return text is not None and bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
 
 
 def _turn_drakes_meshes(root: etree._Element) -> None:

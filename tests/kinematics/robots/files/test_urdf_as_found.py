@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pytest
 import trimesh
 from lxml import etree
@@ -21,6 +22,7 @@ from kinematics.transforms import Array, rotation_rpy
 
 BOX = '<box size="0.1 0.1 0.1"/>'
 TURNS = 'type="revolute"'
+INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 
 
@@ -504,3 +506,23 @@ def test_of_a_mesh_in_another_format_it_is_said_what_to_make_of_it(tmp_path: Pat
     (tmp_path / "m.3ds").write_text("MM")
     with pytest.raises(ValueError, match=r"mesh file .*m.3ds can't be read, .*; convert it to one of .stl, .obj, "):
         hulls(tmp_path, arm('<mesh filename="m.3ds"/>'))
+
+
+@pytest.mark.parametrize(
+    "inertial",
+    [
+        '<mass value="1"/>',
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>',
+        '<mass value="1"/><inertia ixx="1"/>',
+        '<mass value="x"/>',
+    ],
+)
+def test_links_whose_inertia_is_not_whole_are_read_by_others_too(inertial: str, tmp_path: Path) -> None:
+    """Pinocchio left the fingers of airo-models' Schunk EGK 40 out, their links altogether."""
+    text = arm().replace('<link name="tip">', f'<link name="tip"><inertial>{inertial}</inertial>')
+    cleaned = urdf.to_string(read(tmp_path, text)[0])
+    assert cleaned == urdf.to_string(read(tmp_path, arm())[0])
+    assert pinocchio.buildModelFromXML(cleaned).existFrame("tip")
+    whole = f'<inertial><mass value="1"/>{INERTIA}</inertial>'
+    kept = urdf.to_string(read(tmp_path, arm().replace('<link name="tip">', f'<link name="tip">{whole}'))[0])
+    assert "<inertia " in kept

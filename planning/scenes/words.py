@@ -94,7 +94,7 @@ def parse_obstacle(word: str, load: LoadMesh, say: Say = lambda _: None, taken: 
         raise InputError(f"{where}: its place is x,y or x,y,z, and z is the height of its bottom")
     shape, _ = _shape(shape_word, keys, load, where)
     low = numbers[2] if len(numbers) == 3 else _number(keys["z"], f"{where}: z") if "z" in keys else 0.0
-    body = _standing(_name(name, name, taken, where), shape, (numbers[0], numbers[1], low), keys, where, say)
+    body = _standing(_name(name, name, taken, where), shape, (numbers[0], numbers[1], low), keys, where, say, fixed=True)
     if "top" in keys:
         shift = _number(keys["top"], f"{where}: top") - bounds(body.shape, body.T_world_body)[1][2]
         body = replace(body, T_world_body=transform(p=[0.0, 0.0, shift]) @ body.T_world_body)
@@ -110,11 +110,15 @@ def parse_place(word: str, where: str) -> Array:
     return transform(rotation_about(UP, float(yaw)), numbers)
 
 
-def _standing(name: str, shape: Shape, place: tuple[float, float, float], keys: Mapping[str, str], where: str, say: Say) -> Body:
-    """A body with the middle of its box over x, y and its bottom at z."""
+def _standing(
+    name: str, shape: Shape, place: tuple[float, float, float], keys: Mapping[str, str], where: str, say: Say, *, fixed: bool = False
+) -> Body:
+    """A body with the middle of its box over x, y and its bottom at z. fixed: it is held by more than its weight, as a post or a door is,
+    and stands as its file has it."""
     R = rotation_about(UP, float(np.radians(_number(keys.get("yaw", "0"), f"{where}: yaw"))))
     if isinstance(shape, ConvexMesh) or "up" in keys:
-        axis, stands = (keys.get("up", "z"), True) if "up" in keys or not isinstance(shape, ConvexMesh) else upright_axis(shape)
+        given = fixed or "up" in keys or not isinstance(shape, ConvexMesh)
+        axis, stands = (keys.get("up", "z"), True) if given else upright_axis(shape)
         if axis not in AXES:
             raise InputError(f"{where}: up={axis}: the axes are {', '.join(AXES)}")
         if "up" not in keys:

@@ -76,6 +76,17 @@ def test_a_mesh_stands_up_and_says_so(meshes: Path) -> None:
         settle(made("bottle.stl@0.5,0", folder=meshes))
 
 
+def test_an_obstacle_is_not_laid_down(tmp_path: Path) -> None:
+    """A post or a door is fixed, and stands as its file has it, however slim it is."""
+    trimesh.creation.box((0.02, 0.8, 0.5)).export(tmp_path / "door.stl")
+    said: list[str] = []
+    doors = ("door:door.stl@0.2,0.45,0.4", "lid:door.stl@0.2,-0.45,0.4,up=x")
+    door, lid = made("box:0.06x0.06x0.16@0.5,0", folder=tmp_path, said=said.append, target="box", obstacles=doors).obstacles
+    assert np.ptp(bounds(door.shape, door.T_world_body), axis=0) == pytest.approx([0.02, 0.8, 0.5], abs=1e-6)
+    assert np.ptp(bounds(lid.shape, lid.T_world_body), axis=0)[2] == pytest.approx(0.02, abs=1e-6)
+    assert said == ["door: its z axis is taken to point up (say up=-z or another axis to turn it)"]
+
+
 def test_every_axis_can_be_turned_up() -> None:
     for axis in AXES.values():
         R = turned_up(np.array(axis, float))

@@ -117,8 +117,9 @@ def _standing(
     and stands as its file has it."""
     R = rotation_about(UP, float(np.radians(_number(keys.get("yaw", "0"), f"{where}: yaw"))))
     if isinstance(shape, ConvexMesh) or "up" in keys:
-        given = fixed or "up" in keys or not isinstance(shape, ConvexMesh)
-        axis, stands = (keys.get("up", "z"), True) if given else upright_axis(shape)
+        axis, stands = keys.get("up", "z"), True
+        if isinstance(shape, ConvexMesh) and "up" not in keys and not fixed:
+            axis, stands = upright_axis(shape)
         if axis not in AXES:
             raise InputError(f"{where}: up={axis}: the axes are {', '.join(AXES)}")
         if "up" not in keys:

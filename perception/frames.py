@@ -14,7 +14,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,8 @@ SAME, RESIZED = 0.1, 0.25
 than the second one."""
 SATURATED = 65535
 """A depth with all 16 bits set is none: cameras and converters write it where nothing was measured, or what is too far away."""
+NEVER_M = 100.0
+"""No depth camera measures so far, nor writes its 16 bits of millimetres as so many metres."""
 PALETTE = np.array(
     [
         [31, 119, 180],
@@ -70,15 +72,47 @@ class Frame:
     q: Array | None = None
 
 
+def checked(frame: Frame) -> Frame:
+    """The frame as it is used, wherever it was made: float32 depths, and 0 where they are none (NaN, infinite, negative).
+
+    Raises: ValueError for a depth image that is not of the size of its intrinsics, or not in metres; masks of another size; and no pose.
+    """
+    depth, k = np.asarray(frame.depth), frame.intrinsics
+    if depth.shape != (k.height, k.width):
+        raise ValueError(
+            f"a depth image is of shape {_by(depth.shape)}, and its intrinsics are for {k.height} × {k.width} (rows × columns)"
+        )
+    if not np.issubdtype(depth.dtype, np.floating):
+        raise ValueError(
+            f"depths are of type {depth.dtype}: metres are expected, as floating-point numbers (a camera's steps times its scale)"
+        )
+    depth = np.where(np.isfinite(depth) & (depth > 0), depth, 0).astype(np.float32)
+    if (depth > 0).any() and (median := float(np.median(depth[depth > 0]))) > NEVER_M:
+        raise ValueError(f"half of the depths are beyond {median:.0f}: metres are expected, and are these millimetres?")
+    for what, mask in (("instance", frame.instance), ("arm", frame.arm)):
+        if mask is not None and np.shape(mask) != depth.shape:
+            raise ValueError(f"{what} is of shape {_by(np.shape(mask))}, and the depth image of {_by(depth.shape)}")
+    T = np.asarray(frame.T_world_camera, float)
+    rigid = T.shape == (4, 4) and np.isfinite(T).all() and np.allclose(T[3], [0, 0, 0, 1])
+    if not (rigid and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0):
+        raise ValueError("T_world_camera is no pose: (4, 4), a rotation and a translation in metres")
+    return replace(frame, depth=depth, T_world_camera=T)
+
+
+def _by(shape: tuple[int, ...]) -> str:
+    return " × ".join(map(str, shape)) or "()"
+
+
 # Writing --------------------------------------------------------------------------------------------------------------------------------
 
 
 def write_frames(folder: Path, frames: Sequence[Frame], *, scene: int = 0) -> Path:
     """Write frames as one scene of the BOP layout, FOLDER/000000 for scene 0, and return that path; an older one of ours is replaced.
 
-    scene_camera.json comes last: a folder without it is not complete. Raises: ValueError where a recording with colour images lies, and for
-    depths beyond 65 m.
+    scene_camera.json comes last: a folder without it is not complete. Raises: ValueError where a recording with colour images lies, for a
+    frame that is none (see `checked`), and for depths beyond 65 m.
     """
+    frames = [_checked(i, frame) for i, frame in enumerate(frames)]
     home = folder / f"{scene:06d}"
     _clear(home)
     cameras, objects = {}, {}
@@ -129,6 +163,13 @@ def write_ply(file: Path, frames: Sequence[Frame]) -> int:
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *(f"property {f}" for f in fields), "end_header"]
     _put(file, ("\n".join(lines) + "\n").encode() + points.tobytes())
     return len(points)
+
+
+def _checked(number: int, frame: Frame) -> Frame:
+    try:
+        return checked(frame)
+    except ValueError as e:
+        raise ValueError(f"frame {number}: {e}") from e
 
 
 def _clear(home: Path) -> None:

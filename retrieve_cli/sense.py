@@ -31,6 +31,7 @@ STAGE = 2  # this stage's word in the seeds of random generators
 BY = ("mask", "geometry")
 CLOUD = "cloud.ply"
 HARDLY = 0.1  # a recording that shows less of the cabinet than this was told wrongly, as a rule
+SPARSE = 0.3  # or more of its pixels than this measured nothing
 
 
 @dataclass(frozen=True)
@@ -175,12 +176,24 @@ def _described(job: _Job, scene: Scene, sight: _Sight) -> Scene:
     if job.from_views is not None and not blind:
         say(f"{scene.id}: it lists objects of its own, and plans are made on those; with objects [] they are made on what was seen")
     if blind and voxels.known < HARDLY:
-        say(f"{scene.id}: hardly any of the cabinet was seen: are depth_scale, cam_K and the poses (world to camera, mm) right?")
+        say(f"{scene.id}: hardly any of the cabinet was seen: {_why_hardly(frames)}")
     if blind and sensed.grasp is not scene.grasp:
         say(f"{scene.id}: {'the grasp is fitted to' if scene.grasp else 'a grasp is proposed for'} the target as it was seen")
     elif blind and sensed.target is not None and sensed.grasp is None:
         say(f"{scene.id}: no grasp of the target as it was seen can be used; retrieve grasp says why, and takes grasps from elsewhere")
     return sensed
+
+
+def _why_hardly(frames: Sequence[Frame]) -> str:
+    """The likely cause: space is free only where all pixels of a place measured what is behind it."""
+    import numpy as np
+
+    missing = float(np.mean([np.mean(f.depth <= 0) for f in frames])) if frames else 0.0
+    if missing > SPARSE:
+        return (
+            f"{100 * missing:.0f} % of the pixels measured nothing; was depth aligned to finer colour images? Coarser ones have fewer holes"
+        )
+    return "are depth_scale, cam_K and the poses (world to camera, mm) right?"
 
 
 def recorded(arm: Robot, scene: Scene, folder: Path, index: int) -> tuple[Frame, ...]:

@@ -28,11 +28,12 @@ class OwnWorld:
 
     def take_frame(self) -> Frame:
         """Without what a depth camera makes up."""
-        from perception.frames import Frame
+        from perception.frames import Frame, checked
         from perception.recorded import trusted
 
         frame: Frame = self._asked("take_frame", Frame)
-        return trusted(frame)
+        with answering(f"--world {self._spec}: take_frame"):
+            return trusted(checked(frame))
 
     def execute(self, motions: Sequence[Motion]) -> Stopped | None:
         from planning.sensing.world import Stopped

@@ -169,7 +169,9 @@ def scene_from_node(node: Node, folder: Path, load: LoadMesh, noise_m: float = N
         node, second, ("schema", "id", "robot", "cabinet", "regions", "objects", *of_first), ("seed", "approaches", "observation"),
         ("target", "grasp", "obstacles", "grasps", "target_box"),
     )  # fmt: skip
-    objects = _bodies(f["objects"], load, second, WALLS, least=0 if second else 1)
+    if empty := [name for name in ("objects", *of_first) if not second and f[name].value in (None, [])]:
+        raise f[empty[0]].error(f'is empty, which came with version 2: write "schema": "{SCENE_2}"')
+    objects = _bodies(f["objects"], load, second, WALLS, least=0)
     taken = (*WALLS, *(b.name for b in objects))
     obstacles = _bodies(f["obstacles"], load, second, taken, least=0, still=True) if "obstacles" in f else ()
     scene = Scene(

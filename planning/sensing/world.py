@@ -17,7 +17,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Held, Scene
 from kinematics.transforms import Array, inverse
 from perception.camera import DepthNoise, Intrinsics
-from perception.frames import Frame
+from perception.frames import Frame, checked
 from perception.rendering.synthetic_camera import Camera, robot_pixels, synthetic_camera
 from planning.motion.checking.replay import hand_poses
 from planning.motion.pick_place import Motions
@@ -60,11 +60,12 @@ class World(Protocol):
 def frame_from(robot: Robot, T_world_base: Array, joints: Mapping[str, float], depth: NDArray[np.float32], intrinsics: Intrinsics) -> Frame:
     """A frame of a depth image (H, W), in metres along the optical axis, 0 where nothing was measured, taken where the joints are.
 
-    The camera is at the robot's link `camera` (z forwards, x right). Objects are not told apart.
+    The camera is at the robot's link `camera` (z forwards, x right). Objects are not told apart. Raises: ValueError, see
+    `perception.frames.checked`.
     """
     q = configuration(robot, joints)
     T_world_camera = T_world_base @ robot.link_poses(q)["camera"]
-    return Frame(np.asarray(depth, np.float32), None, (), intrinsics, T_world_camera, None, q)
+    return checked(Frame(depth, None, (), intrinsics, T_world_camera, None, q))
 
 
 def configuration(robot: Robot, joints: Mapping[str, float]) -> Array:

@@ -15,7 +15,7 @@ from PIL import Image
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from perception.camera import Intrinsics, cloud, look_at
-from perception.frames import Frame, read_frames, write_frames, write_ply
+from perception.frames import Frame, checked, read_frames, write_frames, write_ply
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
 
@@ -105,6 +105,35 @@ def test_a_foreign_recording_is_named_by_its_object_ids(frames: tuple[Frame, ...
     assert read_frames(tmp_path)[0].names == ("obj_000007", "obj_000007_1")
     (home / "scene_gt.json").unlink()
     assert read_frames(tmp_path)[1].names == ("object_0", "object_1")
+
+
+def test_what_is_no_depth_is_nothing_measured(frames: tuple[Frame, ...], tmp_path: Path) -> None:
+    depth = np.full(frames[0].depth.shape, 0.6)
+    depth[:3] = np.array([np.nan, np.inf, -1.0])[:, None]
+    write_frames(tmp_path, [replace(frames[0], depth=depth)])
+    (back,) = read_frames(tmp_path)
+    assert (back.depth[:3] == 0).all()
+    assert np.allclose(back.depth[3:], 0.6)
+    assert checked(replace(frames[0], depth=depth)).depth.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda f: {"depth": f.depth[::2, ::2]}, "shape 30 × 40, and its intrinsics are for 60 × 80"),
+        (lambda f: {"depth": f.depth[..., None]}, "shape 60 × 80 × 1"),
+        (lambda f: {"depth": (f.depth * 1000).astype(np.uint16)}, "type uint16: metres are expected"),
+        (lambda f: {"depth": f.depth * 1000}, "metres are expected, and are these millimetres"),
+        (lambda f: {"instance": np.zeros((3, 4), np.int32)}, "instance is of shape 3 × 4, and the depth image of 60 × 80"),
+        (lambda f: {"T_world_camera": f.T_world_camera[:3]}, "T_world_camera is no pose"),
+        (lambda f: {"T_world_camera": f.T_world_camera @ np.diag([-1, 1, 1, 1])}, "T_world_camera is no pose"),
+    ],
+)  # fmt: skip
+def test_a_frame_that_is_none_is_told(
+    frames: tuple[Frame, ...], tmp_path: Path, change: Callable[[Frame], dict[str, np.ndarray]], told: str
+) -> None:
+    with pytest.raises(ValueError, match="frame 1: .*" + told):
+        write_frames(tmp_path, [frames[0], replace(frames[1], **change(frames[1]))])
 
 
 def _edit(key: str, value: object) -> Callable[[Path], None]:

@@ -32,6 +32,13 @@ class Odd(Half):
     def where(self): return [1.0]
 def odd(scene, robot):
     return Odd()
+class Millimetres(SimulatedWorld):
+    def take_frame(self):
+        from dataclasses import replace
+        frame = super().take_frame()
+        return replace(frame, depth=1000 * frame.depth)
+def millimetres(scene, robot):
+    return Millimetres(robot, scene, np.random.default_rng(0))
 number = 3
 """
 
@@ -60,6 +67,11 @@ def test_a_world_by_module_and_by_file(ur5e: Robot, scene: Scene, module: str) -
     real = as_it_is(world, scene, ur5e)
     assert real.objects == ()
     assert real.robot.q_start == world.where()
+
+
+def test_a_frame_that_is_none_is_told_with_the_method(ur5e: Robot, scene: Scene, module: str) -> None:
+    with pytest.raises(InputError, match=r"--world cell_of_mine:millimetres: take_frame: .*are these millimetres\?"):
+        own_world(f"{module}:millimetres", scene, ur5e).take_frame()
 
 
 @pytest.mark.parametrize(

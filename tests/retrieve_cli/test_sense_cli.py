@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import documents
@@ -11,12 +12,13 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
-from perception import frames
+from perception import Frame, frames
+from perception.camera import Intrinsics
 from planning.io.outputs import alone_in
 from planning.io.scene_documents import scene_from_json
 from retrieve_cli.plan import run as plan
 from retrieve_cli.plan_job import Job
-from retrieve_cli.sense import parse_box, run
+from retrieve_cli.sense import _why_hardly, parse_box, run
 
 
 @pytest.fixture(scope="module")
@@ -140,3 +142,11 @@ def test_unknown_cells_are_checked(unknown: dict[str, object], says: str) -> Non
     document["observation"]["views"][-1]["unknown"] = unknown
     with pytest.raises(InputError, match=says):
         scene_from_json(document)
+
+
+def test_why_hardly_anything_was_seen_is_told_by_what_was_measured() -> None:
+    camera, depth = Intrinsics(8, 6, 7.0, 7.0, 3.5, 2.5), np.ones((6, 8), np.float32)
+    whole = Frame(depth, None, (), camera, np.eye(4))
+    sparse = replace(whole, depth=np.where(np.arange(8) % 2, depth, np.float32(0)))
+    assert "depth_scale" in _why_hardly([whole])
+    assert "50 % of the pixels measured nothing" in _why_hardly([sparse])

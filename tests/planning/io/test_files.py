@@ -240,7 +240,8 @@ MISTAKES: list[tuple[Change, str]] = [
     (_set("regions.n", 0), "regions.n: 0 is below 1"),
     (_set("grasp.width_m", True), "grasp.width_m: true stands where a number is expected"),
     (_set("grasp.width_m", 10**400), "grasp.width_m: 1000"),
-    (_set("objects", []), "objects: holds 0, and at least 1 is needed"),
+    (_set("objects", []), 'objects: is empty, which came with version 2: write "schema": "retrieve/scene@2"'),
+    (_set("grasp", None), 'grasp: is empty, which came with version 2: write "schema": "retrieve/scene@2"'),
     (_set("objects", {}), "objects: an object stands where an array [...] is expected"),
     (
         _set("cabinet.T_world_cabinet.q_wxyz", [0, 0, 0.6, 0.8]),

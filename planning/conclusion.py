@@ -13,6 +13,7 @@ from planning.motion.checking.replay import hand_poses, replayed, with_clearance
 from planning.motion.checking.verify import first_touch
 from planning.motion.settings import DEFAULTS, MotionSettings
 from planning.plan import SCENE, Blocked, Fault, Motion, Move, Plan
+from planning.rules import MAX_MOVES
 from planning.stopwatch import Stopwatch
 from planning.verdict import Settings, Verdict, examine
 
@@ -31,17 +32,18 @@ def conclude(
     settings: MotionSettings = DEFAULTS,
     grasp: Grasp | None = None,
     is_truth: bool = True,
+    max_moves: int = MAX_MOVES,
 ) -> Plan:
     """The plan that a loop ends with, after the final check and the verdict, with the clearances measured.
 
     reason: why the target was not taken, None when it was. grasp: how it was taken, by default the scene's x_g. is_truth: whether
-    the scene is as things were when the motions began; otherwise nothing is judged by it.
+    the scene is as things were when the motions began; otherwise nothing is judged by it. max_moves: how many moves were allowed.
     """
     success = reason is None
     travel = hand_travels(robot, scene, way)
     plan = Plan(
         scene.id, name, str(rule), success, reason, tuple(moves), tuple(way), thinking.seconds, moving.seconds,
-        sum(travel, 0.0), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled,
+        sum(travel, 0.0), objective(scene, moves, success), None, grasp=grasp, settled=scene.settled, max_moves=max_moves,
         relocation_travel_m=sum((length for length, counts in zip(travel, relocating(way)) if counts), 0.0),
     )  # fmt: skip
     if not way:

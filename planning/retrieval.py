@@ -136,9 +136,9 @@ def retrieve(
     grasp = None if isinstance(taken, Blocked) else found[-1][1].grasp
     plan = conclude(
         motions.robot, scene, why, moves, way,
-        name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp,
+        name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp, max_moves=max_moves,
     )  # fmt: skip
-    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in), max_moves=max_moves)
+    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in))
 
 
 def one_move(

@@ -39,7 +39,8 @@ class ToyRobot:
     def __init__(self, links: Mapping[str, Array | Sequence[Array]], **other: object) -> None:
         self.name, self.urdf, self.joint_names, self.gripper_joint, self.grip = "toy", URDF, JOINTS, 4, None
         self.opening, self.pads, self.skip = OPENING, frozenset({"left", "right"}), frozenset[frozenset[str]]()
-        self.velocity, self.acceleration = ARM.velocity, np.full(5, 10.0)
+        self.velocity, self.acceleration, self.known_jerk = ARM.velocity, np.full(5, 10.0), np.full(5, np.inf)
+        self.grip_force_N: float | None = None
         self.hulls = [hull(link, v) for link, some in links.items() for v in ([some] if isinstance(some, np.ndarray) else some)]
         self.__dict__.update(other)
 

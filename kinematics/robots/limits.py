@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
+from numpy.typing import NDArray
 
 from kinematics.errors import did_you_mean, one_line
 from kinematics.git_lfs import refuse_pointer
@@ -34,13 +35,19 @@ LEAST, MOST = 1e-3, 1e6
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """velocity, acceleration, jerk (J,) of every actuated joint, in rad (or m) and seconds. source: who says so; assumed: in words, what
-    nobody says and what is taken instead, empty where all is known."""
+    nobody says and what is taken instead, empty where all is known; jerk_is_known (J,): of which joints somebody says the jerk."""
 
     velocity: Array
     acceleration: Array
     jerk: Array
     source: str
     assumed: str
+    jerk_is_known: NDArray[np.bool_]
+
+    @property
+    def known_jerk(self) -> Array:
+        """The jerks (J,) that somebody says, infinite where they are assumed: planned by, and no reason to call another's plan false."""
+        return np.where(self.jerk_is_known, self.jerk, np.inf)
 
 
 def joint_limits(
@@ -82,7 +89,7 @@ def read_limits(file: Path, joints: Sequence[str], known: JointLimits, urdf: str
     """
     tables, root = read_tables(file), etree.fromstring(urdf.encode())
     most = {"velocity": np.array([_urdf_velocity(root, name) or np.inf for name in joints])}
-    values = {kind: np.array(getattr(known, kind)) for kind in KINDS}
+    values, said = {kind: np.array(getattr(known, kind)) for kind in KINDS}, known.jerk_is_known.copy()
     for name, table in sorted(tables.items(), key=lambda item: item[0] != ALL):
         if name != ALL and name not in joints:
             known_ones = f"the robot's are {', '.join(joints)}, and {ALL!r} means each"
@@ -101,8 +108,10 @@ def read_limits(file: Path, joints: Sequence[str], known: JointLimits, urdf: str
                 above = f"{value:g} is above the URDF's {bound[which]:g}, by which every plan is judged"
                 raise ValueError(f"{file}: {name}.{kind}: {above}; give less, or a URDF that allows it")
             values[kind][which] = np.minimum(value, bound[which])
+            if kind == "jerk":
+                said[which] = True
     assumed = "" if all(kind in tables.get(ALL, {}) for kind in KINDS) else known.assumed
-    return JointLimits(values["velocity"], values["acceleration"], values["jerk"], f"{file.name}, else {known.source}", assumed)
+    return JointLimits(values["velocity"], values["acceleration"], values["jerk"], f"{file.name}, else {known.source}", assumed, said)
 
 
 def _urdf_velocity(urdf: etree._Element, name: str) -> float | None:
@@ -114,7 +123,7 @@ def _urdf_velocity(urdf: etree._Element, name: str) -> float | None:
 
 def _completed(joints: Sequence[str], gripper: int, values: dict[str, Array], source: str) -> JointLimits:
     """Fill in what is not known, nan so far, and say so."""
-    said = list[str]()
+    said, jerk_is_known = list[str](), ~np.isnan(values["jerk"])
     slow, quick = (np.full(len(joints), seconds) for seconds in (ACCELERATION_S, JERK_S))
     slow[gripper], quick[gripper] = GRIPPER_ACCELERATION_S, GRIPPER_JERK_S
     rules = (("velocity", lambda: np.full(len(joints), VELOCITY), f"{VELOCITY:g} rad/s or m/s", ""),
@@ -126,4 +135,4 @@ def _completed(joints: Sequence[str], gripper: int, values: dict[str, Array], so
             values[kind][missing] = rule()[missing]
             which = "every joint" if missing.all() else ", ".join(name for name, m in zip(joints, missing) if m)
             said.append(f"{kind} of {which}: {words}" + (f" ({joints[gripper]} {fingers})" if fingers and missing[gripper] else ""))
-    return JointLimits(values["velocity"], values["acceleration"], values["jerk"], source, "; ".join(said))
+    return JointLimits(values["velocity"], values["acceleration"], values["jerk"], source, "; ".join(said), jerk_is_known)

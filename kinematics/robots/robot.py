@@ -71,6 +71,11 @@ class Robot:
         """Limits (J,) in rad/s³ or m/s³."""
         return self.limits.jerk
 
+    @property
+    def known_jerk(self) -> Array:
+        """The same, infinite where nobody says a limit and one is assumed."""
+        return self.limits.known_jerk
+
     @cached_property
     def arm_limits(self) -> tuple[Array, Array, Array]:
         """Limits of velocity, acceleration and jerk of the arm's joints (A,)."""

@@ -72,10 +72,10 @@ def retrieve_unseen(
     plan = conclude(
         robot, scene if is_truth else replace(scene, objects=mind.belief.bodies), ended.why, record.moves, record.way,
         name=name, rule=settings.rule, thinking=loop.thinking, moving=loop.moving,
-        settings=settings.motion, grasp=ended.grasp, is_truth=is_truth,
+        settings=settings.motion, grasp=ended.grasp, is_truth=is_truth, max_moves=settings.max_moves,
     )  # fmt: skip
     notes = (*plan.notes, *assumed(mind), *pushed(known))
-    return replace(plan, target_blocked=tuple(record.kept_in), notes=notes, max_moves=settings.max_moves)
+    return replace(plan, target_blocked=tuple(record.kept_in), notes=notes)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ be asked about. FCL's distances are not taken on trust: a plane between the two 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from kinematics.scene import Scene
 from kinematics.transforms import Array
 from planning.verdict.course import Course
 from planning.verdict.faults import Fault, Settings
+from planning.verdict.fingers import STILL, any_opening, arm_moves
 from planning.verdict.hand import Hand
 from planning.verdict.ledger import Carry, Ledger
 from planning.verdict.pairs import Pairs, link_solids, pairs_of
@@ -27,7 +29,6 @@ from planning.verdict.sweep import Boxes, Sweep, open_intervals, sweep
 
 TOUCH_M = 1e-6  # what overlaps by less is rounding
 CLAIM_M = 1e-4  # by so much may a motion's clearance be less than it says
-STILL = 1e-6  # rad or m, by which a joint that stands still may move
 _SOME = 24  # samples at which a contact's depth is measured
 
 
@@ -41,7 +42,7 @@ def contact_faults(
     settings: Settings,
 ) -> tuple[list[Fault], list[Fault]]:
     """What touches and may not, the deepest of each pair and motion, and what is nearer than a motion says that anything comes; and which
-    pairs touch that an SRDF switches off.
+    pairs touch that an SRDF switches off. Where fingers move beside the arm they may be anywhere on their way all along.
 
     rests: for each object that is carried, what it stands on before and after. Where the settings leave contacts out, the pairs that are
     switched off are still looked at.
@@ -52,7 +53,7 @@ def contact_faults(
     faults, notes = list[Fault](), list[Fault]()
     for i, (course, standing) in enumerate(zip(courses, ledger.standing)):
         found, off = checker.course(course, standing, _at_hand(ledger.carries, i))
-        faults, notes = faults + found, notes + off
+        faults, notes = faults + (found or checker.early_or_late(course, standing)), notes + off
     return faults, notes
 
 
@@ -80,8 +81,18 @@ class _Checker:
         self.pairs = pairs if settings.contact else Pairs(pairs.checked[:0], pairs.switched_off)
         self.pads = {*robot.pads, *(pad.link for pad in hand.pads)}
 
-    def course(self, course: Course, standing: Mapping[str, Array], at_hand: frozenset[str]) -> tuple[list[Fault], list[Fault]]:
-        """Faults and notes of one motion."""
+    def early_or_late(self, course: Course, standing: Mapping[str, Array]) -> list[Fault]:
+        """Faults of a motion in which fingers move beside the arm, at the first opening that has any."""
+        for value, fixed in any_opening(self.hand, course):
+            if found := self.course(fixed, standing, frozenset(), self.hand.fingers)[0]:
+                late = f", with {self.arm.joints[self.hand.gripper]} at {value:.3g}, early or late beside the arm"
+                return [replace(fault, detail=fault.detail + late) for fault in found]
+        return []
+
+    def course(
+        self, course: Course, standing: Mapping[str, Array], at_hand: frozenset[str], only: Collection[str] | None = None
+    ) -> tuple[list[Fault], list[Fault]]:
+        """Faults and notes of one motion. only: names of which each pair that is looked at has one; None: all."""
         held, n = course.held, len(self.links)
         grip = self.objects.get(held.body, []) if held is not None else []
         around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects.get(name, ()))]
@@ -97,12 +108,16 @@ class _Checker:
         stands_on = np.array([s.name in self.mounts for s, _ in around], np.bool_)
         apart = ~(stands_on[around_all] & (carrier[against] == 0))
         tables = [np.stack([holding + n, held_all], -1), np.stack([against, around_all + movers], -1)[apart]]
-        pairs = np.concatenate([self.pairs.checked, self.pairs.switched_off, *tables])
+        own = [self.pairs.checked, self.pairs.switched_off]
+        if only is not None:
+            chosen = np.array([s.name in only for s in solids], np.bool_)
+            own, tables = ([table[chosen[table].any(1)] for table in some] for some in (own, tables))
+        pairs = np.concatenate([*own, *tables])
         still = self._still(course, carrier, pairs)
         found = self._found(course, samples, solids, pairs, still, at_hand)
         faults, notes = list[Fault](), list[Fault]()
         for k, deep in found.items():
-            off = len(self.pairs.checked) <= k < len(self.pairs.checked) + len(self.pairs.switched_off)
+            off = len(own[0]) <= k < len(own[0]) + len(own[1])
             a, b = (solids[x].name for x in pairs[k])
             more = ", a pair that the robot's SRDF switches off" if off else ""
             fault = Fault(course.stage, (a, b), f"{course.where}: {a} is {1000 * deep:.2f} mm inside {b}{more}", deep)
@@ -178,18 +193,13 @@ class _Checker:
         if frozenset((a, b)) in course.allowed:
             body, other = (b, a) if a_is_link else (a, b)
             if a_is_link or b_is_link:
-                if other in self.hand.holding and (body == held or (body in at_hand and self._arm_stands(course))):
+                if other in self.hand.holding and (body == held or (body in at_hand and not arm_moves(self.hand, course))):
                     return self.settings.depth_m
             elif b in self.rests.get(a, ()):  # a is held: nothing else that is no link moves
                 return self.settings.depth_m
         if a_is_link and self.arm.links[a][0] == 0:  # the base stands on something
             return self.settings.depth_m
         return TOUCH_M
-
-    def _arm_stands(self, course: Course) -> bool:
-        low, high = course.reach
-        own = list(self.arm.driven_by(self.hand.carrier))
-        return bool((high - low)[own].max() <= STILL)
 
 
 class _Asked:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kinematics.robots.hands.opening import Opening
+from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
@@ -25,6 +26,8 @@ TIME_S = 1e-3
 GRIPPER = 1e-4  # rad or m
 WIDTH_M = 5e-4  # by which the width that a gripper is told may differ from the one that it then has
 NOTHING = "nothing"
+EMPTY, CARRYING = ("transit", "approach", "retreat", "look"), ("lift", "transfer", "lower")
+"""Stages in which a hand holds nothing, and in which it holds something."""
 STATED = {"duration_s": 1e-3, "clearance_m": 1e-5}
 """By which figures in a plan's file may differ from those of its motions."""
 
@@ -187,6 +190,68 @@ def width_faults(motions: Sequence[Motion], opening: Opening) -> list[Fault]:
                     f"its joint is told {1000 * told:.1f} mm and stands at {1000 * at:.1f} mm"
                 )
                 out.append(Fault(motion.stage, (), detail, off))
+    return out
+
+
+def told_faults(motions: Sequence[Motion], robot: Robot) -> list[Fault]:
+    """The gripper that is told is the robot's, it is told a force while it holds, and to close further than the plan has it only there."""
+    out, own = [], robot.joint_names[robot.gripper_joint]
+    holds = [False, *(m.held is not None for m in motions), False]
+    for number, motion in enumerate(motions):
+        told = motion.gripper
+        if told is None:
+            continue
+        if told.joint != own and told.joint in motion.joint_names:
+            out.append(Fault(motion.stage, (), f"motion {number} tells a gripper's joint {told.joint!r}, and the gripper's is {own!r}"))
+            continue
+        for when, state, held in (
+            ("before", told.before, any(holds[number : number + 2])),
+            ("after", told.after, any(holds[number + 1 :][:2])),
+        ):
+            if (
+                state.command is not None
+                and not held
+                and robot.opening.width_at(state.command) < robot.opening.width_at(state.value) - WIDTH_M
+            ):
+                width = robot.opening.width_at(state.command)
+                detail = f"motion {number} tells the gripper to close to {1000 * width:.1f} mm {when} it, and it holds nothing there"
+                out.append(Fault(motion.stage, (), detail, width))
+            if held and robot.grip_force_N and not robot.opening.cup_m and not state.force_N:
+                detail = f"motion {number} tells the gripper no force {when} it, and it holds something there"
+                out.append(Fault(motion.stage, (), detail))
+    return out
+
+
+def stage_faults(courses: Sequence[Course]) -> list[Fault]:
+    """Motions of an empty hand hold nothing, and those that carry hold something."""
+    out = []
+    for course in courses:
+        if course.stage in EMPTY and course.held is not None:
+            out.append(Fault(course.stage, (course.held.body,), f"{course.where} is of an empty hand, and holds {course.held.body}"))
+        if course.stage in CARRYING and course.held is None:
+            out.append(Fault(course.stage, (), f"{course.where} carries, and holds nothing"))
+    return out[:1]
+
+
+def claim_faults(scene: Scene, plan: Plan) -> list[Fault]:
+    """What a plan says of its outcome does not contradict itself: success, its reason, how many moves there are, may be and must be."""
+    done = sum(m.done for m in plan.moves)
+    said = [
+        (plan.success and plan.reason is not None, f"it is called a success, and has a reason why it failed: {plan.reason}"),
+        (not plan.success and plan.reason is None, "it is no success, and does not say why"),
+        (plan.success and plan.unsolvable is not None, "it is called a success, and the scene unsolvable"),
+        (plan.success and done < (plan.least_moves or 0), f"its least_moves is {plan.least_moves}, and it succeeds with {done}"),
+        (done > plan.max_moves, f"it makes {done} moves, and its max_moves is {plan.max_moves}"),
+    ]
+    out = [Fault(PLAN, (), detail) for wrong, detail in said if wrong]
+    for move in plan.moves:
+        if move.done and move.reason is not None:
+            out.append(
+                Fault(MOVES, (move.object,), f"the move of {move.object} is called done, and has a reason why it failed: {move.reason}")
+            )
+    known = scene.poses()
+    for name in [s.object for s in plan.settled if s.object not in known][:1]:
+        out.append(Fault(PLAN, (name,), f"it says that {name!r} was settled, which is not in the scene"))
     return out
 
 

@@ -20,7 +20,18 @@ from planning.plan import JOINED, Motion, Plan
 from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course, courses
 from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings
-from planning.verdict.figures import figure_faults, goal_faults, grasp_faults, move_faults, tilt_faults, width_faults
+from planning.verdict.figures import (
+    claim_faults,
+    figure_faults,
+    goal_faults,
+    grasp_faults,
+    move_faults,
+    stage_faults,
+    tilt_faults,
+    told_faults,
+    width_faults,
+)
+from planning.verdict.fingers import grip_faults
 from planning.verdict.hand import Hand, hand_of
 from planning.verdict.ledger import Ledger, keep
 from planning.verdict.limits import limit_faults
@@ -119,6 +130,7 @@ def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Setti
         return done.faults, done.notes
     said = move_faults(scene, plan, done.ledger, settings) + goal_faults(scene, plan, done.ledger)
     said += figure_faults(scene, plan, done.run, hand) + width_faults(plan.motions, robot.opening)
+    said += told_faults(plan.motions, robot) + stage_faults(done.run) + claim_faults(scene, plan)
     return done.faults + said, done.notes
 
 
@@ -128,7 +140,7 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
         return _Replayed(faults, [], run, None)
     order = [robot.joint_names.index(name) for name in hand.arm.joints]
     velocity = np.minimum(hand.arm.velocity, robot.velocity[order])  # a data sheet may know better than the URDF
-    faults += limit_faults(replace(hand.arm, velocity=velocity), run, robot.acceleration[order])
+    faults += limit_faults(replace(hand.arm, velocity=velocity), run, robot.acceleration[order], robot.known_jerk[order])
     faults += _start(scene, run, hand)
     ledger = keep(hand, scene, run, settings)
     faults += ledger.faults
@@ -136,7 +148,7 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
         return _Replayed(faults, [], run, None)
     unstable, rests, tottering = _standing(scene, ledger, settings)
     faults += unstable
-    faults += _holding(scene, ledger, hand, settings)
+    faults += _holding(scene, ledger, hand, settings) + grip_faults(hand, run, ledger)
     faults += grasp_faults(scene, ledger, grasps, settings)
     tilts = {b.name: settings.max_tilt_deg if b.max_tilt_deg is None else b.max_tilt_deg for b in scene.objects}
     limits = {name: most for name, most in tilts.items() if most is not None}
@@ -176,8 +188,8 @@ def _holding(scene: Scene, ledger: Ledger, hand: Hand, settings: Settings) -> li
 
 
 def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fault], dict[str, frozenset[str]], list[Fault]]:
-    """What floats at the start, and what is put down and does not stand; what each object that is carried rests on, before or after; and,
-    as notes, what would fall over at the start by its shape.
+    """What floats at the start, and what does not stand where it is put down, or once another is taken from under it; what each object that
+    is carried rests on, before or after; and, as notes, what would fall over at the start by its shape.
 
     That an object stands there is what the scene says, and apples and balls do, though a scan's foot is rarely under its middle: such a
     one may be put down again where it stands no worse.
@@ -189,12 +201,16 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
     out += [fault for name, faults in said.items() for fault in faults if not rests[name].on]
     notes = [fault for name, faults in said.items() for fault in faults if rests[name].on]
     names = {c.body: set(rests[c.body].on) for c in ledger.carries}
+    now = dict(rests)
     for carry in ledger.carries:
-        here[carry.body] = placed(carry.body, scene.body(carry.body).shape, carry.T_world_to, cabinet)
+        del here[carry.body], now[carry.body]
+        for name in [name for name, at in now.items() if carry.body in at.on]:  # what leaned or stood on it
+            first, now[name] = now[name], _on(here[name], here, scene, settings)
+            out += _worse("lift", name, now[name], first, f"once motion {carry.first} takes {carry.body}", settings)
         if carry.put:
-            at, first = _on(here[carry.body], here, scene, settings), rests[carry.body]
-            if not at.on or first.carried or at.off_m > first.off_m + settings.pose_m:
-                out += _fallen("release", carry.body, at, f"where motion {carry.last} puts it")
+            here[carry.body] = placed(carry.body, scene.body(carry.body).shape, carry.T_world_to, cabinet)
+            now[carry.body] = at = _on(here[carry.body], here, scene, settings)
+            out += _worse("release", carry.body, at, rests[carry.body], f"where motion {carry.last} puts it", settings)
             names[carry.body] |= set(at.on)
     return out, {name: frozenset(on) for name, on in names.items()}, notes
 
@@ -208,6 +224,13 @@ def _walls(scene: Scene) -> Iterator[Placed]:
     """Walls and obstacles, which are placed when somebody looks at them: most objects stand on the floor."""
     for body in (*scene.cabinet.walls()[1:], *scene.obstacles):
         yield placed(body.name, body.shape, body.T_world_body, scene.cabinet)
+
+
+def _worse(stage: str, name: str, at: Stand, first: Stand, when: str, settings: Settings) -> list[Fault]:
+    """What does not stand, unless it stood so badly at first."""
+    if at.on and not first.carried and at.off_m <= first.off_m + settings.pose_m:
+        return []
+    return _fallen(stage, name, at, when)
 
 
 def _fallen(stage: str, name: str, at: Stand, when: str) -> list[Fault]:

@@ -1,4 +1,4 @@
-"""What a robot's joints can do: positions, velocities, accelerations, motions that follow one another without a gap, rest between them."""
+"""What a robot's joints can do: positions and their rates up to jerk, motions that follow one another without a gap, rest between them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from planning.verdict.course import Course
 from planning.verdict.faults import Fault
 
 POSITION = 1e-6  # rad or m, by which files may round
+THIRD = DEGREE * (DEGREE - 1) * (DEGREE - 2)
 RATE = 1e-4  # of a limit, by which a rate may be above it; and the rate, in rad/s or rad/s², that still is rest
 
 
-def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> list[Fault]:
-    """What the joints can't do, the worst joint of each motion; acceleration (J,): its limits in rad/s² or m/s²."""
+def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array, jerk: Array) -> list[Fault]:
+    """What the joints can't do, the worst joint of each motion; acceleration, jerk (J,): limits in rad/s² or m/s², rad/s³ or m/s³."""
     out: list[Fault] = []
-    for n in np.flatnonzero(_doubtful(arm, courses, acceleration)).tolist():
+    for n in np.flatnonzero(_doubtful(arm, courses, acceleration, jerk)).tolist():
         course = courses[n]
         out += _positions(arm, course)
         if n > 0:
@@ -29,11 +30,11 @@ def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array) -> li
             if jumped is not None:
                 worst, far = jumped
                 out.append(_fault(course, f"starts {far:.3g} {arm.units[worst]} from where {arm.joints[worst]} ended before", far))
-        out += _rates(arm, course, acceleration)
+        out += _rates(arm, course, acceleration, jerk)
     return out
 
 
-def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array) -> NDArray[np.bool_]:
+def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array, jerk: Array) -> NDArray[np.bool_]:
     """Which courses (C,) deserve a closer look: all but those splines whose Bernstein coefficients, between which they stay, keep all
     limits, and that begin where the one before ends, and rest at both ends."""
     doubtful = np.array([course.spline is None for course in courses])
@@ -46,8 +47,9 @@ def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array) -> NDArr
     way = np.diff(control, axis=1)
     speed = DEGREE / h[:, None, None] * way
     rate = DEGREE * (DEGREE - 1) / h[:, None, None] ** 2 * np.diff(way, axis=1)
+    change = THIRD / h[:, None, None] ** 3 * np.diff(way, 2, axis=1)
     beyond = (control > arm.upper).any((1, 2)) | (control < arm.lower).any((1, 2))
-    beyond |= (np.abs(speed) > arm.velocity).any((1, 2)) | (np.abs(rate) > acceleration).any((1, 2))
+    beyond |= (np.abs(speed) > arm.velocity).any((1, 2)) | (np.abs(rate) > acceleration).any((1, 2)) | (np.abs(change) > jerk).any((1, 2))
     doubtful[smooth] = np.logical_or.reduceat(beyond, pieces[:-1])
     for ends in (speed[pieces[:-1], 0], speed[pieces[1:] - 1, -1], rate[pieces[:-1], 0], rate[pieces[1:] - 1, -1]):
         doubtful[smooth] |= (np.abs(ends) > RATE).any(1)
@@ -68,7 +70,7 @@ def _positions(arm: Arm, course: Course) -> list[Fault]:
     return [_fault(course, f"{arm.joints[worst]} goes {beyond[worst]:.3g} {arm.units[worst]} beyond its limits", beyond[worst])]
 
 
-def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
+def _rates(arm: Arm, course: Course, acceleration: Array, jerk: Array) -> list[Fault]:
     """Velocity in a polyline is way by time; in a spline, what its derivatives reach between the rows."""
     if len(course.q) < 2:
         return []
@@ -87,7 +89,15 @@ def _rates(arm: Arm, course: Course, acceleration: Array) -> list[Fault]:
             rate = f"{ends[worst]:.3g} {arm.units[worst]}{unit}"
             detail = f"{arm.joints[worst]} does not rest where it begins or ends: its {what} is {rate} there"
             out.append(_fault(course, detail, ends[worst]))
-    return out
+    return out + _above(arm, course, _jerks(course), jerk, "jerk", "/s³")
+
+
+def _jerks(course: Course) -> Array:
+    """The largest jerk (J,) of a spline, less what the rounding of positions may come to in it."""
+    assert course.spline is not None
+    h = np.diff(course.t_s)
+    low, high = extremes(course.spline, 3, 1e-6)
+    return np.asarray(np.maximum(np.maximum(high, -low) - (THIRD * POSITION / h**3)[:, None], 0.0).max(0))
 
 
 def _ends(course: Course, order: int) -> Array:

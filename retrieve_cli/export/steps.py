@@ -87,7 +87,7 @@ def steps(plan: Plan, joints: Sequence[str] | None = None) -> list[Step]:
     names, grip = plan.motions[0].joint_names, {m.gripper.joint for m in plan.motions if m.gripper}
     arm = _arm_joints(plan, names, grip, joints)
     columns = [names.index(name) for name in arm]
-    out: list[Step] = []
+    out: list[Step] = _opened(plan.motions[0])
     for motion in plan.motions:
         arm_moves = np.ptp(motion.q[:, columns], axis=0).max() > STILL
         if motion.gripper and motion.gripper.before.value != motion.gripper.after.value:
@@ -98,6 +98,16 @@ def steps(plan: Plan, joints: Sequence[str] | None = None) -> list[Step]:
         if arm_moves:
             _append_arm(out, motion, arm, columns)
     return out
+
+
+def _opened(first: Motion) -> list[Step]:
+    """Where the plan has the gripper at its beginning, which nobody else may have told it; nothing where it is told at once, anyway."""
+    told = first.gripper
+    if told is None or told.before.value != told.after.value:
+        return []
+    at = told.before
+    held = first.held.body if first.held else None
+    return [GripperStep(told.joint, at.value if at.command is None else at.command, at.width_m, at.force_N, held, 0.0)]
 
 
 def check_count(steps: Sequence[Step], count: int, to: str) -> None:

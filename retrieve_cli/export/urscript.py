@@ -13,7 +13,7 @@ NEAR_RAD = 0.005
 """The program stops when the arm is not where a trajectory begins, by more than this in some joint."""
 
 FINGERS = (
-    "  # Fill in: what moves your gripper, and returns when it is done.",
+    "  # Fill in: what moves your gripper, and returns when it is done. A force of 0 is the gripper's own.",
     "  def retrieve_grip(width_m, force_N):",
     '    popup("close the gripper to " + to_str(width_m) + " m with " + to_str(force_N) + " N", blocking=True)',
     "  end",
@@ -58,8 +58,8 @@ def program(steps: Sequence[Step], scene: str) -> str:
             lines.append("  stopj(10.0)")
         elif step.vacuum is not None:
             lines.append(f"  retrieve_vacuum({step.vacuum})" + (f"  # takes {_comment(step.holds)}" if step.holds else ""))
-        elif step.force_N is not None and step.holds is not None:
-            lines.append(f"  retrieve_grip({step.width_m:.6f}, {step.force_N:.1f})  # takes {_comment(step.holds)}")
+        elif step.holds is not None:
+            lines.append(f"  retrieve_grip({step.width_m:.6f}, {step.force_N or 0.0:.1f})  # takes {_comment(step.holds)}")
         else:
             lines.append(f"  retrieve_release({step.width_m:.6f})")
     return "\n".join([*lines, "end", "retrieve_plan()", ""])

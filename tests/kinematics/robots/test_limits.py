@@ -27,7 +27,8 @@ def test_data_sheets_are_used() -> None:
     panda = load("panda")
     arm = list(panda.arm_joints)
     assert panda.velocity[arm].tolist() == [2.175] * 4 + [2.61] * 3
-    assert panda.jerk[arm][1] == 3750
+    assert panda.jerk[arm][1] == panda.known_jerk[arm][1] == 3750
+    assert np.isinf(panda.known_jerk).tolist() == [i == panda.gripper_joint for i in range(len(panda.joint_names))]
     assert np.allclose(load("ur5e").velocity[:6], np.pi)
     assert np.allclose(load("gen3").acceleration[:7], [5.2] * 4 + [10.0] * 3)
 
@@ -48,8 +49,13 @@ def test_a_file_replaces_what_it_names(toy_urdf: Callable[..., Path], tmp_path: 
     limits = read_limits(file, toy.joint_names, toy.limits, toy.urdf)
     assert limits.velocity.tolist() == [1.0, 0.25, 0.25, 0.1]  # the URDF gives the fingers no more
     assert limits.acceleration.tolist() == [*toy.acceleration[:1], 3.0, *toy.acceleration[2:]]
-    assert limits.jerk.tolist() == [7.5] * 4
+    assert limits.jerk.tolist() == limits.known_jerk.tolist() == [7.5] * 4
     assert limits.source == "limits.toml, else the URDF"
+    file.write_text("[up]\njerk = 7.5\n")
+    limits = read_limits(file, toy.joint_names, toy.limits, toy.urdf)
+    assert np.isinf(toy.known_jerk).all()
+    assert limits.known_jerk.tolist() == [np.inf, 7.5, np.inf, np.inf]
+    assert limits.jerk.tolist() == [toy.jerk[0], 7.5, *toy.jerk[2:]]
 
 
 @pytest.mark.parametrize(

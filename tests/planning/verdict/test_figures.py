@@ -9,24 +9,28 @@ from typing import Any
 import numpy as np
 import pytest
 from toy_arm import HAND, course, motion, splined
+from toy_robot import toy_robot
 
 from kinematics.robots.hands.opening import Opening
-from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, Settlement
 from kinematics.shapes import Box, ConvexMesh, box_corners
 from kinematics.transforms import Array, rotation_about, transform
-from planning.plan import Fault, Gripper, GripperState, Motion, Move, Plan
+from planning.plan import Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
 from planning.verdict import figures as figures_module
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
 from planning.verdict.figures import (
+    claim_faults,
     figure_faults,
     goal_faults,
     grasp_faults,
     gripper_faults,
     hand_ways,
     move_faults,
+    stage_faults,
     stated_faults,
     tilt_faults,
+    told_faults,
     width_faults,
 )
 from planning.verdict.ledger import Carry, Ledger, difference
@@ -472,3 +476,72 @@ def test_the_gripper_is_told_the_width_that_its_joint_has() -> None:
     assert len(told(0.3, 0.055, 0.32)) == 2  # width and command differ
     assert len(told(0.3, 0.065, 0.2)) == 2  # it would let go
     assert width_faults([motion((0,))], opening) == []
+
+
+def told(value: float, command: float | None = None, force_N: float | None = None, joint: str = "grip", held: str | None = None) -> Motion:
+    """A motion whose gripper is told the same before it and for its end; of the toy 0.02 are 40 mm."""
+    state = GripperState(value, 0.0, force_N, command)
+    return replace(motion((0,)), gripper=Gripper(joint, state, state), held=None if held is None else Held(held, np.eye(4)))
+
+
+def test_a_hand_that_holds_nothing_is_not_told_to_close_further() -> None:
+    """Else what it is to let go of stays in it."""
+    robot = toy_robot()
+    assert told_faults([told(0.02), told(0.02, 0.02), told(0.02, 0.0198), told(0.02, 0.03), motion((0,))], robot) == []
+    wrong = "motion {} tells the gripper to close to 30.0 mm {} it, and it holds nothing there"
+    assert [f.detail for f in told_faults([told(0.02, 0.015)], robot)] == [wrong.format(0, "before"), wrong.format(0, "after")]
+    grasp, carried, release = told(0.02, 0.015), told(0.02, 0.015, held="a"), told(0.02, 0.015)
+    assert [f.detail for f in told_faults([grasp, carried, release], robot)] == [wrong.format(0, "before"), wrong.format(2, "after")]
+
+
+def test_a_hand_that_holds_is_told_a_force_where_one_is_known() -> None:
+    grasp, carried, release = told(0.02), told(0.02, held="a"), told(0.02)
+    wrong = "motion {} tells the gripper no force {} it, and it holds something there"
+    assert told_faults([grasp, carried, release], toy_robot()) == []  # nobody knows how hard it closes
+    knows = toy_robot(grip_force_N=40.0)
+    four = [wrong.format(0, "after"), wrong.format(1, "before"), wrong.format(1, "after"), wrong.format(2, "before")]
+    assert [f.detail for f in told_faults([grasp, carried, release], knows)] == four
+    hard = [replace(m, gripper=told(0.02, force_N=force).gripper) for m, force in ((grasp, 20.0), (carried, 0.0), (release, 1.0))]
+    assert [f.detail for f in told_faults(hard, knows)] == four[1:3]
+    cup = replace(toy_robot().opening, cup_m=0.03)
+    assert told_faults([grasp, carried, release], toy_robot(grip_force_N=40.0, opening=cup)) == []
+
+
+def test_the_gripper_that_is_told_is_the_robots() -> None:
+    assert [f.detail for f in told_faults([told(0.0, joint="turn")], toy_robot())] == [
+        "motion 0 tells a gripper's joint 'turn', and the gripper's is 'grip'"
+    ]
+    assert told_faults([told(0.0, joint="claw")], toy_robot()) == []  # which is none at all: gripper_faults
+
+
+def test_stages_say_whether_something_is_held() -> None:
+    held = Held("a", np.eye(4))
+    for stage in ("transit", "approach", "retreat", "look"):
+        assert stage_faults([course((0,), stage=stage)]) == []
+        (fault,) = stage_faults([course((0,), stage="lift", held=held), course((0,), stage=stage, held=held, number=1)])
+        assert fault == Fault(stage, ("a",), "motion 1 is of an empty hand, and holds a")
+    for stage in ("lift", "transfer", "lower"):
+        assert stage_faults([course((0,), stage=stage, held=held)]) == []
+        assert stage_faults([course((0,), stage=stage)]) == [Fault(stage, (), "motion 0 carries, and holds nothing")]
+    for stage in ("grasp", "release"):
+        assert stage_faults([course((0,), stage=stage), course((0,), stage=stage, held=held)]) == []
+
+
+def test_a_plan_does_not_contradict_itself() -> None:
+    why, done, tried = Blocked("ik"), move("a", (1.1, -0.2, 0.3), 1), move("a", (1.1, -0.2, 0.3), 1, done=False)
+
+    def said(*moves: Move, **other: Any) -> list[str]:
+        return [f.detail for f in claim_faults(scene(), replace(plan(*moves), **other))]
+
+    assert said(done, tried, success=True, least_moves=1, max_moves=1) == said(tried, reason=why, least_moves=3, max_moves=0) == []
+    assert said(success=True, reason=why) == ["it is called a success, and has a reason why it failed: ik"]
+    assert said() == ["it is no success, and does not say why"]
+    stuck = Unsolvable(("a",), ())
+    assert said(success=True, unsolvable=stuck) == ["it is called a success, and the scene unsolvable"]
+    assert said(reason=why, unsolvable=stuck) == []
+    assert said(done, tried, success=True, least_moves=2) == ["its least_moves is 2, and it succeeds with 1"]
+    assert said(done, reason=why, max_moves=0) == ["it makes 1 moves, and its max_moves is 0"]
+    assert said(replace(done, reason=why), success=True) == ["the move of a is called done, and has a reason why it failed: ik"]
+    assert said(replace(tried, reason=why), success=True) == []
+    settled = [Settlement(name, np.zeros(3), "") for name in ("a", "ghost", "spook")]
+    assert said(success=True, settled=tuple(settled)) == ["it says that 'ghost' was settled, which is not in the scene"]

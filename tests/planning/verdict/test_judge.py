@@ -19,6 +19,7 @@ from kinematics.transforms import rotation_about, transform
 from planning.conclusion import hand_travel, objective
 from planning.io.plan_documents import plan_from_json
 from planning.io.scene_documents import scene_from_json
+from planning.plan import Motion
 from planning.verdict import Settings, Verdict, examine
 
 Change = Callable[[Json, Json], object]
@@ -258,6 +259,43 @@ def test_a_clearance_is_measured_again(ur5e: Robot, spec: str) -> None:
         assert "and the least is said to be" in found[0].detail
         assert found[0].amount is not None
         assert least - 1e-4 < found[0].amount < more.clearance_m  # somewhere on the way: nobody looks for the nearest place
+
+
+def _joined(motions: list[Motion], first: int) -> list[Motion]:
+    """Two motions as one."""
+    one, two = motions[first : first + 2]
+    q, qd, qdd = (np.concatenate([a, b[1:]]) for a, b in ((one.q, two.q), (one.qd, two.qd), (one.qdd, two.qdd)) if a is not None)  # type: ignore[index]
+    assert one.gripper is not None
+    assert two.gripper is not None
+    gripper = replace(one.gripper, after=two.gripper.after)
+    stage = one.stage if two.stage == "grasp" else two.stage
+    both = replace(
+        two, stage=stage, q=q, qd=qd, qdd=qdd, t_s=np.append(one.t_s, one.t_s[-1] + two.t_s[1:]), gripper=gripper, clearance_m=None
+    )
+    return [*motions[:first], both, *motions[first + 2 :]]
+
+
+def test_fingers_that_close_at_a_motions_end_may_close_at_its_beginning(ur5e: Robot) -> None:
+    """A controller is told of the gripper and of the arm apart, of the gripper first: as one motion, the approach and the grasp shut the
+    hand before it comes; release and retreat drag along what is still held."""
+    made = make_plan(ur5e, "paper", 0, "local")
+    scene, plan = scene_from_json(made.scene), replace(plan_from_json(made.plan), stated={})
+    assert examine(scene, plan, ur5e).verified
+    for stage, word in (("approach", "closes the hand on it while the arm stands"), ("release", "opens the hand while the arm stands")):
+        first = next(i for i, m in enumerate(plan.motions) if m.stage == stage)
+        faults = examine(scene, replace(plan, motions=tuple(_joined(list(plan.motions), first))), ur5e).faults
+        assert faults
+        assert word in faults[0].detail
+
+
+def test_a_release_that_tells_the_gripper_to_stay_shut_is_found(ur5e: Robot) -> None:
+    made = make_plan(ur5e, "paper", 0, "local")
+    scene, plan = scene_from_json(made.scene), made.plan
+    release = of(plan, "release")["gripper"]
+    release["after"].update(command=release["before"]["value"], command_m=release["before"]["command_m"])
+    (fault,) = examine(scene, plan_from_json(plan), ur5e).faults
+    assert fault.stage == "release"
+    assert "and it holds nothing there" in fault.detail
 
 
 def test_what_readers_refuse_is_judged_too(honest: Handmade, ur5e: Robot) -> None:

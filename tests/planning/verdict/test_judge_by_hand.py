@@ -16,7 +16,7 @@ from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from planning import verdict
-from planning.plan import Fault, Motion, Move, Plan
+from planning.plan import Blocked, Fault, Motion, Move, Plan
 from planning.verdict import Settings, Verdict, examine, judge, judge_motions
 from planning.verdict import faults as faults_module
 from planning.verdict.course import courses
@@ -262,10 +262,41 @@ def test_what_stands_on_others_or_leans_on_walls() -> None:
     post = Body("post", BOX, transform(p=[0.2, -0.3, 0.3]))
     c = Body("c", BOX, transform(p=[0.2, -0.3, 0.4]))
     assert faults(said(replace(SCENE, objects=(*SCENE.objects, c), obstacles=(post,)))) == []
-    assert faults(said(replace(SCENE, objects=(*SCENE.objects, replace(c, T_world_body=B @ transform(p=[0, 0, 0.1])))))) == []
+    low = Body("low", BOX, transform(p=[0.2, -0.3, 0.05]))
+    assert faults(said(replace(SCENE, objects=(*SCENE.objects, low, replace(c, T_world_body=transform(p=[0.2, -0.3, 0.15])))))) == []
     assert len(said(replace(SCENE, objects=(*SCENE.objects, c))).faults) == 1
     above = replace(c, T_world_body=transform(p=[0.2, -0.3, 0.58]))
     assert faults(said(replace(SCENE, objects=(*SCENE.objects, above)))) == []  # on the cabinet's top
+
+
+def test_what_stands_on_another_does_not_stay_in_the_air_without_it() -> None:
+    """On b alone; on b and a post as well; on what stands on b. What stands beside it does not mind."""
+
+    def on_b(*more: Body, at: tuple[float, float] = (0.0, 0.1), obstacles: tuple[Body, ...] = ()) -> list[tuple[str, tuple[str, ...], str]]:
+        c = Body("c", BOX, B @ transform(p=[at[0], 0.0, at[1]]))
+        return faults(said(replace(SCENE, objects=(*SCENE.objects, c, *more), obstacles=obstacles)))
+
+    assert on_b() == [("lift", ("c",), "c is 100.0 mm above the floor once motion 6 takes b")]
+    post = Body("post", BOX, B @ transform(p=[0.041, 0.0, 0.0]))
+    assert on_b(at=(0.015, 0.1), obstacles=(post,)) == [
+        ("lift", ("c", "post"), "c falls over once motion 6 takes b: what it stands on is not under its centre of mass")
+    ]
+    assert on_b(at=(0.03, 0.1), obstacles=(post,)) == []
+    assert on_b(at=(0.1, 0.0)) == []
+    plank = Body("plank", Box(np.array([0.2, 0.04, 0.02])), B @ transform(p=[0.0, 0.0, 0.06]))
+    two = replace(SCENE, objects=(*SCENE.objects, plank, Body("c", BOX, B @ transform(p=[0.0, 0.0, 0.12]))))
+    assert [f.bodies for f in said(two).faults] == [("plank",)]  # c stands on the plank, as before
+
+
+def test_what_leans_on_another_falls_without_it() -> None:
+    """A board from the floor up to an edge of b, 10 cm high."""
+    lean = np.arctan(0.5)
+    s = 0.15 - 0.1 / np.sin(lean)  # where along the board the edge is
+    x, z = 0.52 - s * np.cos(lean) + 0.005 * np.sin(lean), 0.15 * np.sin(lean) + 0.005 * np.cos(lean)
+    board = Body("board", Box(np.array([0.3, 0.04, 0.01])), transform(rotation_about((0, 1, 0), lean), [x, 0.3, z]))
+    ((stage, bodies, detail),) = faults(said(replace(SCENE, objects=(*SCENE.objects, board))))
+    assert (stage, bodies) == ("lift", ("board", "floor"))
+    assert detail.startswith("board falls over once motion 6 takes b")
 
 
 def test_what_is_put_down_stands() -> None:
@@ -318,7 +349,8 @@ def test_who_leans_too_far() -> None:
 def test_all_that_a_plan_says_of_itself_is_judged() -> None:
     wrong = replace(PLAN, value=0.0, hand_travel_m=1.0, moves=(replace(PLAN.moves[0], region=5),))
     assert [f.stage for f in said(plan=wrong).faults] == ["moves", "plan", "plan"]
-    assert [f.detail for f in said(plan=replace(PLAN, success=False, value=VALUE - 1)).faults] == [
+    failed = replace(PLAN, success=False, value=VALUE - 1, reason=Blocked("ik"))
+    assert [f.detail for f in said(plan=failed).faults] == [
         "the moves say that a was moved, and the motions move a, b",
         "it is no success, and b stays in the hand at its end",
     ]
@@ -344,7 +376,10 @@ def test_motions_alone() -> None:
     assert judge_motions(scene, (), robot, ASKED) == judge_motions(scene, MOTIONS[:1], robot, ASKED) == ()
     assert len(judge_motions(scene, MOTIONS, robot)) > 0  # with contacts
     late = [MOTIONS[0], *MOTIONS[2:]]
-    assert [f.detail for f in judge_motions(scene, late, robot, ASKED)] == ["motion 1: starts 0.01 m from where grip ended before"]
+    assert [f.detail for f in judge_motions(scene, late, robot, ASKED)] == [
+        "motion 1: starts 0.01 m from where grip ended before",
+        "motion 1 holds a, and no motion before it closes the hand on it while the arm stands",
+    ]
 
 
 def test_a_can_is_judged_as_a_box_is() -> None:

@@ -31,7 +31,7 @@ def random_course(arm: Arm, number: int, start: np.ndarray, hurry: float, rests:
 
 def test_no_fault_is_overlooked(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     arm = replace(read(ur5e.urdf), velocity=np.full(7, 1.5))
-    acceleration, seen = np.full(7, 6.0), {False: 0, True: 0}
+    acceleration, jerk, seen = np.full(7, 6.0), np.full(7, 40.0), {False: 0, True: 0}
     for _ in range(60):
         at, courses = np.zeros(7), list[Course]()
         for number in range(4):
@@ -40,10 +40,10 @@ def test_no_fault_is_overlooked(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) ->
             courses.append(random_course(arm, number, at + gap, RNG.choice([0.3, 0.5, 0.5, 2.0], p=[0.4, 0.3, 0.25, 0.05]), rests, smooth))
             at = courses[-1].q[-1]
         arm = replace(arm, lower=np.where(RNG.random(7) < 0.01, 0.1, -9.0), upper=np.full(7, 9.0))
-        said = limits.limit_faults(arm, courses, acceleration)
+        said = limits.limit_faults(arm, courses, acceleration, jerk)
         with monkeypatch.context() as patch:
-            patch.setattr(limits, "_doubtful", lambda arm, courses, acceleration: np.ones(len(courses), bool))
-            closely = limits.limit_faults(arm, courses, acceleration)
+            patch.setattr(limits, "_doubtful", lambda arm, courses, acceleration, jerk: np.ones(len(courses), bool))
+            closely = limits.limit_faults(arm, courses, acceleration, jerk)
         assert said == closely
         seen[bool(closely)] += 1
     assert min(seen.values()) > 3
@@ -52,10 +52,11 @@ def test_no_fault_is_overlooked(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) ->
 # ------------------------------------------------------------------------------------------------------------------------------- by hand
 
 ACCELERATION = np.array([2.0, 3.0, 8.0, 8.0, 1.0])
+UNKNOWN = np.full(5, np.inf)
 
 
-def said(*run: Course, arm: Arm = ARM, acceleration: np.ndarray = ACCELERATION) -> list[Fault]:
-    return limits.limit_faults(arm, [replace(c, number=n) for n, c in enumerate(run)], acceleration)
+def said(*run: Course, arm: Arm = ARM, acceleration: np.ndarray = ACCELERATION, jerk: np.ndarray = UNKNOWN) -> list[Fault]:
+    return limits.limit_faults(arm, [replace(c, number=n) for n, c in enumerate(run)], acceleration, jerk)
 
 
 def test_positions_keep_their_limits() -> None:
@@ -171,6 +172,20 @@ def test_a_spline_accelerates_as_its_second_derivative_says() -> None:
         assert [f.amount for f in found] == ([] if well else [pytest.approx(most, rel=1e-5)])
 
 
+def test_a_spline_jerks_as_its_third_derivative_says() -> None:
+    """60 x/t³ where it begins and ends, which is the most; a ten-thousandth is rounding, and what a millionth of a way comes to in it."""
+    free = np.full(5, 1e9)
+    for t, well in ((1.01, True), (0.99, False), (0.5, False)):
+        found = said(quintic(-0.1, t, 1), acceleration=free, jerk=np.full(5, 6.0))
+        most = 6.0 / t**3
+        assert [f.detail for f in found] == ([] if well else [f"motion 0: y reaches {most:.3g} m/s³, and the limit of its jerk is 6 m/s³"])
+        assert [f.amount for f in found] == ([] if well else [pytest.approx(most, rel=1e-4)])
+    for more, well in ((1e-5, True), (1.2e-5, False)):
+        assert (said(quintic(0.1 + more, 1.0), acceleration=free, jerk=np.full(5, 6.0)) == []) == well, more
+    turned = said(quintic(0.5, 1.0, 2), acceleration=free, jerk=np.array([np.inf, np.inf, 20.0, np.inf, np.inf]))
+    assert [f.detail for f in turned] == ["motion 0: turn reaches 30 rad/s³, and the limit of its jerk is 20 rad/s³"]
+
+
 def test_the_worst_piece_of_a_spline_counts() -> None:
     """The second of three is twice as fast as the first, the last is slow."""
     way = splined((0,), (1,), (0,), (0.1,), t_s=(0, 2, 3, 9))
@@ -206,8 +221,8 @@ def test_what_is_just_rest() -> None:
         assert (said(splined((0,), (0,), t_s=(0, 1), qdd=qdd), acceleration=weak) == []) == well
 
 
-def doubtful(*run: Course, arm: Arm = ARM, acceleration: float = 99.0) -> list[bool]:
-    return [bool(d) for d in limits._doubtful(arm, run, np.full(5, acceleration))]
+def doubtful(*run: Course, arm: Arm = ARM, acceleration: float = 99.0, jerk: float = 99.0) -> list[bool]:
+    return [bool(d) for d in limits._doubtful(arm, run, np.full(5, acceleration), np.full(5, jerk))]
 
 
 def test_whose_coefficients_keep_all_limits_needs_no_closer_look() -> None:
@@ -222,6 +237,8 @@ def test_whose_coefficients_keep_all_limits_needs_no_closer_look() -> None:
         assert doubtful(splined(near, beyond, t_s=(0, 9))) == [True]
     assert doubtful(quintic(1.0, 5.0), acceleration=0.8) == [False]
     assert doubtful(quintic(1.0, 5.0), acceleration=0.79) == doubtful(quintic(-1.0, 5.0), acceleration=0.79) == [True]
+    assert doubtful(quintic(1.0, 5.0), jerk=120.001 / 5**3) == [False]  # they are 60, -120 and 60 x/t³
+    assert doubtful(quintic(1.0, 5.0), jerk=119.9 / 5**3) == doubtful(quintic(-1.0, 5.0), jerk=119.9 / 5**3) == [True]
     brakes = splined((0,), (0.5,), (0.9,), t_s=(0, 9, 11), qd=np.array([[0.0] * 5, [0.3, 0, 0, 0, 0], [0.0] * 5]))
     assert brakes.spline is not None
     rates = coefficients(brakes.spline, 2)

@@ -69,7 +69,8 @@ def arm_at(plan: Plan, t: Array) -> Array:
 
 
 def test_motions_become_trajectories_with_commands_between(plan: Plan) -> None:
-    first, grip, second = steps(plan)
+    opened, first, grip, second = steps(plan)
+    assert opened == GripperStep("finger", 0.0, 0.085, None, None, 0.0)  # nobody else may have told it so
     assert isinstance(first, ArmStep)
     assert isinstance(second, ArmStep)
     assert grip == GripperStep("finger", 0.4, 0.05, 40.0, "can_1", 1.1)
@@ -102,10 +103,11 @@ def test_fingers_that_move_beside_the_arm_are_told_before_it_sets_out(plan: Plan
 def test_ros2_is_read_back_from_yaml_and_from_the_bag(plan: Plan, tmp_path: Path) -> None:
     export(plan, "ros2", tmp_path)
     order = yaml.safe_load((tmp_path / "sequence.yaml").read_text())["steps"]
-    assert [s["file"] for s in order] == ["00_arm.yaml", "01_gripper.yaml", "02_arm.yaml"]
-    assert [s["start_s"] for s in order] == pytest.approx([0.0, 2.2, 3.3])
-    assert yaml.safe_load((tmp_path / "01_gripper.yaml").read_text()) == {"position": 0.4, "max_effort": 40.0}
-    for number, begins in ((0, 0.0), (2, 3.3)):
+    assert [s["file"] for s in order] == ["00_gripper.yaml", "01_arm.yaml", "02_gripper.yaml", "03_arm.yaml"]
+    assert [s["start_s"] for s in order] == pytest.approx([0.0, 0.0, 2.2, 3.3])
+    assert yaml.safe_load((tmp_path / "00_gripper.yaml").read_text()) == {"position": 0.0, "max_effort": 0.0}
+    assert yaml.safe_load((tmp_path / "02_gripper.yaml").read_text()) == {"position": 0.4, "max_effort": 40.0}
+    for number, begins in ((1, 0.0), (3, 3.3)):
         message = yaml.safe_load((tmp_path / f"{number:02d}_arm.yaml").read_text())
         assert message["joint_names"] == list(ARM)
         points = message["points"]
@@ -124,16 +126,16 @@ def test_ros2_is_read_back_from_yaml_and_from_the_bag(plan: Plan, tmp_path: Path
     with Reader(tmp_path / "bag") as bag:
         seen = [(c.topic, at, store.deserialize_cdr(raw, c.msgtype)) for c, at, raw in bag.messages()]
     assert next((tmp_path / "bag").glob("*.mcap")).read_bytes().startswith(b"\x89MCAP")
-    assert [at / 1e9 for _, at, _ in seen] == pytest.approx([0.0, 2.2, 3.3])
-    np.testing.assert_array_equal(seen[2][2].points[-1].positions, plan.motions[-1].q[-1, :6])
-    assert seen[1][2].position == 0.4
+    assert [at / 1e9 for _, at, _ in seen] == pytest.approx([0.0, 0.0, 2.2, 3.3])
+    np.testing.assert_array_equal(seen[3][2].points[-1].positions, plan.motions[-1].q[-1, :6])
+    assert [seen[n][2].position for n in (0, 2)] == [0.0, 0.4]
 
 
 def test_no_step_of_a_plan_that_was_exported_before_is_left(plan: Plan, tmp_path: Path) -> None:
     export(plan, "ros2", tmp_path)
     (tmp_path / "my_arm.yaml").write_text("of one's own")
     export(replace(plan, motions=plan.motions[:2]), "ros2", tmp_path)
-    assert {p.name for p in tmp_path.iterdir()} == {"00_arm.yaml", "sequence.yaml", "bag", "my_arm.yaml"}
+    assert {p.name for p in tmp_path.iterdir()} == {"00_gripper.yaml", "01_arm.yaml", "sequence.yaml", "bag", "my_arm.yaml"}
 
 
 def test_each_plan_has_a_folder_of_its_own(plan: Plan, tmp_path: Path) -> None:
@@ -175,6 +177,7 @@ def test_csv_and_npz_at_a_millisecond(plan: Plan, tmp_path: Path) -> None:
         np.testing.assert_allclose(data["q"], arm_at(plan, data["t_s"]), atol=1e-9)
         assert tuple(data["joint_names"]) == ARM
         assert float(data["gripper"][-1]) == 0.4
+        assert float(data["gripper"][0]) == 0.0
 
 
 def test_urscript_streams_every_two_milliseconds(plan: Plan, tmp_path: Path) -> None:
@@ -185,6 +188,14 @@ def test_urscript_streams_every_two_milliseconds(plan: Plan, tmp_path: Path) -> 
     t = np.arange(1, 1101) * 0.002
     np.testing.assert_allclose(rows[:1100], arm_at(plan, t), atol=1e-6)
     assert "retrieve_grip(0.050000, 40.0)  # takes can_1" in lines
+    assert "retrieve_release(0.085000)" in lines[: lines.index("retrieve_grip(0.050000, 40.0)  # takes can_1")]
+    weak = [
+        replace(m, gripper=Gripper("finger", *(replace(s, force_N=None) for s in (m.gripper.before, m.gripper.after))))
+        for m in plan.motions
+        if m.gripper
+    ]
+    export(replace(plan, motions=tuple(weak)), "urscript", tmp_path)  # of a gripper whose force nobody knows
+    assert "retrieve_grip(0.050000, 0.0)  # takes can_1" in (tmp_path / "plan.script").read_text()
     assert lines.count("end") == sum(line.startswith(("def ", "while ", "if ")) for line in lines)
     assert not text.count("\t")
 
@@ -197,7 +208,8 @@ def test_franka_wants_seven_joints(plan: Plan, tmp_path: Path) -> None:
     rows = np.loadtxt(tmp_path / "trajectory.txt")
     assert rows.shape[1] == 14
     np.testing.assert_allclose(rows[:2200, 1:7], arm_at(plan, np.arange(2200) / 1000), atol=1e-6)
-    (command,) = map(json.loads, (tmp_path / "gripper.jsonl").read_text().splitlines())
+    opened, command = map(json.loads, (tmp_path / "gripper.jsonl").read_text().splitlines())
+    assert opened == {"after_row": -1, "width_m": 0.085, "force_N": None, "holds": None}
     assert command == {"after_row": 2200, "width_m": 0.05, "force_N": 40.0, "holds": "can_1"}
     with pytest.raises(InputError, match=f"6 joints, and this plan has 7: --joints {','.join(ARM)} writes those that it moves$"):
         export(seven, "urscript", tmp_path)  # as of a robot whose other arm stands still

@@ -88,6 +88,8 @@ def test_fingers_beside_the_arm_are_looked_at_wherever_they_may_be() -> None:
             assert (some.clearance_m, some.number) == ((0.1, None)[k % 2], 3)
             middle = way.at(np.array([first + 0.3]))[0]
             assert np.allclose(some.at(np.array([0.3]))[0][:4], middle[:4])
+    narrows = replace(HAND, values=HAND.values[::-1])  # the larger its joint's value, as of many a gripper
+    assert len(any_opening(narrows, course(OPEN, THERE_SHUT))) == 6
     whole = any_opening(HAND, course(OPEN, THERE_SHUT))
     assert [some.q.shape for _, some in whole] == [(2, 5)] * 6
     swings = course((0, 0, 0, 0, 0.02), (0.1, 0, 0, 0, 0.0215), (0.2, 0, 0, 0, 0.02))

@@ -56,8 +56,9 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
 
 
 VERDICT = {
-    "contact": "contact_by_hand", "course": "course", "cup": "cup", "figures": "figures", "fingers": "fingers", "grasp": "grasp_by_hand grasp",
-    "hand": "hand", "judge": "judge_by_hand", "ledger": "ledger", "limits": "verdict_limits", "pads": "pads_by_hand", "pairs": "pairs",
+    "contact": "contact_by_hand", "course": "course", "cup": "cup", "figures": "figures", "fingers": "fingers",
+    "grasp": "grasp_by_hand grasp", "hand": "hand", "judge": "judge_by_hand", "ledger": "ledger", "limits": "verdict_limits",
+    "pads": "pads_by_hand", "pairs": "pairs",
     "polygons": "polygons", "polyhedra": "polyhedra standing", "standing": "standing", "sweep": "sweep", "__init__": "judge_by_hand",
     "faults": "figures ledger judge_by_hand pads_by_hand cup contact_by_hand standing",
 }  # fmt: skip

@@ -138,7 +138,10 @@ def retrieve(
         motions.robot, scene, why, moves, way,
         name=name, rule=rule, thinking=thinking, moving=moving, settings=motions.settings, grasp=grasp, max_moves=max_moves,
     )  # fmt: skip
-    return replace(plan, least_moves=outlook.least_moves, unsolvable=outlook.unsolvable, target_blocked=tuple(kept_in))
+    least = outlook.least_moves
+    if plan.success and least is not None:
+        least = min(least, sum(move.done for move in moves))  # a bound by the grasps that were sampled, and others may do
+    return replace(plan, least_moves=least, unsolvable=None if plan.success else outlook.unsolvable, target_blocked=tuple(kept_in))
 
 
 def one_move(

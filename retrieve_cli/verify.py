@@ -109,7 +109,7 @@ def examined(settings: Settings, limits: str | None, item: Item) -> Verdict:
     loaded."""
     from kinematics.robots.load import from_ref
     from planning.sensing.on_truth import judge_on_truth
-    from planning.verdict import Verdict, examine
+    from planning.verdict import Verdict, examine, remarks
 
     where, scene, plan, seen = item
     if scene is None:
@@ -117,7 +117,8 @@ def examined(settings: Settings, limits: str | None, item: Item) -> Verdict:
     with blame(where):
         arm = with_limits(from_ref(scene.robot, on_step=say), limits)
         if seen is None or not plan.motions:
-            return examine(scene, plan, arm, settings)
+            verdict = examine(scene, plan, arm, settings)
+            return replace(verdict, notes=(*verdict.notes, *remarks(scene, plan)))
         faults = judge_on_truth(arm, scene, seen, plan, settings)
         return Verdict(faults, (), not faults)
 

@@ -2,6 +2,6 @@
 
 from planning.verdict.faults import Fault, Settings
 from planning.verdict.grasp import closes_askew, judge_grasp, judge_hold
-from planning.verdict.judge import Verdict, examine, judge, judge_motions
+from planning.verdict.judge import Verdict, examine, judge, judge_motions, remarks
 
-__all__ = ["Fault", "Settings", "Verdict", "closes_askew", "examine", "judge", "judge_grasp", "judge_hold", "judge_motions"]
+__all__ = ["Fault", "Settings", "Verdict", "closes_askew", "examine", "judge", "judge_grasp", "judge_hold", "judge_motions", "remarks"]

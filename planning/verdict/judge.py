@@ -33,7 +33,7 @@ from planning.verdict.figures import (
 )
 from planning.verdict.fingers import grip_faults
 from planning.verdict.hand import Hand, hand_of
-from planning.verdict.ledger import Ledger, keep
+from planning.verdict.ledger import Ledger, difference, keep
 from planning.verdict.limits import limit_faults
 from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
@@ -155,6 +155,19 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
     faults += tilt_faults(run, ledger, hand, scene.robot.T_world_base, limits)
     touching, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings)
     return _Replayed(faults + touching, tottering + notes, run, ledger)
+
+
+def remarks(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
+    """What is no fault of a plan, and worth knowing of one from anywhere: that it takes the target otherwise than the scene asks, as it says."""
+    asked = [g.T_world_hand for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
+    if not plan.success or plan.grasp is None or not asked:
+        return ()
+    own, settings = plan.grasp.T_world_hand, Settings()
+    far, turned = min((difference(T, own) for T in asked), key=lambda d: d[0] + 0.1 * d[1])
+    if far <= settings.pose_m and turned <= settings.pose_rad:
+        return ()
+    detail = f"the target is taken {1000 * far:.1f} mm and {np.degrees(turned):.1f}° from the scene's grasp, as the plan says"
+    return (Fault("grasp", ("hand",), detail, far),)
 
 
 def _start(scene: Scene, run: Sequence[Course], hand: Hand) -> list[Fault]:

@@ -17,7 +17,7 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from planning import verdict
 from planning.plan import Blocked, Fault, Motion, Move, Plan
-from planning.verdict import Settings, Verdict, examine, judge, judge_motions
+from planning.verdict import Settings, Verdict, examine, judge, judge_motions, remarks
 from planning.verdict import faults as faults_module
 from planning.verdict.course import courses
 from planning.verdict.hand import hand_of
@@ -221,6 +221,21 @@ def test_the_target_is_taken_as_the_plan_says_or_as_the_scene_asks() -> None:
         (replace(SCENE, grasp=off, grasps=((off, 1.0), (X_G, 0.5))), None, True),
     ):
         assert faults(said(scene, replace(PLAN, grasp=grasp))) == ([] if well else [wrong])
+
+
+def test_a_target_that_is_taken_otherwise_than_the_scene_asks_is_worth_knowing() -> None:
+    """The scene may have been edited since; or it was planned with any grasp."""
+    off = Grasp(X_G.T_world_hand @ transform(rotation_about((0, 0, 1), 0.1), [0.0, 0.0, 0.02]), 0.04)
+    told = Fault("grasp", ("hand",), "the target is taken 20.0 mm and 5.7° from the scene's grasp, as the plan says", pytest.approx(0.02))
+    assert remarks(SCENE, replace(PLAN, grasp=off)) == (told,)
+    for scene, plan in (
+        (SCENE, PLAN),
+        (SCENE, replace(PLAN, grasp=X_G)),
+        (replace(SCENE, grasps=((off, 1.0),)), replace(PLAN, grasp=off)),
+        (replace(SCENE, grasp=None), replace(PLAN, grasp=off)),
+        (SCENE, replace(PLAN, grasp=off, success=False)),
+    ):
+        assert remarks(scene, plan) == ()
 
 
 def test_what_floats_or_sinks_at_the_start() -> None:

@@ -158,7 +158,7 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
 
 
 def remarks(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
-    """What is no fault of a plan, and worth knowing of one from anywhere: that it takes the target otherwise than the scene asks, as it says."""
+    """What is no fault of a plan, and worth knowing: that it takes the target otherwise than the scene asks, as it says itself."""
     asked = [g.T_world_hand for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
     if not plan.success or plan.grasp is None or not asked:
         return ()

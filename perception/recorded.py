@@ -28,7 +28,6 @@ EDGE_M = 0.02
 OUTSIDE_M = 0.03
 """What is nearer to the inner space than this is the cabinet's, as poses are not exact."""
 EVERY_PX = 7
-HARDLY = "the frames hardly show this cabinet"
 LEAST = 500  # points that others look at, at least, before frames can contradict one another
 SOME, MANY = 0.002, 0.2
 """Of the points of a recording that fits, more than the first share are in the cabinet; another reading that holds the second one explains
@@ -40,9 +39,6 @@ CONTRADICTED, DOUBTFUL, BETTER = 0.35, 0.05, 1.5
 """Of what frames show in the cabinet and others look at, so much at most is where these look through to what is behind, and from the second
 one on it is said. With poses that are right it is a hundredth at most, with each 1° and 5 mm off a twentieth, 2° and 1 cm off a quarter. A
 reading that shows so many times as much of the walls is told as well."""
-MOST = 0.6
-"""So many of the points of a camera that looks around must lie at the walls by another reading: of one that looks elsewhere, half may by
-chance."""
 ONE = 4.0  # a frame's own share, beside the median of all, from which on it is this frame that is wrong
 
 
@@ -63,9 +59,9 @@ def misfit(frames: Sequence[Frame], cabinet: Cabinet, T_world_base: Array, on_do
     """
     if not any((f.depth > 0).any() for f in frames):
         return None if not frames else "no pixel of the frames measured anything: is this a depth image, and its depth_scale right?"
-    as_said, others = _read_both_ways(frames, cabinet, T_world_base)
-    if not others:
-        return "no pixel of the frames measured anything but the robot itself: is mask_robot, or robot_q, right?"
+    samples = [sample(f, EVERY_PX) for f in frames]
+    as_said = _fit(samples, cabinet)
+    others = [(_fit(other, cabinet), cause) for cause, other in other_readings(samples, cabinet, T_world_base)]
     found, cause = max(others, key=lambda other: other[0].at_walls)
     if as_said.inside <= SOME:
         if found.at_walls <= MANY:
@@ -76,35 +72,12 @@ def misfit(frames: Sequence[Frame], cabinet: Cabinet, T_world_base: Array, on_do
             "nothing that the frames measured lies inside the cabinet: is the pose world-to-camera, in millimetres, of the scene's own "
             "world, and depth_scale the millimetres of one step?"
         )
-    shares = _in_words(as_said, found)
+    shares = f"{100 * as_said.at_walls:.0f} % of the points lie at the cabinet's walls, and {100 * found.at_walls:.0f} % would"
     if found.at_walls > max(MANY, FAR_BETTER * as_said.at_walls):
-        return f"{HARDLY}; {cause} ({shares})"
+        return f"the frames hardly show this cabinet; {cause} ({shares})"
     if why := _contradiction(frames, cabinet, on_doubt):
         return f"{why}; {cause} ({shares})" if found.at_walls > max(MANY, BETTER * as_said.at_walls) else why
     return None
-
-
-def misfit_while_looking(frames: Sequence[Frame], cabinet: Cabinet, T_world_base: Array) -> str | None:
-    """The same of the first frames of a camera that looks around, before anything was moved: they may show nothing of the cabinet yet."""
-    as_said, others = _read_both_ways(frames, cabinet, T_world_base)
-    best = max((fit for fit, _ in others), key=lambda fit: fit.at_walls, default=as_said)
-    if best.at_walls > max(MOST, FAR_BETTER * as_said.at_walls):
-        words = "were poses, axes, images or depths read another way"
-        expected = (
-            "T_world_camera is the pose in the world of the camera's optical frame (x right, y down, z ahead), and depths are z in metres"
-        )
-        return f"{HARDLY} ({_in_words(as_said, best)}, {words}): {expected}"
-    return _contradiction(frames, cabinet, lambda _: None)
-
-
-def _read_both_ways(frames: Sequence[Frame], cabinet: Cabinet, T_world_base: Array) -> tuple[_Fit, list[tuple[_Fit, str]]]:
-    """How frames fit a cabinet as they are, and as they may have been meant instead, with what is wrong then."""
-    samples = [sample(f, EVERY_PX) for f in frames]
-    return _fit(samples, cabinet), [(_fit(other, cabinet), cause) for cause, other in other_readings(samples, cabinet, T_world_base)]
-
-
-def _in_words(as_said: _Fit, other: _Fit) -> str:
-    return f"{100 * as_said.at_walls:.0f} % of the points lie at the cabinet's walls, and {100 * other.at_walls:.0f} % would"
 
 
 def _contradiction(frames: Sequence[Frame], cabinet: Cabinet, on_doubt: Callable[[str], None]) -> str | None:
@@ -115,7 +88,7 @@ def _contradiction(frames: Sequence[Frame], cabinet: Cabinet, on_doubt: Callable
         return None
     share, what = through.sum() / asked.sum(), "of what frames show in the cabinet is where others look through"
     if share > CONTRADICTED:
-        causes = "poses (hand-eye calibration, the moments they were taken at), intrinsics or depths are wrong, or things moved meanwhile"
+        causes = "poses (hand-eye calibration, the moments they were taken at), cam_K or depth_scale are wrong, or things moved meanwhile"
         return f"the frames contradict one another, {100 * share:.0f} % {what}: {causes}"
     of_each = (asked + asked.T).sum(1)
     shares = np.where(of_each >= LEAST, (through + through.T).sum(1) / np.maximum(of_each, 1), 0.0)

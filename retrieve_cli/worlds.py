@@ -15,41 +15,29 @@ if TYPE_CHECKING:
     from planning.plan import Motion
     from planning.sensing.world import Stopped
 
-ASKED_AT = (1, 3, 6, 12, 24)
-"""Of how many frames, taken before anything was moved, it is asked whether they can be of the scene's cabinet."""
 METHODS = ("take_frame", "execute", "where")
 
 
 class OwnWorld:
     """A user's object, each of its methods answering for what it raises and for what it returns."""
 
-    def __init__(self, spec: str, own: Any, scene: Scene, robot: Robot) -> None:
-        self._spec, self._own, self._scene, self._robot = spec, own, scene, robot
-        self._frames: list[Frame] | None = []  # None once something was moved
+    def __init__(self, spec: str, own: Any) -> None:
+        self._spec, self._own = spec, own
         if (intrinsics := getattr(own, "intrinsics", None)) is not None:
             self.intrinsics = intrinsics
 
     def take_frame(self) -> Frame:
-        """Without what a depth camera makes up. Raises: InputError where it can't be of the scene's cabinet, as of a wrong calibration."""
+        """Without what a depth camera makes up."""
         from perception.frames import Frame, checked
-        from perception.recorded import misfit_while_looking, trusted
-        from perception.rendering.synthetic_camera import marked
+        from perception.recorded import trusted
 
         frame: Frame = self._asked("take_frame", Frame)
         with answering(f"--world {self._spec}: take_frame"):
-            frame = trusted(checked(frame))
-        if self._frames is not None:
-            base = self._scene.robot.T_world_base
-            self._frames += marked(self._robot, base, [frame])
-            if len(self._frames) in ASKED_AT and (why := misfit_while_looking(self._frames, self._scene.cabinet, base)):
-                raise InputError(f"--world {self._spec}: take_frame: {why}")
-        return frame
+            return trusted(checked(frame))
 
     def execute(self, motions: Sequence[Motion]) -> Stopped | None:
         from planning.sensing.world import Stopped
 
-        if any(motion.held is not None for motion in motions):
-            self._frames = None
         stopped = self._asked("execute", (Stopped, type(None)), motions)
         if stopped is not None and not (isinstance(stopped.motion, int) and 0 <= stopped.motion < len(motions)):
             what = stopped.motion if isinstance(stopped.motion, int) else f"a {type(stopped.motion).__name__}"
@@ -80,7 +68,7 @@ def own_world(spec: str, scene: Scene, robot: Robot) -> OwnWorld:
         own = make(scene, robot)
     if missing := [m for m in METHODS if not callable(getattr(own, m, None))]:
         raise InputError(f"--world {spec}: a {type(own).__name__} has no {' and no '.join(missing)}; a world has {', '.join(METHODS)}")
-    return OwnWorld(spec, own, scene, robot)
+    return OwnWorld(spec, own)
 
 
 def as_it_is(world: OwnWorld, scene: Scene, robot: Robot) -> Scene:

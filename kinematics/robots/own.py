@@ -26,9 +26,6 @@ ALONG = 0.5
 """A link's z that is meant as the approach leads as near to the measured one as that, at least: the cosine."""
 CAMERA_ALONG_HAND = transform(rotation_about((0, 0, 1), np.pi / 2))
 """The pose (4, 4) in the hand frame of the camera of a robot that has none of its own."""
-SIX_JOINTS, CONFIGURATIONS, AHEAD, X_UP, MORE_OFTEN = 6, 40_000, 0.9, 0.985, 1.6
-"""From how many joints on, at how many configurations it is asked how an arm holds its hand; from which cosines on it looks ahead and its x
-up; and how much more often, the other way up, means that this is how it is held: where wrists turn all round both are within a quarter."""
 AROUND_M = 0.01
 """Collision geometry is around another's that reaches out of its hull by no more."""
 
@@ -132,7 +129,7 @@ def find_grip(model: Model, where: str, hand_link: str | None, named: Sequence[s
             T = np.eye(4) if T_link_hand is None else T_link_hand
             _check_frame(model, motors, hand_link, T)
             return _grip(model, motors, hand_link, T, measured=False)
-        return _grip(model, motors, tree.names[palm], x_up(model, motors, measured_frame(model, motors)), measured=True)
+        return _grip(model, motors, tree.names[palm], measured_frame(model, motors), measured=True)
     except NoGripper as e:
         cup = (
             e.link if isinstance(e, CupFound) else next(iter(cup_links(model, [] if hand_link is None else [tree.index[hand_link]])), None)
@@ -140,29 +137,6 @@ def find_grip(model: Model, where: str, hand_link: str | None, named: Sequence[s
         if cup is None or named:
             raise NoGripper(f"{where}: {e}") from None
         return _cup(cup, model, T_link_hand, where)
-
-
-def x_up(model: Model, motors: Motors, T: Array) -> Array:
-    """A hand frame T (4, 4) in the palm, or the same but for half a turn about z, if the arm holds two fingers so far more often, as wrists
-    do that can't turn all round: plans have x up where the hand looks level, and of two fingers either may be the first.
-
-    Asked is at random configurations in which it looks level, away from the arm. An arm of few joints is planned for both ways.
-    """
-    tree = model.tree
-    arm = [i for i in tree.path(motors.palm) if tree.kind[i] != FIXED]
-    moving = sorted({int(tree.q_index[i]) for i in arm})
-    first = next((i for i in arm if tree.kind[i] == TURNS), None)
-    if len(motors.branches) != 2 or len(moving) < SIX_JOINTS or first is None:
-        return T
-    q = np.tile(model.rest, (CONFIGURATIONS, 1))
-    low, high = np.maximum(model.lower[moving], -np.pi), np.minimum(model.upper[moving], np.pi)
-    q[:, moving] = np.random.default_rng(0).uniform(low, high, (CONFIGURATIONS, len(moving)))
-    poses = tree.link(tree.names[motors.palm], q) @ T
-    out = poses[:, :2, 3] - tree.link(tree.names[first], q)[:, :2, 3]
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
-    level = (poses[:, :2, 2] * out).sum(1) > AHEAD
-    up, down = ((level & (sign * poses[:, 2, 0] > X_UP)).sum() for sign in (1, -1))
-    return T @ np.diag([-1.0, -1.0, 1.0, 1.0]) if down > MORE_OFTEN * up else T
 
 
 def _cup(link: int, model: Model, T_link_hand: Array | None, where: str) -> Grip:

@@ -24,12 +24,13 @@ from kinematics.transforms import Array, inverse
 from planning.grasping.sampling import Sampling
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
-from planning.motion.handling.carry import Carry, Done, carried, opening_blocked
+from planning.motion.handling.carry import Carry, Done, carried, gripper_on_the_way
 from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.obstruction import Obstruction, View
 from planning.motion.handling.patience import Patience
 from planning.motion.handling.picking import EXHAUSTIVE, MAX_TRIES, THOROUGH, VARIED, WIDER, Pick, Picking, PickSettings, ik_for_proofs
 from planning.motion.handling.placing import Place, Placing
+from planning.motion.handling.reached import reached
 from planning.motion.handling.room import Room
 from planning.motion.handling.shrunk_scene import can_be_shrunk
 from planning.motion.handling.stacks import Stacks
@@ -47,7 +48,9 @@ ITERATIONS = 3000  # of one RRT-Connect
 MOST_TRIES = 8  # of the target's picks, all grasps together; of those with one grasp, MAX_TRIES
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
-NOT_ASKED = Blocked("transit", detail="too many picks are where the arm does not get to")
+IN_VAIN = 20  # searches for a way to all picks of an object together that may fail, in all states
+PATIENTLY = 4  # such searches where all depends on the answer
+NO_WAY = Blocked("transit", detail="no way to it was found among those to many")
 
 
 Choice = tuple[str, int]
@@ -85,7 +88,7 @@ class Motions:
         self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
         self._picking_wider, self._room, self._stacks = Picking(self.cell, WIDER), Room(self.cell), Stacks(scene)
         self._states: deque[StateWays] = deque(maxlen=KEPT)
-        self._unreached = 0  # picks that the arm was found not to get to before anything else was asked
+        self._in_vain = 0  # searches for a way to all picks of an object together that failed
         self._obstruction: dict[bool, Obstruction] = {}  # by whether fingers are asked about
         self._done: WeakKeyDictionary[State, dict[Choice | None, Done]] = WeakKeyDictionary()
 
@@ -159,6 +162,8 @@ class Motions:
     def _retrieve_target(self, state: State, rng: np.random.Generator) -> Done | Blocked:
         name = self.scene.target_name
         picks, why = self.picks(state, name, self.target_grasps)
+        if picks and not (picks := self._reached(state, name, picks, rng)):
+            why = NO_WAY
         tries = Counter[Grasp]()
         for pick in picks:
             tries[pick.grasp] += 1
@@ -193,12 +198,14 @@ class Motions:
             return Blocked("region", name, detail="it stands there already")
         if touch := self.cell.placed(self.scene.body(name), there, self.without(state, name)):
             return Blocked("region", touch.link, touch.body, detail=touch.detail)
+        if not (picks := self._reached(state, name, picks, rng)):
+            return NO_WAY
         centre, tries, tight, rest = self.scene.regions()[region], 0, list[tuple[Pick, Place]](), self.without(state, name)
 
         def ways(picks: Iterable[Pick]) -> Iterator[tuple[Pick, Place]]:
             nonlocal why
             for pick in picks:
-                place = self._not_reached(state, pick, rng) or self.placing(state, pick).place(centre)
+                place = self.placing(state, pick).place(centre)
                 if isinstance(place, Blocked):
                     why = place
                 elif self._room.to_pick(state.poses, pick) and self._room.to_place(rest, pick, place):
@@ -253,14 +260,16 @@ class Motions:
     def out_of_reach(self, state: State, name: str) -> bool:
         """Whether it was found that an object can't be picked as things are: nothing holds up to the static checks, or the arm does not get
         to any of what does."""
-        transits = self._ways(state).transits
-        return all(isinstance(transits.get(pick), Blocked) for pick in self.picks(state, name)[0])
+        ways = self._ways(state)
+        if name in ways.reached:
+            return not ways.reached[name]
+        return all(isinstance(ways.transits.get(pick), Blocked) for pick in self.picks(state, name)[0])
 
     def gets_to(self, state: State, name: str, rng: np.random.Generator) -> bool:
         """Whether the arm gets to one of the picks of an object, or of the target with one of its grasps: a path is sought to each that was
-        not sought before, until one is found."""
+        not sought before, until one is found, or to all together."""
         picks, _ = self.picks(state, name, self.target_grasps if name == self.scene.target_name else None)
-        return any(not isinstance(self._transit(state, pick, rng), Blocked) for pick in picks)
+        return any(not isinstance(self._transit(state, pick, rng), Blocked) for pick in self._reached(state, name, picks, rng, PATIENTLY))
 
     def obstructions(self, poses: Mapping[str, Array], *, roughly: bool = False, fingers: bool = True) -> View:
         """What is in the way of what, if objects stand at poses: for plans that look ahead. roughly: without closing fingers and lift;
@@ -295,7 +304,9 @@ class Motions:
     @cached_property
     def varied(self) -> Motions:
         """The same, but of those grasps some that are unlike one another: where nothing can be done with the most natural ones."""
-        return self._with(replace(VARIED, sampling=self.exhaustive._picking.settings.sampling))
+        other = self._with(replace(VARIED, sampling=self.exhaustive._picking.settings.sampling))
+        other._patience = Patience(self.settings.patience, self.cell.iterations)
+        return other
 
     @cached_property
     def finest(self) -> HandSubdivision | None:
@@ -359,29 +370,36 @@ class Motions:
         yet, as they are."""
         known = self._ways(state).transits
         if pick not in known:
-            q, goal, gripper = self.robot.arm_q(state.q), pick.approach[:1], pick.gripper_open
-            if blocked := opening_blocked(self.cell, state, q, pick):
-                gripper = float(state.q[self.robot.gripper_joint])
-                blocked = opening_blocked(self.cell, state, goal[0], pick)
-            known[pick] = blocked or self.cell.connect(self.cell.problem(state.poses, gripper), q, goal, rng)
+            gripper = gripper_on_the_way(self.cell, state, pick)
+            if isinstance(gripper, Blocked):
+                known[pick] = gripper
+            else:
+                known[pick] = self.cell.connect(self.cell.problem(state.poses, gripper), self.robot.arm_q(state.q), pick.approach[:1], rng)
         return known[pick]
 
-    def _not_reached(self, state: State, pick: Pick, rng: np.random.Generator) -> Blocked | None:
-        """Why no place is worth seeking for what a pick takes hold of: the arm was found not to get to it, now or before."""
-        known, most = self._ways(state).transits, self._picking.settings.unreached
-        if most and pick not in known:
-            if self._unreached == most:
-                return NOT_ASKED
-            self._unreached += isinstance(self._transit(state, pick, rng), Blocked)
-        way_in = known.get(pick)
-        return way_in if isinstance(way_in, Blocked) else None
+    def _reached(self, state: State, name: str, picks: list[Pick], rng: np.random.Generator, searches: int = 1) -> list[Pick]:
+        """Those of an object's picks that a place is sought for: all, or where ways to all are sought together, those that one was found
+        to in so many searches."""
+        ways, settings = self._ways(state), self._picking.settings
+        if not settings.together or self.cell.time_budget_s is not None:
+            return picks
+        if name not in ways.reached:
+            searches *= self._in_vain < IN_VAIN
+            found = reached(self.cell, state, picks, rng, most=settings.tries, iterations=settings.together, searches=searches)
+            self._in_vain += not found
+            ways.reached[name] = found
+            ways.transits |= found
+        return list(ways.reached[name])
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to
         that pick; not to a place yet."""
-        picks, failures = self.turned(state, pick), self._ways(state).failures
+        ways, failures = self._ways(state), self._ways(state).failures
         iterations = self._patience.iterations(failures[pick]) if self.cell.time_budget_s is None else None
-        path = self.cell.connect(pick.carrying, np.array([turned.lift[-1] for turned in picks]), goals, rng, iterations)
+        passage = ways.reached.get(pick.held.body, {}).get(pick)
+        picks, known = (self.turned(state, pick), []) if passage is None else ([pick], [passage[::-1]])  # out by the way in
+        starts = np.array([turned.lift[-1] for turned in picks])
+        path = self.cell.connect(pick.carrying, starts, goals, rng, iterations, known)
         if isinstance(path, Blocked):
             failures[pick] += 1
             self._patience.failed(iterations or 0)

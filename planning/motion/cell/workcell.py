@@ -175,10 +175,16 @@ class Workcell(PackedCell):
         return self.time_budget_s if self._until_s is None else self._until_s - perf_counter()
 
     def connect(
-        self, query: PlanningQuery, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None
+        self,
+        query: PlanningQuery,
+        start: Array,
+        goals: Array,
+        rng: np.random.Generator,
+        iterations: int | None = None,
+        known: Sequence[Array] = (),
     ) -> Array | Blocked:
         """A shortened, certified path (K, A) from start (A,), or the nearest of several (S, A) with the hand at one pose, to the nearest of
-        goals (G, A), with as much clearance as there is; iterations: a budget of its own."""
+        goals (G, A), with as much clearance as there is; iterations: a budget of its own; known: see `rrt_connect.plan`."""
         seed, starts = int(rng.integers(2**31)), np.atleast_2d(start)
         if touch := self.touch(query, starts[0]):
             return Blocked("transit", touch.link, touch.body, detail="at the start")
@@ -188,7 +194,7 @@ class Workcell(PackedCell):
         found = connect(
             query.task, lambda clearance_m: self.keeping(query, clearance_m).task, starts, goals,
             max_iterations=iterations or (self.iterations if self.time_budget_s is None else 2**62),
-            time_budget_s=left_s, seed=seed, memory=self.memory, settings=self.settings,
+            time_budget_s=left_s, seed=seed, memory=self.memory, settings=self.settings, known=known,
         )  # fmt: skip
         self.forget()
         if found.path is not None:

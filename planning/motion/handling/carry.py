@@ -115,6 +115,14 @@ def opening_blocked(cell: Workcell, state: State, q: Array, pick: Pick) -> Block
     return None
 
 
+def gripper_on_the_way(cell: Workcell, state: State, pick: Pick) -> float | Blocked:
+    """The gripper's value on the way to a pick: its opening, or where the fingers can't be set to that yet, as they are; or why they can be
+    set to it at neither end."""
+    if opening_blocked(cell, state, cell.robot.arm_q(state.q), pick) is None:
+        return pick.gripper_open
+    return opening_blocked(cell, state, pick.approach[0], pick) or float(state.q[cell.robot.gripper_joint])
+
+
 def motion(
     cell: Workcell,
     stage: str,

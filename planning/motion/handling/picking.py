@@ -40,8 +40,8 @@ class PickSettings:
     """How hard picks are sought. sampling: of grasps; ik: how closely the arm's solutions for each are looked for. enough_picks: so many
     ways that hold up are kept for one object; enough_grasps: after so many, the first in the most natural order, any that was found will
     do. tries: so many picks of an object are given to RRT-Connect before a move is given up. shuffled: whether grasps come in any order, so
-    that those that are kept are unlike one another. unreached: so many picks, in all states together, may be found to be where the arm
-    does not get to before any place is sought for what they hold; 0: a place is sought first, which is quicker where most are reached."""
+    that those that are kept are unlike one another. together: before any place is sought for what is picked, a way is sought to all picks
+    of an object together, in so many iterations; 0: a place is sought first, which is quicker where most are reached."""
 
     sampling: Sampling = USUAL
     ik: IkSearch = QUICK_IK
@@ -49,7 +49,7 @@ class PickSettings:
     enough_grasps: int = 24
     tries: int = MAX_TRIES
     shuffled: bool = False
-    unreached: int = 0
+    together: int = 0
 
 
 QUICK = PickSettings()
@@ -57,9 +57,10 @@ THOROUGH = PickSettings(DENSE, IkSearch(96), enough_grasps=10**9)
 """Where the quick look finds no way: four times as many grasps, and all of them."""
 EXHAUSTIVE = replace(THOROUGH, sampling=DENSEST)
 """Where a thorough look finds none, either."""
-VARIED = replace(EXHAUSTIVE, enough_picks=400, tries=8, shuffled=True, unreached=1500)
+VARIED = replace(EXHAUSTIVE, enough_picks=400, tries=8, shuffled=True, together=100_000)
 """Where there are picks, and nothing can be done with the most natural ones: those are alike, and what stops one stops them all. In a low
-cabinet most picks from above are where the arm does not get to."""
+cabinet most picks from above are where the arm does not get to, and to others only a narrow passage leads: what a search for each would
+look for again and again, one for all finds in seconds, or does not."""
 CLOSE_IK = IkSearch(1000, 0.05)
 """For proofs with a redundant arm: some dozen of its solutions for a hand are looked at."""
 WIDER = replace(QUICK, sampling=DENSE, enough_picks=10**9, enough_grasps=10**9)

@@ -22,11 +22,13 @@ from planning.plan import Blocked
 
 
 class StateWays:
-    """Of one state. transits: from where the arm is to the picks that were gone for; failures: of carrying what a pick takes hold of."""
+    """Of one state. transits: from where the arm is to the picks that were gone for; reached: the same to those of each object that were
+    sought together; failures: of carrying what a pick takes hold of."""
 
     def __init__(self, cell: Workcell, state: State) -> None:
         self.cell, self.state = cell, state
         self.transits: dict[Pick, Array | Blocked] = {}
+        self.reached: dict[str, dict[Pick, Array]] = {}
         self.failures = Counter[Pick]()
         self._picks: dict[str, tuple[list[Pick], Blocked]] = {}
         self._wider: dict[str, list[Pick]] = {}

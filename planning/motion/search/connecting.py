@@ -35,25 +35,28 @@ def connect(
     seed: int,
     memory: Memory,
     settings: MotionSettings,
+    known: Sequence[Array] = (),
 ) -> Route:
     """A shortened path from the nearest of starts (S, A) to the nearest of goals (G, A), each edge certified.
 
     task: the query at the least clearance, which starts and goals are to hold to; keeping: the same at another clearance, in metres.
     The memory is ready for the task, and has served others afterwards. max_iterations, time_budget_s: of the search at the least clearance.
+    known: see `rrt_connect.plan`.
     """
     *wider, _ = settings.clearance.levels_m
     briefly = min(settings.clearance.iterations, max_iterations)
     for level in wider[:1]:
-        if (found := connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings)) is not None:
+        if (found := connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings, known)) is not None:
             return found
         edge_problem.enter(task.exact, memory.exact)
     found = plan(
-        task, starts, goals, max_iterations=max_iterations, time_budget_s=time_budget_s, seed=seed, memory=memory, settings=settings.rrt
-    )
+        task, starts, goals, max_iterations=max_iterations, time_budget_s=time_budget_s, seed=seed, memory=memory, settings=settings.rrt,
+        known=known,
+    )  # fmt: skip
     if found.path is None:
         return found
     closely = found._replace(path=shorten(task, found.path, settings=settings.shortcuts, seed=seed, memory=memory).path)
-    clear = (connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings) for level in wider[1:])
+    clear = (connect_clear(task, keeping(level), starts, goals, briefly, seed, memory, settings, known) for level in wider[1:])
     return next((route for route in clear if route is not None), closely)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import six_joints
 from six_joints import box
 
 from kinematics.robots.hands.hand_model import NoGripper
@@ -374,18 +373,3 @@ def test_a_fixed_joint_follows_nothing_even_where_it_is_said_to_follow_a_fixed_o
     ends = [f'type="fixed"><parent link="palm"/><child link="{name}"/>' for name in ("a", "b")]
     made = robot(MIRRORED + links + f'<joint name="fa" {ends[0]}</joint><joint name="fb" {ends[1]}<mimic joint="fa"/></joint>')
     assert "joints with <mimic> that are fixed stand still; where they move, say their type: fb" in made.notes
-
-
-@pytest.mark.parametrize(("wrist_rad", "up"), [(1.2, 1.0), (3.1, -1.0)])
-def test_x_is_up_where_the_wrist_can_hold_it_no_other_way(wrist_rad: float, up: float, tmp_path: Path) -> None:
-    """Galaxea's A1X and ARX's R5 found no place to wait: their wrists can't turn half round. One that turns all round keeps the frame that
-    the palm gives."""
-    text = six_joints.arm(MIRRORED.replace('xyz="0 0 0.06"', 'xyz="0 0 0.01"'))
-    limits = {"a1": (-0.3, 2.5), "a2": (-0.3, 2.5), "a4": (-0.3, 2.5), "a3": (-wrist_rad, wrist_rad), "a5": (-wrist_rad, wrist_rad)}
-    for name, (low, high) in limits.items():
-        text = re.sub(rf'(name="{name}".*?)lower="-3" upper="3"', rf'\g<1>lower="{low}" upper="{high}"', text, count=1)
-    file = tmp_path / "six.urdf"
-    file.write_text(text)
-    made = load(str(file))
-    T = made.link_poses(made.with_arm(np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]), float(made.home[made.gripper_joint])))["hand"]
-    np.testing.assert_allclose(T[:3, [0, 2]].T, [[0, 0, up], [1, 0, 0]], atol=1e-6)

@@ -6,6 +6,7 @@ terminated, 129 hung up on: then all that is begun is cleared away, and the proc
 
 from __future__ import annotations
 
+import _thread
 import errno
 import os
 import signal
@@ -18,6 +19,8 @@ from typing import Any
 
 DONE, UNSOLVED, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 ENDING = ("SIGTERM", "SIGHUP")
+SOON_S = 0.05
+"""After so long a signal comes again that came while an object was cleared away, where Python drops what is raised."""
 NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
 
 
@@ -26,10 +29,10 @@ class ForeignPackageError(Exception):
 
 
 class Ended(BaseException):
-    """A signal asks the program to end; code: the exit code for it."""
+    """A signal asks the program to end; number: of the signal; code: the exit code for it."""
 
     def __init__(self, number: int) -> None:
-        self.code = 128 + number
+        self.number, self.code = number, 128 + number
         super().__init__(self.code)
 
 
@@ -91,9 +94,12 @@ def _judged(job: Callable[[], int | None], debug: bool, came: Sequence[int]) -> 
 @contextmanager
 def _ending() -> Iterator[Sequence[int]]:
     """Signals that ask the program to end come up as `Ended`, so that parts are kept and processes ended; a second one ends it at once.
-    Ctrl-C comes up as KeyboardInterrupt, as ever. The numbers of those that came are in what this gives."""
+    Ctrl-C comes up as KeyboardInterrupt, as ever. One that comes while an object is cleared away, where Python drops it,
+    comes once more. The numbers of those that came are in what this gives."""
     before: dict[int, Any] = {}
     came: list[int] = []
+    again: list[threading.Timer] = []
+    tell_unraisable = sys.unraisablehook
 
     def end(number: int, _: object) -> None:
         came.append(number)
@@ -104,7 +110,22 @@ def _ending() -> Iterator[Sequence[int]]:
         came.append(number)
         signal.default_int_handler(number, frame)
 
+    def dropped(unraisable: Any) -> None:
+        error: object = unraisable.exc_value
+        number: int | None = None
+        if isinstance(error, KeyboardInterrupt):
+            number = signal.SIGINT
+        elif isinstance(error, Ended):
+            number = error.number
+            signal.signal(number, end)
+        if number is None:
+            tell_unraisable(unraisable)
+        else:
+            again.append(threading.Timer(SOON_S, _thread.interrupt_main, (number,)))
+            again[-1].start()
+
     if threading.current_thread() is threading.main_thread():
+        sys.unraisablehook = dropped
         for name in ENDING:
             number = getattr(signal, name, None)
             if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # nohup has it ignored
@@ -114,6 +135,9 @@ def _ending() -> Iterator[Sequence[int]]:
     try:
         yield came
     finally:
+        for timer in again:
+            timer.cancel()
+        sys.unraisablehook = tell_unraisable
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -278,6 +279,46 @@ def test_an_import_that_is_broken_off_counts_as_interrupted_whatever_it_says(
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, inherited)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_comes_while_an_object_is_cleared_away_is_not_lost(
+    number: int, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Gone:
+        def __del__(self) -> None:
+            signal.raise_signal(number)  # what it raises here Python drops
+
+    def job() -> None:
+        Gone()
+        late = time.monotonic() + 30
+        while time.monotonic() < late:
+            time.sleep(0.01)
+
+    inherited, hook = signal.signal(signal.SIGINT, signal.default_int_handler), sys.unraisablehook
+    try:
+        assert guarded(job) == code
+        assert capsys.readouterr().err == ""
+        assert sys.unraisablehook is hook
+    finally:
+        signal.signal(signal.SIGINT, inherited)
+
+
+def test_what_else_is_dropped_is_told_as_ever(capsys: pytest.CaptureFixture[str]) -> None:
+    class Gone:
+        def __del__(self) -> None:
+            raise ValueError("a fault of ours")
+
+    def job() -> None:
+        Gone()
+
+    told = list[str]()
+    hook, sys.unraisablehook = sys.unraisablehook, lambda said: told.append(str(said.exc_value))
+    try:
+        assert guarded(job) == 0
+    finally:
+        sys.unraisablehook = hook
+    assert told == ["a fault of ours"]
 
 
 def test_an_interrupt_in_code_of_a_string_has_the_same_exit_code(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ OFF_M, AT_M = 0.005, 0.5
 VALID = 0.5  # of the pixels there that measured something, at least, for a view to have a say
 VIEWS = 2  # so many, and more than see something there
 EVERY_PX = 11  # of columns and rows, where frames are compared with one another
+MOST = 24  # frames that others are compared with, spread over a long recording
 
 
 def without_seen_through(frames: Sequence[Frame]) -> list[Frame]:
@@ -39,14 +40,16 @@ def without_seen_through(frames: Sequence[Frame]) -> list[Frame]:
 def contradicted(frames: Sequence[Frame], counts: Callable[[Array], NDArray[np.bool_]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """How many points of frame i frame j looks through to what is behind, and at how many it sees something: (F, F) each.
 
-    counts: which of points (N, 3), world, are asked about. What is hidden in frame j, and a robot's own pixels, have no say.
+    counts: which of points (N, 3), world, are asked about. What is hidden in frame j, and a robot's own pixels, have no say. Of many frames
+    only some are j, and the others' columns 0.
     """
-    views = [_view(frame) for frame in frames]
+    spread = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST)).astype(int))
+    views = [(j, _view(frames[j])) for j in spread]
     through, seen = (np.zeros((len(frames), len(frames)), np.int64) for _ in range(2))
     for i, frame in enumerate(frames):
         points = sample(frame, EVERY_PX).points
         points = points[counts(points)]
-        for j, view in enumerate(views):
+        for j, view in views:
             if j != i:
                 through[i, j], seen[i, j] = (int(np.count_nonzero(some)) for some in _looked_at(view, points))
     return through, seen

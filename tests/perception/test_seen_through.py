@@ -10,11 +10,12 @@ import pytest
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, transform
+from perception import seen_through
 from perception.camera import look_at, realsense_d435i
 from perception.frames import Frame
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
-from perception.seen_through import without_seen_through
+from perception.seen_through import contradicted, without_seen_through
 
 CAMERA = realsense_d435i(320, 180)
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.5, 0.0, 0.1]), 0.03)
@@ -76,3 +77,22 @@ def test_the_robot_s_own_pixels_are_left_and_have_no_say(frames: list[Frame]) ->
     armed = [replace(f, depth=np.where(arm, np.float32(0.2), f.depth), arm=arm) for f in frames]
     for after in without_seen_through(armed):
         assert (after.depth[arm] == np.float32(0.2)).all()
+
+
+def test_in_a_long_recording_all_frames_are_compared_with_some(frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a wrong one is told, whether it is one of these or not; in a short one all are compared with all."""
+    everything = np.ones(1, np.bool_)
+
+    def shares(frames: list[Frame]) -> tuple[Array, Array]:
+        through, seen = contradicted(frames, lambda points: np.repeat(everything, len(points)))
+        return through + seen, (through + through.T).sum(1) / (through + seen + (through + seen).T).sum(1)
+
+    assert ((shares(frames)[0] > 0) == ~np.eye(7, dtype=bool)).all()
+    monkeypatch.setattr(seen_through, "MOST", 3)
+    for wrong in (1, 3):  # frames 0, 3 and 6 are those that others are compared with
+        turned = frames.copy()
+        turned[wrong] = replace(frames[wrong], T_world_camera=frames[wrong].T_world_camera @ transform(np.diag([-1.0, -1.0, 1.0])))
+        asked, share = shares(turned)
+        assert np.flatnonzero(asked.sum(0)).tolist() == [0, 3, 6]
+        assert share.argmax() == wrong
+        assert share[wrong] > 3 * np.median(share)

@@ -96,7 +96,8 @@ def _one_of(model: Model, arms: list[int]) -> int:
     names = [_joint_behind(model, m) for m in arms]
     if all(CUP.search(model.tree.names[m]) or JAW.search(model.tree.names[m]) for m in arms):
         raise NoGripper(
-            f"no gripper found: a hand of {len(arms)} fingers with {ARM_LEAST} motors and more each ({', '.join(names)}) can't be used"
+            f"no gripper found: a hand of {len(arms)} fingers with {ARM_LEAST} motors and more each ({', '.join(names)}) can't be used: "
+            "give all joints but one a <mimic> of that, or make them fixed"
         )
     palms, cups, others, ways = list[int](), list[CupFound](), list[NoGripper](), list[str]()
     for m in arms:

@@ -34,7 +34,9 @@ def test_searches_that_fail_cost_a_scene_no_more_than_they_may(ur5e: Robot, monk
     motions, given = Motions(ur5e, scene, settings=replace(DEFAULTS, patience=settings)), list[int]()
     found = motions.cell.connect
 
-    def connect(query: object, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None) -> Array | Blocked:
+    def connect(
+        query: object, start: Array, goals: Array, rng: np.random.Generator, iterations: int | None = None, known: object = ()
+    ) -> Array | Blocked:
         if iterations is None:
             return found(query, start, goals, rng)  # type: ignore[arg-type]
         given.append(iterations)

@@ -8,7 +8,7 @@ round for turned ones, and for all pitches between those of a diagonal approach;
 
 Whatever meets nothing with more room is looked at in the cabinet as it is, too: a hand that meets nothing there either is one to pick with,
 though it stands between all that are sampled otherwise. Expensive is a gap that is just too narrow all along a finger: all hands in it meet
-nothing till little room is left. So no more than MOST_BETWEEN are looked at for an object, and then nothing is said.
+nothing till little room is left. So no more than most_between are looked at for an object, and then nothing is said.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ from planning.relaxed_plan import Names
 from planning.verdict import judge_hold
 
 AT_ONCE = 128  # so many hands are looked at together
-MOST_BETWEEN = 10_000
-"""So many hands between those of the first level are looked at for one object."""
+MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 1_000
+"""So many hands between those of the first level are looked at for one object; with an arm of more than six joints, for each of whose hands
+many solutions are looked for, the second: 10,000 would take it a quarter of an hour, and proofs that come out look at a hundred."""
 
 
 class HandSubdivision:
@@ -48,6 +49,7 @@ class HandSubdivision:
     def __init__(self, robot: Robot, scene: Scene, settings: MotionSettings, cell: Workcell) -> None:
         self.robot, self.scene, self.settings, self.cell_as_it_is = robot, scene, settings, cell
         self.picking = replace(THOROUGH, ik=ik_for_proofs(cell.arm))
+        self.most_between = MOST_OF_REDUNDANT if cell.arm.redundant else MOST_BETWEEN
         opening = robot.opening
         self._between_pitches = not (cell.arm.few_joints or opening.cup_m or opening.round_only)  # as hands on a line of pads are
         self._cells: dict[float, Workcell] = {}
@@ -116,7 +118,7 @@ class SubdivisionView:
             for coarse, levels in self.look.first_hands(name, self.poses[name]):
                 while hands := list(islice(coarse, AT_ONCE)):
                     yield hands, 0, levels
-            while queue and between < MOST_BETWEEN:
+            while queue and between < self.look.most_between:
                 _, level, _, hand, levels = heappop(queue)
                 hands = list(self._divided(name, hand, levels[level]))
                 between += len(hands)

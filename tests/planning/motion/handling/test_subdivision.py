@@ -18,7 +18,7 @@ from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import hand_points, level_hand
 from planning.motion.cell.workcell import QUICK_IK
-from planning.motion.handling import neighbourhoods, subdivision
+from planning.motion.handling import neighbourhoods
 from planning.motion.handling.neighbourhoods import SQUARE, TURN_M
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.picking import Picking
@@ -76,10 +76,19 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
     look = motions.finest.at(motions.scene.poses())
     access = look.access("box", frozenset())
     assert (access.hand, access.closed) == (None, True)
-    monkeypatch.setattr(subdivision, "MOST_BETWEEN", access.between // 2)
+    monkeypatch.setattr(motions.finest, "most_between", access.between // 2)
     doubtful = look.access("box", frozenset())
     assert (doubtful.hand, doubtful.closed) == (None, False)
     assert access.between // 2 <= doubtful.between < access.between
+
+
+def test_an_arm_for_which_each_hand_takes_long_is_asked_about_fewer(ur5e: Robot) -> None:
+    of_each = list[int]()
+    for robot in (ur5e, load("panda")):
+        finest = Motions(robot, generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), 5, 0)).finest
+        assert finest is not None
+        of_each.append(finest.most_between)
+    assert of_each == [10_000, 1_000]
 
 
 def ahead_of_it(hands: Iterable[Grasp]) -> Array:

@@ -116,7 +116,7 @@ def _fit(samples: Sequence[Sample], cabinet: Cabinet) -> _Fit:
     for some in samples:
         points = apply(T, some.points)
         total += len(points)
-        points = points[((points > low - OUTSIDE_M) & (points < high + OUTSIDE_M)).all(1)]
+        points = points[_within(points, low, high)]
         inside += len(points)
         near = (np.abs(points - low) < AT_WALL_M) | (np.abs(points - high) < AT_WALL_M)
         near[:, 0] = np.abs(points[:, 0] - high[0]) < AT_WALL_M  # there is no wall in front
@@ -133,9 +133,12 @@ def _inner(cabinet: Cabinet) -> tuple[Array, Array]:
 
 def _inside(points: Array, cabinet: Cabinet) -> NDArray[np.bool_]:
     """Which points (N, 3) of the world are the cabinet's: in it, or at its walls."""
-    low, high = _inner(cabinet)
-    there = apply(inverse(cabinet.T_world_cabinet), points)
-    return np.asarray(((there > low - OUTSIDE_M) & (there < high + OUTSIDE_M)).all(1))
+    return _within(apply(inverse(cabinet.T_world_cabinet), points), *_inner(cabinet))
+
+
+def _within(points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """The same of points (N, 3) in the cabinet's frame, between the inner space's corners."""
+    return np.asarray(((points > low - OUTSIDE_M) & (points < high + OUTSIDE_M)).all(1))
 
 
 def _through_opening(camera: Array, points: Array, low: Array, high: Array) -> NDArray[np.bool_]:

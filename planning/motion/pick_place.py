@@ -384,7 +384,8 @@ class Motions:
         if not settings.together or self.cell.time_budget_s is not None:
             return picks
         if name not in ways.reached:
-            searches *= self._in_vain < IN_VAIN
+            if self._in_vain >= IN_VAIN:
+                searches = 0
             found = reached(self.cell, state, picks, rng, most=settings.tries, iterations=settings.together, searches=searches)
             self._in_vain += not found
             ways.reached[name] = found
@@ -394,7 +395,8 @@ class Motions:
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to
         that pick; not to a place yet."""
-        ways, failures = self._ways(state), self._ways(state).failures
+        ways = self._ways(state)
+        failures = ways.failures
         iterations = self._patience.iterations(failures[pick]) if self.cell.time_budget_s is None else None
         passage = ways.reached.get(pick.held.body, {}).get(pick)
         picks, known = (self.turned(state, pick), []) if passage is None else ([pick], [passage[::-1]])  # out by the way in

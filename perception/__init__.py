@@ -8,6 +8,7 @@ from kinematics.lazy_imports import lazily
 
 if TYPE_CHECKING:
     from perception.belief import Belief, believe
+    from perception.calibration import Calibration, read_calibration
     from perception.camera import DepthNoise, Intrinsics
     from perception.frames import Frame, read_frames, write_frames
     from perception.mapping.voxels import Voxels
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Belief",
+    "Calibration",
     "DepthNoise",
     "Frame",
     "Intrinsics",
@@ -22,12 +24,14 @@ __all__ = [
     "Voxels",
     "believe",
     "observe",
+    "read_calibration",
     "read_frames",
     "write_frames",
 ]
 
 _WHERE = {
     "Belief": "perception.belief",
+    "Calibration": "perception.calibration",
     "DepthNoise": "perception.camera",
     "Frame": "perception.frames",
     "Intrinsics": "perception.camera",
@@ -35,6 +39,7 @@ _WHERE = {
     "Voxels": "perception.mapping.voxels",
     "believe": "perception.belief",
     "observe": "perception.observation",
+    "read_calibration": "perception.calibration",
     "read_frames": "perception.frames",
     "write_frames": "perception.frames",
 }

@@ -3,6 +3,7 @@
 The layout is that of the BOP benchmark's scenes (Hodaň et al., "BOP: Benchmark for 6D object pose estimation", 2018; bop_toolkit,
 docs/bop_datasets_format.md): FOLDER/000000/ holds scene_camera.json (cam_K, depth_scale, cam_R_w2c, cam_t_w2c in mm, by image number),
 depth/000000.png (16 bits; times depth_scale it is mm), mask_visib/000000_000000.png (image, object) and scene_gt.json (obj_id, by image).
+Read are also .tif, .tiff and NumPy's .npy, of whole or of floating-point numbers (metres: a depth_scale of 1000).
 Ours say the object's `name` in scene_gt.json as well, mark the robot's own pixels in mask_robot/000000.png, and say in scene_camera.json
 how the robot stood: `robot_q`, a number for every actuated joint.
 """
@@ -12,7 +13,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,17 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.git_lfs import refuse_pointer
 from kinematics.transforms import Array, inverse, transform
+from perception.calibration import Calibration
 from perception.camera import Depth, Intrinsics, cloud
+from perception.distortion import recorded_pixels
+from perception.image_files import read_depth, read_grey
 from perception.masks import Instances, mask_reader, read_json
 
-MOST_PIXELS = 50_000_000
 DEPTH_SCALE_MM = 0.1
 """What one step of a written depth image means, unless it shows something further away than 6.5 m."""
-SAME, RESIZED = 0.1, 0.25
-"""A camera's matrix of images of another size has its principal point off alike in both directions, but for the first share, and by more
-than the second one."""
 SATURATED = 65535
 """A depth with all 16 bits set is none: cameras and converters write it where nothing was measured, or what is too far away."""
 NEVER_M = 100.0
@@ -97,6 +95,19 @@ def checked(frame: Frame) -> Frame:
     if not (rigid and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0):
         raise ValueError("T_world_camera is no pose: (4, 4), a rotation and a translation in metres")
     return replace(frame, depth=depth, T_world_camera=T)
+
+
+def undistorted(frame: Frame, coefficients: Sequence[float]) -> Frame:
+    """The frame, depths and masks, as a pinhole camera with the same intrinsics would have recorded it, see `perception.distortion`: what
+    lies beyond the recorded image is not measured, and nobody's."""
+    if not any(coefficients):
+        return frame
+    v, u = recorded_pixels(frame.intrinsics, tuple(coefficients))
+    there = v >= 0
+    depth = np.where(there, frame.depth[v, u], np.float32(0))
+    instance = None if frame.instance is None else np.where(there, frame.instance[v, u], np.int32(-1))
+    arm = None if frame.arm is None else there & frame.arm[v, u]
+    return replace(frame, depth=depth, instance=instance, arm=arm)
 
 
 def _by(shape: tuple[int, ...]) -> str:
@@ -208,9 +219,10 @@ def _put(file: Path, data: bytes) -> None:
 # Reading ------------------------------------------------------------------------------------------------------------------------------
 
 
-def read_frames(folder: Path, *, scene: int | None = None) -> tuple[Frame, ...]:
+def read_frames(folder: Path, *, scene: int | None = None, camera: Calibration | None = None) -> tuple[Frame, ...]:
     """The frames of one scene in the BOP layout, in the order of their numbers; the folder is the scene's, or the one that holds scenes.
 
+    camera: the intrinsics of all of them, in the place of cam_K; what its lens distorts is undone, in depths and masks.
     The recording's world must be the scene's. Saturated depths measure nothing. Without masks (see `perception.masks`) the instances are
     None. In BOP's, objects take their `name` from scene_gt.json, else obj_000007 after their obj_id (a second one of the same in an image
     obj_000007_1), else object_0 after their mask's number.
@@ -224,8 +236,8 @@ def read_frames(folder: Path, *, scene: int | None = None) -> tuple[Frame, ...]:
     for key in cameras:
         if not key.isdecimal():
             raise ValueError(f"{home / 'scene_camera.json'}: {key!r} is no number of an image")
-    masks = mask_reader(home, objects, _image)
-    return tuple(_frame(home, int(key), cameras[key], masks) for key in sorted(cameras, key=int))
+    masks = mask_reader(home, objects, read_grey)
+    return tuple(_frame(home, int(key), cameras[key], masks, camera) for key in sorted(cameras, key=int))
 
 
 def _scene_folder(folder: Path, scene: int | None) -> Path:
@@ -246,45 +258,39 @@ def _scene_folder(folder: Path, scene: int | None) -> Path:
     raise ValueError(f"{folder}: {missing}; there are {', '.join(scenes)}")
 
 
-def _frame(home: Path, image: int, camera: Any, masks: Callable[[int, tuple[int, ...]], Instances] | None) -> Frame:
+def _frame(
+    home: Path, image: int, entry: Any, masks: Callable[[int, tuple[int, ...]], Instances] | None, camera: Calibration | None
+) -> Frame:
     where = f"{home / 'scene_camera.json'}: image {image}"
-    if not isinstance(camera, dict):
+    if not isinstance(entry, dict):
         raise ValueError(f"{where}: is no object with cam_K, depth_scale, cam_R_w2c and cam_t_w2c")
-    K, R = _numbers(camera, "cam_K", 9, where).reshape(3, 3), _numbers(camera, "cam_R_w2c", 9, where).reshape(3, 3)
-    t, scale = _numbers(camera, "cam_t_w2c", 3, where), float(_numbers(camera, "depth_scale", 1, where)[0])
-    if not (K[0, 0] > 0 and K[1, 1] > 0 and np.allclose(K[2], [0, 0, 1]) and np.allclose(K[[0, 1], [1, 0]], 0)):
-        raise ValueError(f"{where}: cam_K is no camera matrix [fx, 0, cx, 0, fy, cy, 0, 0, 1] (skew is not supported)")
+    told = camera or _camera_matrix(entry, where)
+    R = _numbers(entry, "cam_R_w2c", 9, where).reshape(3, 3)
+    t, scale = _numbers(entry, "cam_t_w2c", 3, where), float(_numbers(entry, "depth_scale", 1, where)[0])
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0):
         raise ValueError(f"{where}: cam_R_w2c is no rotation")
     if not scale > 0:
         raise ValueError(f"{where}: depth_scale: {scale:g} is not positive")
     u, _, vt = np.linalg.svd(R)  # the nearest rotation: files round
-    depth = _image(home / "depth" / f"{image:06d}.png", None)
-    intrinsics = Intrinsics(depth.shape[1], depth.shape[0], *(float(x) for x in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])))
-    if fault := _not_of_this_size(intrinsics):
+    depth = read_depth(home / "depth", image)
+    intrinsics = told.intrinsics(depth.shape[1], depth.shape[0])
+    if fault := told.misfit(intrinsics.width, intrinsics.height):
         raise ValueError(f"{where}: {fault}")
     instance, names = masks(image, depth.shape) if masks else (None, ())
     robot = home / "mask_robot" / f"{image:06d}.png"
-    arm = _image(robot, depth.shape) > 0 if robot.is_file() else None
-    q = _numbers(camera, "robot_q", None, where) if camera.get("robot_q") is not None else None
-    metres = np.where(depth >= SATURATED, 0, depth * (scale * 1e-3)).astype(np.float32)
-    return Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm, q)
+    arm = read_grey(robot, depth.shape) > 0 if robot.is_file() else None
+    q = _numbers(entry, "robot_q", None, where) if entry.get("robot_q") is not None else None
+    nothing = ~np.isfinite(depth) | (depth < 0) | ((depth >= SATURATED) & np.issubdtype(depth.dtype, np.integer))
+    metres = np.where(nothing, 0, depth * (scale * 1e-3)).astype(np.float32)
+    return undistorted(Frame(metres, instance, names, intrinsics, inverse(transform(u @ vt, t * 1e-3)), arm, q), told.distortion)
 
 
-def _not_of_this_size(camera: Intrinsics) -> str | None:
-    """Why intrinsics are not those of images of this size; None when they may be. A principal point that is off in both directions alike is
-    the middle of images of another size; one of an image that was cropped is off anyhow."""
-    if not (0 < camera.cx < camera.width and 0 < camera.cy < camera.height):
-        where = f"lies outside the depth image of {camera.width} × {camera.height} pixels: is cam_K for another resolution?"
-        return f"the principal point of cam_K, {camera.cx:g}, {camera.cy:g}, {where}"
-    wide, high = 2 * camera.cx + 1, 2 * camera.cy + 1
-    times = (wide / camera.width, high / camera.height)
-    if abs(times[0] - times[1]) < SAME * max(times) and abs(times[0] - 1.0) > RESIZED:
-        return (
-            f"the principal point of cam_K, {camera.cx:g}, {camera.cy:g}, is the middle of images of {wide:.0f} × {high:.0f} pixels, and "
-            f"this one has {camera.width} × {camera.height}: is cam_K for another resolution? Then divide its first rows by {times[0]:.3g}"
-        )
-    return None
+def _camera_matrix(entry: dict[str, Any], where: str) -> Calibration:
+    """What a scene_camera.json's cam_K says."""
+    K = _numbers(entry, "cam_K", 9, where).reshape(3, 3)
+    if not (K[0, 0] > 0 and K[1, 1] > 0 and np.allclose(K[2], [0, 0, 1]) and np.allclose(K[[0, 1], [1, 0]], 0)):
+        raise ValueError(f"{where}: cam_K is no camera matrix [fx, 0, cx, 0, fy, cy, 0, 0, 1] (skew is not supported)")
+    return Calibration((float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2])), source="cam_K")
 
 
 def _json(file: Path) -> dict[str, Any]:
@@ -298,7 +304,8 @@ def _numbers(entry: dict[str, Any], name: str, count: int | None, where: str) ->
     """So many finite numbers of an entry; of a list of any length, when no count is given."""
     if name not in entry:
         pose = " (the camera's pose is needed, as world to camera, in millimetres)" if name.endswith("w2c") else ""
-        raise ValueError(f"{where}: {name} is missing{pose}")
+        hint = " (or give a file that says it, sense --camera FILE: ROS's camera_info, Open3D's, OpenCV's …)" if name == "cam_K" else pose
+        raise ValueError(f"{where}: {name} is missing{hint}")
     try:
         values = np.atleast_1d(np.array(entry[name], float)).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -307,29 +314,3 @@ def _numbers(entry: dict[str, Any], name: str, count: int | None, where: str) ->
         what = "a list of finite numbers" if count is None else f"{count} finite number{'s' if count > 1 else ''}"
         raise ValueError(f"{where}: {name} is not {what}")
     return values
-
-
-def _image(file: Path, shape: tuple[int, ...] | None) -> NDArray[Any]:
-    """A grey image (H, W); of 16 bits, and of any size, when no shape is given: a depth image."""
-    from PIL import Image
-
-    if not file.is_file():
-        what = "a PNG of 16 bits" if shape is None else f"a mask of {shape[1]} × {shape[0]} pixels"
-        raise ValueError(f"{file}: no such file; expected is {what}")
-    refuse_pointer(file, "image")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # we have a limit of our own
-            with Image.open(file) as opened:
-                if opened.width * opened.height > MOST_PIXELS:
-                    raise ValueError(f"{file}: has {opened.width} × {opened.height} pixels, and at most {MOST_PIXELS} can be used")
-                image = np.asarray(opened)
-    except (OSError, SyntaxError, Image.DecompressionBombError) as e:
-        raise ValueError(f"{file}: is no image that can be read: {e}") from e
-    if image.ndim == 3 and shape is not None:
-        image = image.max(2)
-    if image.ndim != 2 or (shape is None and image.dtype not in (np.uint16, np.int32)):
-        raise ValueError(f"{file}: is no grey image of 16 bits, as depth images are")
-    if shape is not None and image.shape != shape:
-        raise ValueError(f"{file}: has {image.shape[1]} × {image.shape[0]} pixels, the depth image {shape[1]} × {shape[0]}")
-    return image

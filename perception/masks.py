@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from kinematics.git_lfs import refuse_pointer
 from kinematics.names import free_name
+from perception.image_files import DEPTH_FILES
 
 Instances = tuple[NDArray[np.int32], tuple[str, ...]]
 ReadImage = Callable[[Path, tuple[int, ...]], NDArray[Any]]
@@ -46,7 +47,7 @@ def mask_reader(home: Path, objects: dict[str, Any] | None, image: ReadImage) ->
     coco = sorted(home.glob("*coco*.json"))
     if coco:
         by_image, categories = _annotations(coco[0])
-        frames = {int(file.stem) for file in (home / "depth").glob("*.png") if file.stem.isdigit()}
+        frames = {int(file.stem) for file in (home / "depth").glob("*") if file.suffix in DEPTH_FILES and file.stem.isdigit()}
         if by_image and not frames & set(by_image):
             said, there = (", ".join(map(str, sorted(some)[:4])) for some in (by_image, frames))
             raise ValueError(f"{coco[0]}: has masks of the images {said} …, and the frames are {there} …; `images` may say which is which")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from kinematics.scene import Scene
     from kinematics.transforms import Array
     from perception.belief import Belief
+    from perception.calibration import Calibration
     from perception.frames import Frame
     from perception.mapping.voxels import Voxels
     from planning.sensing.look_around import Limits
@@ -40,6 +41,7 @@ class _Job:
 
     views: Path | None
     from_views: Path | None
+    camera: Calibration | None
     max_views: int | None
     share: float | None
     noise: bool
@@ -78,6 +80,7 @@ def run(
     resume: bool = False,
     target_pixel: str | None = None,
     smallest_mm: float = 40.0,
+    camera: Path | None = None,
 ) -> int:
     """Sense every scene; scene number i writes its frames to folder i of `views`, or takes them from folder i of `from_views`.
 
@@ -88,7 +91,10 @@ def run(
     box, pixel = None if target_box is None else parse_box(target_box), None if target_pixel is None else parse_pixel(target_pixel)
     if box is not None and pixel is not None:
         raise InputError("sense: --target-box and --target-pixel exclude each other: say once where the target is")
-    job = _Job(views, from_views, max_views, share, noise, told_by, box, pixel, seed, smallest_mm / 1e3)
+    if camera is not None and from_views is None:
+        raise InputError("sense: --camera says the intrinsics of recorded frames: give them, --from-views DIR")
+    lens = None if camera is None else calibrated(camera)
+    job = _Job(views, from_views, lens, max_views, share, noise, told_by, box, pixel, seed, smallest_mm / 1e3)
     announce_first_run()
     asked = {"command": "sense", "version": version(), "seed": seed, "by": by, "noise": noise, "views": max_views, "share": share}
     asked |= {
@@ -96,6 +102,7 @@ def run(
         "target_pixel": target_pixel,
         "smallest_mm": smallest_mm,
         "from_views": None if from_views is None else str(from_views.absolute()),
+        "camera": None if camera is None else str(camera.absolute()),
     }
     with (
         nullcontext() if views is None else alone_in(views),
@@ -132,7 +139,7 @@ def _look_at(job: _Job, scene: Scene, index: int) -> _Sight:
     arm = from_ref(scene.robot, on_step=say)
     mapped: Voxels | None = None
     if job.from_views is not None:
-        frames = recorded(arm, scene, job.from_views, index)
+        frames = recorded(arm, scene, job.from_views, index, job.camera)
         reason = f"{len(frames)} recorded views"
     elif _blind(scene):
         raise InputError("the scene lists no objects to look at: give recorded frames, --from-views DIR")
@@ -146,7 +153,7 @@ def _look_at(job: _Job, scene: Scene, index: int) -> _Sight:
     noise_1m_m = axial_noise(frames, scene.cabinet)
     voxels, shares = fused(scene, frames, noise_1m_m)
     voxels = voxels if mapped is None else mapped
-    target_box = job.box if job.pixel is None else box_at_pixel(frames, *job.pixel)
+    target_box = job.box if job.pixel is None else box_at_pixel(frames, *_as_recorded(job, frames, *job.pixel))
     belief = believe(replace(scene, objects=(), observation=None), frames, voxels, by=job.by, target_box=target_box)
     if job.views is not None:
         with naming(job.views):
@@ -196,15 +203,38 @@ def _why_hardly(frames: Sequence[Frame]) -> str:
     return "are depth_scale, cam_K and the poses (world to camera, mm) right?"
 
 
-def recorded(arm: Robot, scene: Scene, folder: Path, index: int) -> tuple[Frame, ...]:
-    """The frames of scene number `index` in a folder, without what the camera made up. Raises: InputError where they can't fit."""
+def calibrated(file: Path) -> Calibration:
+    """What --camera FILE says, and a word where its lens is to be undone. Raises: InputError."""
+    from perception.calibration import read_calibration
+
+    with blame("sense: --camera", *UNREADABLE):
+        camera = read_calibration(file)
+    if camera.distortion:
+        say(f"{camera.source}: its lens's distortion is taken out of depths and masks; for images that are rectified it must say zeros")
+    return camera
+
+
+def _as_recorded(job: _Job, frames: Sequence[Frame], frame: int, u: int, v: int) -> tuple[int, int, int]:
+    """A pixel of a recorded image where it is once the lens's distortion is taken out."""
+    from perception.distortion import pinhole_pixel
+
+    if job.camera is None or not job.camera.distortion or frame >= len(frames):
+        return frame, u, v
+    return frame, *pinhole_pixel(frames[frame].intrinsics, job.camera.distortion, u, v)
+
+
+def recorded(arm: Robot, scene: Scene, folder: Path, index: int, camera: Calibration | None = None) -> tuple[Frame, ...]:
+    """The frames of scene number `index` in a folder, without what the camera made up. camera: in the place of their cam_K.
+
+    Raises: InputError where they can't fit.
+    """
     from perception.frames import read_frames
     from perception.recorded import misfit, trusted
     from perception.rendering.synthetic_camera import marked
     from perception.seen_through import without_seen_through
 
     base = scene.robot.T_world_base
-    frames = marked(arm, base, [trusted(f) for f in read_frames(folder, scene=None if _is_one(folder) else index)])
+    frames = marked(arm, base, [trusted(f) for f in read_frames(folder, scene=None if _is_one(folder) else index, camera=camera)])
     if why := misfit(frames, scene.cabinet, base, lambda doubt: say(f"{scene.id}: {doubt}")):
         raise InputError(f"--from-views {folder}: {why}")
     return tuple(without_seen_through(frames))

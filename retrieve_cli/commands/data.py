@@ -72,6 +72,12 @@ def sense(
     from_views: Annotated[
         Path | None, typer.Option("--from-views", help="Take recorded frames, BOP layout, instead of looking.", metavar="DIR")
     ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            "--camera", help="With --from-views: the camera's intrinsics, a file of ROS, Open3D, OpenCV or RealSense.", metavar="FILE"
+        ),
+    ] = None,
     max_views: Annotated[
         int | None, typer.Option("--max-views", help="How many views may be taken; if left out 8, or 24 of a recording (--views).", min=1)
     ] = None,
@@ -106,6 +112,7 @@ def sense(
         scenes=scenes,
         views=views,
         from_views=from_views,
+        camera=camera,
         max_views=max_views,
         share=known,
         noise=noise,

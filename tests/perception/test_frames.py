@@ -117,6 +117,39 @@ def test_what_is_no_depth_is_nothing_measured(frames: tuple[Frame, ...], tmp_pat
     assert checked(replace(frames[0], depth=depth)).depth.dtype == np.float32
 
 
+@pytest.mark.parametrize("ending", [".tif", ".tiff", ".npy", ".whole.npy", ".whole.tif"])
+def test_depths_in_files_of_other_kinds(frames: tuple[Frame, ...], ending: str, tmp_path: Path) -> None:
+    """Metres as floating-point numbers, as ROS has them (32FC1), with NaN for nothing; millimetres as whole ones."""
+    home = write_frames(tmp_path, frames)
+    cameras = json.loads((home / "scene_camera.json").read_text())
+    for i, frame in enumerate(frames):
+        (home / "depth" / f"{i:06d}.png").unlink()
+        whole = ending.startswith(".whole")
+        depth = np.round(frame.depth * 1e3).astype(np.uint16) if whole else np.where(frame.depth > 0, frame.depth, np.float32(np.nan))
+        cameras[str(i)]["depth_scale"] = 1.0 if whole else 1000.0
+        file = home / "depth" / f"{i:06d}.{ending.rpartition('.')[2]}"
+        np.save(file, depth) if ending.endswith("npy") else Image.fromarray(depth).save(file)
+    (home / "scene_camera.json").write_text(json.dumps(cameras))
+    for a, b in zip(frames, read_frames(tmp_path)):
+        assert np.abs(a.depth - b.depth).max() <= (0.51e-3 if whole else 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("array", "told"),
+    [
+        (np.zeros((60, 80, 3), np.float32), r"holds float32 of shape \(60, 80, 3\): expected are depths of shape \(rows, columns\)"),
+        (np.zeros((60, 80), np.uint8), "holds uint8"),
+        (np.array([{}]), "no array of NumPy that can be read"),
+    ],
+)
+def test_arrays_that_are_no_depths_are_told(frames: tuple[Frame, ...], array: np.ndarray, told: str, tmp_path: Path) -> None:
+    home = write_frames(tmp_path, frames)
+    (home / "depth" / "000000.png").unlink()
+    np.save(home / "depth" / "000000.npy", array)
+    with pytest.raises(ValueError, match=told):
+        read_frames(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

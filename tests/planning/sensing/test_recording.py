@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -121,6 +122,49 @@ def test_a_pixel_says_which_object_is_wanted(recording: tuple[Path, tuple[Frame,
     for text in ("3", "a,b", "1,2,3,4", "-1,2"):
         with pytest.raises(InputError, match="whole numbers"):
             parse_pixel(text)
+
+
+def test_a_file_says_the_intrinsics_of_recorded_frames(
+    recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As cam_K does; a lens in it is undone, and a pixel is that of the recorded image."""
+    folder, _ = recording
+    home, said = tmp_path / "views", tmp_path / "camera_info.yaml"
+    shutil.copytree(folder / "000000", home)
+    cameras = json.loads((home / "scene_camera.json").read_text())
+    K = cameras["0"]["cam_K"]
+    for entry in cameras.values():
+        del entry["cam_K"]
+    (home / "scene_camera.json").write_text(json.dumps(cameras))
+    info = f"height: 240\nwidth: 320\ndistortion_model: plumb_bob\nk: {K}\nd: "
+    said.write_text(f"{info}[0.0, 0.0, 0.0, 0.0, 0.0]\n---\n")
+    scenes, pixel = blank(tmp_path / "a.jsonl"), "0,150,120"
+    sensed(scenes, home, tmp_path / "b.jsonl", camera=said, target_pixel=pixel)
+    sensed(scenes, folder, tmp_path / "c.jsonl", target_pixel=pixel)
+    assert (tmp_path / "b.jsonl").read_text() == (tmp_path / "c.jsonl").read_text()
+    assert "distortion" not in capsys.readouterr().err
+    said.write_text(f"{info}[0.02, 0.0, 0.0, 0.0, 0.0]\n---\n")
+    sensed(scenes, home, tmp_path / "b.jsonl", camera=said, target_pixel=pixel)
+    assert "its lens's distortion is taken out of depths and masks; for images that are rectified" in capsys.readouterr().err
+    said.write_text(said.read_text().replace("width: 320", "width: 640"))
+    with pytest.raises(InputError, match=r"camera_info.yaml is for images of 640 × 240 pixels, and the depth image has 320 × 240"):
+        sensed(scenes, home, tmp_path / "b.jsonl", camera=said)
+    with pytest.raises(InputError, match=r"sense: --camera: .*nowhere.json: no such file"):
+        sensed(scenes, home, tmp_path / "b.jsonl", camera=tmp_path / "nowhere.json")
+    with pytest.raises(InputError, match=r"--camera says the intrinsics of recorded frames: give them, --from-views DIR"):
+        run(
+            scenes=scenes,
+            views=None,
+            from_views=None,
+            camera=said,
+            max_views=1,
+            share=0.5,
+            noise=False,
+            by="mask",
+            target_box=None,
+            seed=0,
+            out=None,
+        )
 
 
 def test_unseen_space_is_that_of_the_observation(recording: tuple[Path, tuple[Frame, ...]], tmp_path: Path) -> None:

@@ -6,9 +6,8 @@ closed form.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from planning.verdict.ledger import Ledger, difference, keep
 from planning.verdict.limits import limit_faults
 from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
-from planning.verdict.standing import Placed, Stand, placed, stand
+from planning.verdict.standing import Stand, falls, placed, stand_among
 
 MOST_M = 1000.0
 """Nothing that a cabinet and a robot have to do with is larger, or further away."""
@@ -209,7 +208,7 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
     """
     cabinet, out = scene.cabinet, list[Fault]()
     here = {b.name: placed(b.name, b.shape, b.T_world_body, cabinet) for b in scene.objects}
-    rests = {name: _on(body, here, scene, settings) for name, body in here.items()}
+    rests = {name: stand_among(body, here.values(), scene, settings.stands_m) for name, body in here.items()}
     said = {name: _fallen(SCENE, name, at, "at the start") for name, at in rests.items()}
     out += [fault for name, faults in said.items() for fault in faults if not rests[name].on]
     notes = [fault for name, faults in said.items() for fault in faults if rests[name].on]
@@ -218,32 +217,19 @@ def _standing(scene: Scene, ledger: Ledger, settings: Settings) -> tuple[list[Fa
     for carry in ledger.carries:
         del here[carry.body], now[carry.body]
         for name in [name for name, at in now.items() if carry.body in at.on]:  # what leaned or stood on it
-            first, now[name] = now[name], _on(here[name], here, scene, settings)
+            first, now[name] = now[name], stand_among(here[name], here.values(), scene, settings.stands_m)
             out += _worse("lift", name, now[name], first, f"once motion {carry.first} takes {carry.body}", settings)
         if carry.put:
-            here[carry.body] = placed(carry.body, scene.body(carry.body).shape, carry.T_world_to, cabinet)
-            now[carry.body] = at = _on(here[carry.body], here, scene, settings)
+            here[carry.body] = body = placed(carry.body, scene.body(carry.body).shape, carry.T_world_to, cabinet)
+            now[carry.body] = at = stand_among(body, here.values(), scene, settings.stands_m)
             out += _worse("release", carry.body, at, rests[carry.body], f"where motion {carry.last} puts it", settings)
             names[carry.body] |= set(at.on)
     return out, {name: frozenset(on) for name, on in names.items()}, notes
 
 
-def _on(body: Placed, here: Mapping[str, Placed], scene: Scene, settings: Settings) -> Stand:
-    others = (o for name, o in here.items() if name != body.name)
-    return stand(body, chain(_walls(scene), others), scene.cabinet, settings.stands_m)
-
-
-def _walls(scene: Scene) -> Iterator[Placed]:
-    """Walls and obstacles, which are placed when somebody looks at them: most objects stand on the floor."""
-    for body in (*scene.cabinet.walls()[1:], *scene.obstacles):
-        yield placed(body.name, body.shape, body.T_world_body, scene.cabinet)
-
-
 def _worse(stage: str, name: str, at: Stand, first: Stand, when: str, settings: Settings) -> list[Fault]:
     """What does not stand, unless it stood so badly at first."""
-    if at.on and not first.carried and at.off_m <= first.off_m + settings.pose_m:
-        return []
-    return _fallen(stage, name, at, when)
+    return _fallen(stage, name, at, when) if falls(at, first, settings.pose_m) else []
 
 
 def _fallen(stage: str, name: str, at: Stand, when: str) -> list[Fault]:

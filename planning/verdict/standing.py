@@ -2,22 +2,26 @@
 
 Heights are those of the cabinet's frame, whose floor is at 0. What stands on plain surfaces is judged by the patches of contact; where
 these don't carry it, the points at which it leans on others are taken along.
+
+By this both the verdict judges what a plan leaves behind and the planner knows what may not be taken yet (`planning.motion.cell.supports`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from kinematics.collision.fcl_solids import hull_solid
-from kinematics.scene import Cabinet
+from kinematics.scene import Cabinet, Scene
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, cross, inverse
 from planning.verdict import polygons
 from planning.verdict.polyhedra import FEW_SIDES, Polyhedron, centre_of_mass, polyhedra, section_below
 
+FROM_ABOVE = 0.1  # a direction's z: what is touched there presses down
 OVER_M = 1e-6  # rounding, where the centre of mass is right above an edge of the support
 
 
@@ -82,6 +86,23 @@ def stand(body: Placed, others: Iterable[Placed], cabinet: Cabinet, within_m: fl
     return Stand(tuple(dict.fromkeys([*on, *(name for name, _ in leans)])), gap, _off(support, centre))
 
 
+def stand_among(body: Placed, here: Iterable[Placed], scene: Scene, within_m: float) -> Stand:
+    """What an object of a scene stands on while those of `here` are where they are, itself perhaps among them."""
+    return stand(body, chain(_fixtures(scene), (other for other in here if other.name != body.name)), scene.cabinet, within_m)
+
+
+def falls(at: Stand, first: Stand, by_m: float) -> bool:
+    """Whether what stood somehow at first does not stay as it is now. Where it stood by the scene's word alone, with its centre of mass
+    beside what it stands on, it may still do so, no further beside it but for by_m."""
+    return not (at.carried or (at.on and not first.carried and at.off_m <= first.off_m + by_m))
+
+
+def _fixtures(scene: Scene) -> Iterator[Placed]:
+    """Walls and obstacles, which are placed when somebody looks at them: most objects stand on the floor."""
+    for body in (*scene.cabinet.walls()[1:], *scene.obstacles):
+        yield placed(body.name, body.shape, body.T_world_body, scene.cabinet)
+
+
 def _floor(cabinet: Cabinet) -> Array:
     """The outline (4, 2) of the cabinet's floor."""
     depth, half, w = float(cabinet.size_m[0]), float(cabinet.size_m[1]) / 2, cabinet.wall_m
@@ -103,14 +124,21 @@ def _off(patches: Sequence[Array], centre: Array) -> float:
 
 
 def _leaning(body: Placed, near: Sequence[Placed], within_m: float) -> list[tuple[str, Array]]:
-    """Where a body touches others that are beside it: their names, and the corners (N, 2) of what touches, seen from above."""
+    """Where a body touches others that are beside it: their names, and the corners (N, 2) of what touches, seen from above. What lies on it
+    carries nothing."""
     out = []
     for other in near:
         for a in body.parts:
             for b in other.parts:
-                if _boxes_meet(a, b, within_m) and (u := _direction(a, b, within_m)) is not None:
+                if _boxes_meet(a, b, within_m) and (u := _direction(a, b, within_m)) is not None and not _lies_on(b, a, u, within_m):
                     out.append((other.name, _common(a, b, u, within_m)))
     return out
+
+
+def _lies_on(upper: Polyhedron, lower: Polyhedron, u: Array, within_m: float) -> bool:
+    """Whether a solid presses on another from above, where u (3,) leads from that to it; of solids that are deep in each other u says
+    nothing."""
+    return bool(u[2] > FROM_ABOVE and (lower.vertices @ u).max() - (upper.vertices @ u).min() <= within_m)
 
 
 def _boxes_meet(a: Polyhedron, b: Polyhedron, within_m: float) -> bool:

@@ -134,6 +134,13 @@ def test_what_is_too_high_or_too_low_stands_on_nothing() -> None:
             assert stands(block(0.2, 0, 0.1 + z, 0.1, 0.1, 0.1), below) == ((("below",), z, 0.0) if some else ((), 0.1 + z, np.inf))
 
 
+@pytest.mark.parametrize("gap_m", [-0.0005, 0.0005])
+def test_what_lies_on_it_carries_nothing(gap_m: float) -> None:
+    """Nothing hangs in the air from what lies on it, or under a ceiling."""
+    for above in (block(0.2, 0, 0.15 + gap_m, 0.05, 0.05, 0.05, name="above"), block(0.2, 0, 0.15 + gap_m, 0.4, 0.4, 0.03, name="ceiling")):
+        assert stands(block(0.2, 0, 0.05, 0.1, 0.1, 0.1), above) == ((), 0.05, np.inf)
+
+
 def test_what_is_just_near_enough_carries() -> None:
     """A quarter of a metre, exact in binary: from the floor, wholly over it or not, and from another."""
     for x in (0.25, 0.0):

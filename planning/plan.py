@@ -152,20 +152,27 @@ class Move:
 @dataclass(frozen=True)
 class Unsolvable:
     """The proof that no sequence of picks helps: objects of which none can be picked while they and the target stand, and which together
-    block every way to x_g. would_help: what would change that, in words. All of it holds for the grasps that were sampled, and no others.
+    block every way to x_g. would_help: what would change that, in words. leaning: those of them that are stuck for they lean on something
+    and would stand nowhere else. All of it holds for the grasps that were sampled, and no others.
     """
 
     stuck: tuple[str, ...]
     would_help: tuple[str, ...]
+    leaning: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
         """What is proved. Nothing need be stuck: what stands still (walls, unseen space) may keep the hand from x_g by itself."""
         if not self.stuck:
             return "with every object gone the target's grasp is still out of reach, or blocked by what can't be moved"
+        lean = "lean on something and" if len(self.leaning) > 1 else "leans on something and"
+        why = f"{', '.join(self.leaning)} {lean} would stand nowhere else" if self.leaning else ""
         if len(self.stuck) == 1:
-            return f"{self.stuck[0]} can't be picked, even with nothing but the target beside it"
-        return f"none of {', '.join(self.stuck)} can be picked while the others of them stand"
+            return why or f"{self.stuck[0]} can't be picked, even with nothing but the target beside it"
+        names = ", ".join(self.stuck)
+        return (
+            f"none of {names} can be {f'moved while the others of them stand: {why}' if why else 'picked while the others of them stand'}"
+        )
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,8 @@ def _foresight_to_json(plan: Plan) -> dict[str, Any]:
         "least_moves": None if plan.least_moves is None else int(plan.least_moves),
         "unsolvable": None if proof is None else {"stuck": list(proof.stuck), "would_help": list(proof.would_help)},
     }
+    if proof is not None and proof.leaning:
+        known["unsolvable"]["leaning"] = list(proof.leaning)
     if plan.max_moves != MAX_MOVES:
         known["max_moves"] = int(plan.max_moves)
     return {key: value for key, value in known.items() if value is not None}
@@ -150,9 +152,11 @@ def _grasp(node: Node) -> Grasp:
 
 
 def _unsolvable(node: Node) -> Unsolvable:
-    f = node.record(("stuck", "would_help"), extra=True)
-    stuck, words = (tuple(name.text() for name in f[key].items()) for key in ("stuck", "would_help"))
-    return Unsolvable(stuck, words)
+    f = node.record(("stuck", "would_help"), ("leaning",), extra=True)
+    stuck, words, leaning = (
+        tuple(name.text() for name in f[key].items()) if key in f else () for key in ("stuck", "would_help", "leaning")
+    )
+    return Unsolvable(stuck, words, leaning)
 
 
 def _fault(node: Node) -> Fault:

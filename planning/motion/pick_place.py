@@ -22,6 +22,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene, State
 from kinematics.transforms import Array, inverse
 from planning.grasping.sampling import Sampling
+from planning.motion.cell.supports import Supports
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling import waiting
 from planning.motion.handling.carry import Carry, Done, carried, gripper_on_the_way
@@ -33,7 +34,6 @@ from planning.motion.handling.placing import Place, Placing
 from planning.motion.handling.reached import reached
 from planning.motion.handling.room import Room
 from planning.motion.handling.shrunk_scene import can_be_shrunk
-from planning.motion.handling.stacks import Stacks
 from planning.motion.handling.state_ways import StateWays
 from planning.motion.handling.subdivision import HandSubdivision
 from planning.motion.handling.ways import WAY_IN, WHOLE_WAY
@@ -86,7 +86,7 @@ class Motions:
         given = () if scene.grasp is None else (scene.grasp,)
         self._listed_grasps, self._more_grasps = given if target_grasps is None else tuple(target_grasps), more_grasps
         self._picking, self._patience = Picking(self.cell), Patience(settings.patience, iterations)
-        self._picking_wider, self._room, self._stacks = Picking(self.cell, WIDER), Room(self.cell), Stacks(scene)
+        self._picking_wider, self._room = Picking(self.cell, WIDER), Room(self.cell)
         self._states: deque[StateWays] = deque(maxlen=KEPT)
         self._in_vain = 0  # searches for a way to all picks of an object together that failed
         self._obstruction: dict[bool, Obstruction] = {}  # by whether fingers are asked about
@@ -255,7 +255,7 @@ class Motions:
 
         grasps: by default, those sampled on the object's shape with the scene's approaches.
         """
-        return self._ways(state).picks(name, self._picking, self._stacks, grasps)
+        return self._ways(state).picks(name, self._picking, grasps)
 
     def out_of_reach(self, state: State, name: str) -> bool:
         """Whether it was found that an object can't be picked as things are: nothing holds up to the static checks, or the arm does not get
@@ -283,6 +283,11 @@ class Motions:
                 fingers=fingers,
             )
         return self._obstruction[fingers].at(poses, WAY_IN if roughly else WHOLE_WAY)
+
+    @property
+    def supports(self) -> Supports:
+        """Which of the scene's objects rest on which."""
+        return self.cell.supports
 
     @property
     def partly_unseen(self) -> bool:

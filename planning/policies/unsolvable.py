@@ -11,6 +11,9 @@ at last in a cabinet with as much more room as there is between one such grasp a
 is not upright, and of hands whose pads are askew, grasps can't be sampled as densely, and plates and thin walls can't be looked at with
 more room: there nothing is proved by what is stuck. It says nothing about pushing.
 
+An object that leans on something, and could be put down nowhere else, is as stuck as one that can't be picked; and so is what bears another
+that is stuck, or the target.
+
 The subdivision may find a hand that takes one of the stuck objects after all. Then there are fewer of them, and either these still are a
 proof, or there is hope: what can be done with those hands.
 """
@@ -28,7 +31,7 @@ from planning.motion.handling.picking import THOROUGH
 from planning.motion.handling.shrunk_scene import thinnest_allowed_m
 from planning.motion.pick_place import Motions
 from planning.plan import Unsolvable
-from planning.relaxed_plan import Names, stuck_set
+from planning.relaxed_plan import NOTHING, Names, stuck_set
 
 
 @dataclass(frozen=True)
@@ -71,18 +74,21 @@ class Prover:
         """That a set of objects keeps the target in, unless an arm of many joints may reach it in a way that is hardly found."""
         if self.motions.reaches_closely(state.poses, named):
             return Finding(undecided=f"{self.target} may be reached among what is stuck by a solution of the arm that is hardly found")
-        return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck))))
+        leaning = tuple(sorted(named & self.motions.supports.put_down_nowhere))
+        return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck)), leaning))
 
     def _subdivision(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
         """A hand that takes one of a set of objects while the others of it stand; or else why it is in doubt that there is none."""
-        if not stuck:
+        waiting = self.motions.supports.waiting(state.poses)
+        asked = [name for name in sorted(stuck) if not waiting.get(name, NOTHING) & {*stuck, self.target}]  # no hand changes the others
+        if not asked:
             return {}, None
         if self.motions.finest is None:
             thin_mm = 1e3 * thinnest_allowed_m(self.motions.scene)
             what = f"meshes, what is not upright, pads that are askew, and anything thinner than {thin_mm:.0f} mm"
             return {}, f"nothing is proved where there are {what}: hands among these can't be looked at densely enough"
         view, doubt = self.motions.finest.at(state.poses), None
-        for name in sorted(stuck):
+        for name in asked:
             if self._is_hidden(state, name, stuck):
                 doubt = f"{name} may be taken once what nobody has seen before it was seen"
                 continue

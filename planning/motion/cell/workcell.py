@@ -20,6 +20,7 @@ from kinematics.scene import Body, Scene
 from kinematics.transforms import Array
 from planning.motion.cell.packed_cell import PackedCell
 from planning.motion.cell.queries import CollisionPair, ContactQuery, PlanningQuery, in_the_way, pair_of
+from planning.motion.cell.supports import Supports
 from planning.motion.search.connecting import connect, connect_clear
 from planning.motion.search.edges import NOTHING, TILT, connects, connects_from_ends, lacks
 from planning.motion.search.reaching import PlacementQuery, make_hand, stands, stands_over
@@ -70,6 +71,11 @@ class Workcell(PackedCell):
     def home_arm(self) -> Array:
         """The arm's joints (A,) where its robot waits."""
         return self.robot.arm_q(self.robot.home)
+
+    @cached_property
+    def supports(self) -> Supports:
+        """Which of the scene's objects rest on which."""
+        return Supports(self.scene)
 
     def free_along(self, query: PlanningQuery, path: Array) -> bool:
         """Whether a path (K, A), K > 1, is free all along, for certain."""

@@ -3,7 +3,8 @@
 Whether an object can be picked is, but for RRT-Connect, a matter of pairs: a way (a grasp, an arm configuration for it, the straight pieces
 before and after) is free when the arm, the hand and what it holds meet none of the other objects, and whether they meet one does not depend
 on what else stands there. So each way (`ways.py`) is held against each object once, and from then on questions about any set of objects are
-questions about sets of spots (`spots.py`), which all states of a scene share.
+questions about sets of spots (`spots.py`), which all states of a scene share. What rests on an object blocks all ways to it
+(`planning.motion.cell.supports`).
 """
 
 from __future__ import annotations
@@ -51,27 +52,28 @@ class Obstruction:
 
     def at(self, poses: Mapping[str, Array], stage: int = WHOLE_WAY) -> View:
         """The obstructions of a state whose objects stand at poses. stage: how far ways are judged; leaving out the last saves time."""
-        return View(self, {name: self.spots.at(name, T) for name, T in poses.items()}, self.cell.scene.target_name, stage)
+        spots = {name: self.spots.at(name, T) for name, T in poses.items()}
+        return View(self, spots, self.cell.scene.target_name, stage, self.cell.supports.waiting(poses))
 
     def free(self, spot: int, present: int, stage: int) -> bool:
         """Whether some way to the object at a spot meets none of the spots `present`, judged up to a stage."""
         return any(True for _ in open_ways(self._ways_to(spot), present, stage))
 
-    def blockers(self, spot: int, present: int, stage: int) -> list[int]:
-        """What of `present` blocks each way to the object at a spot: the smallest sets, none of which contains another."""
+    def blockers(self, spot: int, present: int, stage: int, always: int = 0) -> list[int]:
+        """What of `present` blocks each way to the object at a spot, `always` among it: the smallest sets, none containing another."""
         ticket, found = count(), list[int]()
-        queue = [(way.blockers(present).bit_count(), next(ticket), way) for way in self._ways_to(spot)]
+        queue = [((way.blockers(present) | always).bit_count(), next(ticket), way) for way in self._ways_to(spot)]
         heapify(queue)
         while queue:
             *_, way = heappop(queue)
-            blockers = way.blockers(present)
+            blockers = way.blockers(present) | always
             if any(not smaller & ~blockers for smaller in found):
                 continue
             if way.stage == stage:
                 found.append(blockers)
                 continue
             for part in way.parts():
-                heappush(queue, (part.blockers(present).bit_count(), next(ticket), part))
+                heappush(queue, ((part.blockers(present) | always).bit_count(), next(ticket), part))
         return found
 
     def first_ways(self, spot: int, present: int, enough: int, enough_grasps: int) -> list[FreeWay]:
@@ -105,30 +107,35 @@ class Obstruction:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The obstructions of one state, by the objects' names (planning.relaxed_plan.Obstructions)."""
+    """The obstructions of one state, by the objects' names (planning.relaxed_plan.Obstructions). waiting: those that have to go before an
+    object, whatever way leads to it (`planning.motion.cell.supports.Supports.waiting`)."""
 
     ways: Obstruction
     spots: Mapping[str, int]
     target: str
-    stage: int = WHOLE_WAY
+    stage: int
+    waiting: Mapping[str, frozenset[str]]
 
     def free(self, name: str, standing: frozenset[str]) -> bool:
         """Whether an object can be picked while only `standing`, itself and the target stand."""
-        return self.ways.free(self.spots[name], self._present(name, standing), self.stage)
+        return not self._waits(name, standing) and self.ways.free(self.spots[name], self._present(name, standing), self.stage)
 
     def blockers(self, name: str, standing: frozenset[str]) -> list[frozenset[str]]:
         """A way that the target blocks is none, for it never goes before its turn."""
-        found = self.ways.blockers(self.spots[name], self._present(name, standing), self.stage)
+        always = sum(self.spots[other] for other in self._waits(name, standing))
+        found = self.ways.blockers(self.spots[name], self._present(name, standing), self.stage, always)
         sets = (frozenset(other for _, other, _ in self.ways.spots.members(spots)) for spots in found)
         return [names for names in sets if self.target not in names]
 
     def first_ways(self, name: str, standing: frozenset[str], enough: int, enough_grasps: int) -> list[FreeWay]:
         """See `Obstruction.first_ways`; the target stands, too."""
+        if self._waits(name, standing):
+            return []
         return self.ways.first_ways(self.spots[name], self._present(name, standing), enough, enough_grasps)
 
     def free_ways(self, name: str, standing: frozenset[str]) -> Iterator[FreeWay]:
         """All whole ways to an object while only `standing`, itself and the target stand."""
-        return self.ways.free_ways(self.spots[name], self._present(name, standing))
+        return iter(()) if self._waits(name, standing) else self.ways.free_ways(self.spots[name], self._present(name, standing))
 
     def open_grasps(self, name: str, standing: frozenset[str]) -> Iterator[int]:
         """The numbers of the grasps by which an object can be picked while only `standing`, itself and the target stand."""
@@ -137,6 +144,10 @@ class View:
     def clear_of(self, way: FreeWay, name: str, T: Array) -> NDArray[np.bool_]:
         """Whether a way to another object is clear of this one at each of poses T (R, 4, 4): (R,)."""
         return self.ways.clear_of(way, name, T)
+
+    def _waits(self, name: str, standing: frozenset[str]) -> frozenset[str]:
+        """Those of `standing` and the target that have to go before an object, whatever way leads to it."""
+        return self.waiting[name] & {*standing, self.target} if name in self.waiting else frozenset()
 
     def _present(self, name: str, standing: frozenset[str]) -> int:
         return sum(self.spots[other] for other in {*standing, self.target} - {name})

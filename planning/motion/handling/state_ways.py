@@ -16,7 +16,6 @@ from planning.motion.handling.object_grasps import can_be_exhaustive
 from planning.motion.handling.picking import Pick, Picking
 from planning.motion.handling.placing import Placing, ReleaseQuery
 from planning.motion.handling.room import Room
-from planning.motion.handling.stacks import Stacks
 from planning.motion.lazy_list import LazyList
 from planning.plan import Blocked
 
@@ -42,15 +41,13 @@ class StateWays:
         """The poses of the objects besides one."""
         return self.cell.without(self.state.poses, name)
 
-    def picks(
-        self, name: str, picking: Picking, stacks: Stacks, grasps: Sequence[Grasp] | LazyList[Grasp] | None
-    ) -> tuple[list[Pick], Blocked]:
+    def picks(self, name: str, picking: Picking, grasps: Sequence[Grasp] | LazyList[Grasp] | None) -> tuple[list[Pick], Blocked]:
         """The ways to take hold of an object, with the grasps that are sampled on it or with others; and why there are no more: see
         `Motions.picks`."""
         if name not in self._picks:
             poses, rest, q = self.state.poses, self.rest(name), self.cell.robot.arm_q(self.state.q)
-            if upper := stacks.on(self.state, name):
-                self._picks[name] = [], Blocked("grasp", body=upper, detail=f"{upper} stands on {name} and goes first")
+            if kept := self.cell.supports.kept(name, poses):
+                self._picks[name] = [], kept
             elif grasps is None:
                 self._picks[name] = picking.picks(poses, rest, name, q)
             elif isinstance(grasps, LazyList):

@@ -1,0 +1,103 @@
+"""Which objects rest on which: what bears another is not taken before that, and what leans on something is put down nowhere.
+
+Support is what the verdict calls so (`planning.verdict.standing`). Only what stands where the scene has it can rest on others: all that was
+moved stands on the floor and touches nothing else, nor does it come to bear what stands already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from kinematics.scene import Body, Scene
+from kinematics.shapes import ConvexMesh
+from kinematics.transforms import Array, inverse, transform
+from planning.plan import Blocked
+from planning.verdict.faults import Settings
+from planning.verdict.standing import Placed, Stand, falls, placed, stand, stand_among
+
+Names = frozenset[str]
+STRAIGHT = 1e-9  # of a cosine: what leans by no more stands as if it did not lean
+
+
+class Supports:
+    """Of one scene's objects. settings: when the verdict says that something stands."""
+
+    def __init__(self, scene: Scene, settings: Settings | None = None) -> None:
+        self.scene, self.settings, self._first = scene, settings or Settings(), scene.poses()
+        T = inverse(scene.cabinet.T_world_cabinet)
+        raised = [b for b in scene.objects if not _alone_on_floor(scene, T, b, self.settings.stands_m)]
+        self._placed = {b.name: placed(b.name, b.shape, b.T_world_body, scene.cabinet) for b in scene.objects} if raised else {}
+        self._stands: dict[tuple[str, Names], Stand] = {}
+        everything = frozenset(self._first)
+        self._near = {b.name: self._touchable(b.name) for b in raised}
+        first = {b.name: self._stand(b.name, everything) for b in raised}
+        self._resting = tuple(name for name, at in first.items() if not everything.isdisjoint(at.on))
+        self._leans = {name: at.on for name, at in first.items() if falls(self._on_the_floor(name), at, self.settings.pose_m)}
+        self.put_down_nowhere: Names = frozenset(self._leans) - {scene.target}
+        """What leans on something and would stand nowhere else as it is turned; the target is not put down."""
+
+    def resting_on(self, name: str, poses: Mapping[str, Array]) -> tuple[str, ...]:
+        """Which of the objects at poses would not stay where they are without one of them: they go before it."""
+        if not self._resting:
+            return ()
+        here = frozenset(n for n, T in poses.items() if np.array_equal(T, self._first[n]))
+        return tuple(upper for upper in self._resting if upper in here and name in here and self._bears(name, upper, here))
+
+    def kept(self, name: str, poses: Mapping[str, Array]) -> Blocked | None:
+        """Why an object at poses can't be moved as things are, though the hand may get to it; None where nothing speaks against it."""
+        for upper in self.resting_on(name, poses):
+            return Blocked("grasp", body=upper, detail=f"{upper} rests on {name} and goes first")
+        if name in self.put_down_nowhere:
+            on = " and ".join(other for other in self._leans[name] if other != "floor")
+            return Blocked("release", body=name, detail=f"{name} leans on {on}, and would stand nowhere else as it is turned")
+        return None
+
+    def waiting(self, poses: Mapping[str, Array]) -> dict[str, Names]:
+        """For the objects at poses that are not to be moved as things are, the others that have to go first. What is to be put down and
+        would stand nowhere else waits for the target: it stays."""
+        if not self._resting and not self.put_down_nowhere:
+            return {}
+        first = {name: frozenset(self.resting_on(name, poses)) for name in poses}
+        for name in self.put_down_nowhere.intersection(first):
+            first[name] |= {self.scene.target_name}
+        return {name: others for name, others in first.items() if others}
+
+    def _bears(self, lower: str, upper: str, here: Names) -> bool:
+        """Whether an object would not stay where it is if another one of those that are here were taken."""
+        at = self._stand(upper, here)
+        return lower in at.on and falls(self._stand(upper, here - {lower}), at, self.settings.pose_m)
+
+    def _stand(self, name: str, here: Names) -> Stand:
+        """What an object stands on among those that are here."""
+        key = (name, here & self._near[name])
+        if key not in self._stands:
+            among = [self._placed[other] for other in self._placed if other in key[1]]
+            self._stands[key] = stand_among(self._placed[name], among, self.scene, self.settings.stands_m)
+        return self._stands[key]
+
+    def _touchable(self, name: str) -> Names:
+        """The other objects so near to one that it may rest on them."""
+        body, within = self._placed[name], self.settings.stands_m
+        others = (o for o in self._placed.values() if o.name != name)
+        return frozenset(o.name for o in others if (o.low <= body.high + within).all() and (o.high >= body.low - within).all())
+
+    def _on_the_floor(self, name: str) -> Stand:
+        """How an object stands on the floor alone, put down as it is turned."""
+        body, (depth, _, _) = self._placed[name], self.scene.cabinet.size_m
+        middle = (body.low + body.high) / 2
+        down = transform(p=[depth / 2 - middle[0], -middle[1], -body.low[2]])
+        there = Placed(name, tuple(part.moved(down) for part in body.parts), body.low + down[:3, 3], body.high + down[:3, 3])
+        return stand(there, (), self.scene.cabinet, self.settings.stands_m)
+
+
+def _alone_on_floor(scene: Scene, T_cabinet_world: Array, body: Body, within_m: float) -> bool:
+    """Whether an object stands upright on the cabinet's floor, as nearly all do, by a look that is quick."""
+    if isinstance(body.shape, ConvexMesh):
+        return False
+    T, half, (depth, width, _) = T_cabinet_world @ body.T_world_body, body.shape.half, scene.cabinet.size_m
+    if abs(T[2, 2]) < 1 - STRAIGHT:
+        return False
+    (x, y, z), radius = T[:3, 3], np.hypot(half[0], half[1])
+    return bool(abs(z - half[2]) <= within_m and radius <= x <= depth - radius and abs(y) <= width / 2 - radius)

@@ -57,10 +57,11 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
 
 VERDICT = {
     "contact": "contact_by_hand", "course": "course", "cup": "cup", "figures": "figures", "fingers": "fingers",
-    "grasp": "grasp_by_hand grasp", "hand": "hand", "judge": "judge_by_hand", "ledger": "ledger", "limits": "verdict_limits",
-    "pads": "pads_by_hand", "pairs": "pairs",
-    "polygons": "polygons", "polyhedra": "polyhedra standing", "standing": "standing", "sweep": "sweep", "__init__": "judge_by_hand",
-    "faults": "figures ledger judge_by_hand pads_by_hand cup contact_by_hand standing",
+    "grasp": "grasp_by_hand grasp", "gripper": "gripper", "hand": "hand", "judge": "judge_by_hand", "ledger": "ledger",
+    "limits": "verdict_limits", "pads": "pads_by_hand", "pairs": "pairs",
+    "polygons": "polygons", "polyhedra": "polyhedra standing", "standing": "standing", "start": "start", "sweep": "sweep",
+    "__init__": "judge_by_hand",
+    "faults": "figures gripper ledger judge_by_hand pads_by_hand cup contact_by_hand standing",
 }  # fmt: skip
 """The verdict's modules, each with its own tests: none needs all of them, and the fewer are loaded, the sooner a mutant is asked."""
 GROUPS = (

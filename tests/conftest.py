@@ -124,17 +124,19 @@ def handmade(ur5e: Robot) -> Handmade:
     """A can is moved aside and the box behind it is pulled out, the hand moving along straight lines; nothing collides."""
     can, box = transform(p=[0.62, 0.02, 0.10 + 0.09]), transform(p=[0.76, -0.02, 0.10 + 0.08])
     aside = transform(p=[0.62, 0.27, 0.10 + 0.09])
+    arm = _Hand(ur5e)
+    back, lift = np.array([-0.12, 0, 0]), np.array([0, 0, 0.03])
+    arm.at(can[:3, 3] + back)
+    q_start = dict(zip(ur5e.joint_names, arm.q.tolist()))
     scene = {
-        "schema": "retrieve/scene@1", "id": "handmade", "robot": {"name": "ur5e", "T_world_base": pose(np.eye(4))},
+        "schema": "retrieve/scene@2", "id": "handmade",
+        "robot": {"name": "ur5e", "T_world_base": pose(np.eye(4)), "q_start": q_start},
         "cabinet": {"size_m": [0.56, 0.86, 0.50], "T_world_cabinet": pose(transform(p=[0.52, 0.0, 0.10])), "wall_m": 0.03},
         "regions": {"n": 10}, "target": "box",
         "objects": [{"name": "can", "shape": {"type": "cylinder", "radius_m": 0.025, "height_m": 0.18}, "T_world_object": pose(can)},
                     {"name": "box", "shape": {"type": "box", "size_m": [0.05, 0.05, 0.16]}, "T_world_object": pose(box)}],
         "grasp": {"T_world_hand": pose(transform(SIDEWAYS, box[:3, 3])), "width_m": 0.05},
     }  # fmt: skip
-    arm = _Hand(ur5e)
-    back, lift = np.array([-0.12, 0, 0]), np.array([0, 0, 0.03])
-    arm.at(can[:3, 3] + back)
     arm.pick("can", can, back, lift)
     arm.line("transfer", aside[:3, 3] - can[:3, 3])
     arm.line("lower", -lift, ("can", "floor"))

@@ -87,7 +87,8 @@ def _too_fast(_: Json, plan: Json) -> None:
     plan["motions"][3]["t_s"] = [t / 1.6 for t in plan["motions"][3]["t_s"]]
 
 
-def _outside_the_limits(_: Json, plan: Json) -> None:
+def _outside_the_limits(scene: Json, plan: Json) -> None:
+    scene["robot"]["q_start"]["elbow_joint"] -= 4.0
     for motion in plan["motions"]:
         for q in motion["q"]:
             q[2] -= 4.0

@@ -40,7 +40,9 @@ class ToyRobot:
         self.name, self.urdf, self.joint_names, self.gripper_joint, self.grip = "toy", URDF, JOINTS, 4, None
         self.opening, self.pads, self.skip = OPENING, frozenset({"left", "right"}), frozenset[frozenset[str]]()
         self.velocity, self.acceleration, self.known_jerk = ARM.velocity, np.full(5, 10.0), np.full(5, np.inf)
+        self.jerk, self.home = np.full(5, np.inf), np.array([0.0, 0.0, 0.0, 0.0, 0.03])
         self.grip_force_N: float | None = None
+        self.most_grip_force_N: float | None = None
         self.hulls = [hull(link, v) for link, some in links.items() for v in ([some] if isinstance(some, np.ndarray) else some)]
         self.__dict__.update(other)
 

@@ -44,7 +44,6 @@ def assemble(
     srdf: Path | None,
     on_step: Callable[[str], None] | None,
     sheet: dict[str, Any] | None = None,
-    grip_force_N: float | None = None,
     notes: tuple[str, ...] = (),
 ) -> Robot:
     """The Robot behind a cleaned URDF with a `hand` link: from the cache, or derived and cached. Links called like a wall of the cabinet
@@ -54,12 +53,12 @@ def assemble(
     name_in_cache = "robot-" + cache.key(CACHE_VERSION, text, *stamps(root), srdf.read_text(encoding="utf-8") if srdf else "")
     data = cache.load(name_in_cache)
     if data is not None:
-        return _told(_robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes), on_step)
+        return _told(_robot(name, title, text, data, gripper, home, base_p, sheet, notes), on_step)
     if on_step and name in named_robots():  # of one's own they were read for its grip
         on_step(f"reading the meshes of {title}")
     try:
         data = derive(text, name, srdf, renamed, apart=name not in named_robots())  # the named ones' meshes are convex, or meant as hulls
-        robot = _robot(name, title, text, data, gripper, home, base_p, sheet, grip_force_N, notes)
+        robot = _robot(name, title, text, data, gripper, home, base_p, sheet, notes)
         if fingerprint(data) != named_robots().get(name, {}).get("checked_kinematics"):
             if on_step:
                 on_step(f"comparing the kinematics of {title} with another reading of its URDF")
@@ -89,7 +88,6 @@ def _robot(
     home: list[float] | None,
     base_p: Array,
     sheet: dict[str, Any] | None,
-    grip_force_N: float | None,
     notes: tuple[str, ...],
 ) -> Robot:
     tree = Tree(
@@ -119,7 +117,7 @@ def _robot(
     limits = joint_limits(etree.fromstring(text), joints, arm, g, sheet)
     return Robot(
         name, title, text, joints, lower, upper, limits, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
-        has_camera=any(h.link == "camera" for h in hulls), grip_force_N=grip_force_N,
+        has_camera=any(h.link == "camera" for h in hulls),
         notes=(*notes, *(str(note) for note in data["notes"])),
     )  # fmt: skip
 

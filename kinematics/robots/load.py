@@ -127,10 +127,11 @@ def _load_named(name: str, entry: dict[str, Any], T_link_hand: Array, on_step: C
         boxes = tuple((np.array(size), np.array(centre)) for size, centre in entry[frame].get("boxes", []))
         T = transform(rotation_rpy(entry[frame]["rpy"]), entry[frame]["xyz"])
         urdf.add_link(root, frame, entry[frame]["link"], T @ T_link_hand if frame == "hand" else T, boxes)
-    return assemble(
+    robot = assemble(
         name, entry["title"], root, entry["gripper_joint"], entry["home"], np.array(entry["stand"], float), srdf, on_step,
-        entry.get("limits"), entry.get("grip_force_N"), notes,
+        entry.get("limits"), notes,
     )  # fmt: skip
+    return replace(robot, grip_force_N=entry["grip_force_N"], most_grip_force_N=entry["most_grip_force_N"])
 
 
 def _load_urdf(

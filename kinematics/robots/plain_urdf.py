@@ -32,8 +32,9 @@ class Joint:
 @dataclass(frozen=True, eq=False)
 class Arm:
     """joints (J names): the actuated ones, mimic joints left out, in the URDF's order; lower, upper, velocity (J,): their limits, infinite
-    where there is none; units (J,): what their values count, "rad" or "m". moving: one `Joint` for each carrier but the base. links: by
-    name, the carrier and the pose (4, 4) in it.
+    where there is none; units (J,): what their values count, "rad" or "m". effort (J,): at most so hard, in N or Nm, they are driven
+    together with their mimic joints; infinite where the URDF gives none. moving: one `Joint` for each carrier but the base. links: by name,
+    the carrier and the pose (4, 4) in it.
 
     above[c]: the carriers on the way from the base to carrier c, itself included. followers: mimic joints by name, and what they follow:
     the index of an actuated joint, scale and offset.
@@ -43,6 +44,7 @@ class Arm:
     lower: Array
     upper: Array
     velocity: Array
+    effort: Array
     units: tuple[str, ...]
     moving: tuple[Joint, ...]
     links: dict[str, tuple[int, Array]]
@@ -101,10 +103,13 @@ def read(urdf: str) -> Arm:
         moving.append(_joint(joint, carrier, T, actuated.index(source), scale, offset))
         above.append(above[carrier] | {len(moving)})
         links[link] = (len(moving), np.eye(4))
-    low, high, speed = limits.T
+    low, high, speed, effort = limits.T
     follow = {name: _source(by_name, joint) for name, joint in by_name.items() if joint.find("mimic") is not None}
     followers = {name: (actuated.index(source), scale, offset) for name, (source, scale, offset) in follow.items() if source in actuated}
-    return Arm(tuple(actuated), low, high, speed, units, tuple(moving), links, parents, tuple(above), followers)
+    for name, (k, scale, _) in followers.items():
+        own = _limits(by_name[name])[3]
+        effort[k] += abs(scale) * own if own < np.inf else 0.0
+    return Arm(tuple(actuated), low, high, speed, effort, units, tuple(moving), links, parents, tuple(above), followers)
 
 
 def _from_the_root(names: list[str], parents: dict[str, str]) -> list[str]:
@@ -154,13 +159,13 @@ def _source(by_name: dict[str, ElementTree.Element], joint: ElementTree.Element)
     return joint.attrib["name"], scale, offset
 
 
-def _limits(joint: ElementTree.Element) -> tuple[float, float, float]:
-    """Lower, upper and velocity limit; infinite where the URDF says nothing. A velocity of 0 says nothing, too."""
+def _limits(joint: ElementTree.Element) -> tuple[float, float, float, float]:
+    """Lower and upper limit, those of velocity and effort; infinite where the URDF says nothing. The last two say nothing with 0, too."""
     limit = joint.find("limit")
     given = {} if limit is None else limit.attrib
     endless = joint.get("type") == "continuous"
     low, high = (-np.inf, np.inf) if endless else (float(given.get("lower", 0.0)), float(given.get("upper", 0.0)))
-    return low, high, float(given.get("velocity", 0.0)) or np.inf
+    return low, high, float(given.get("velocity", 0.0)) or np.inf, float(given.get("effort", 0.0)) or np.inf
 
 
 def _origin(joint: ElementTree.Element) -> Array:

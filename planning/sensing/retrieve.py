@@ -312,9 +312,7 @@ def pushed(known: Truth) -> tuple[Fault, ...]:
 
 def _as_seen(mind: BeliefState, state: State, motions: Sequence[Motion], max_tilt_deg: float, grasp: Grasp | None = None) -> list[Fault]:
     """What the verdict finds wrong with motions in the world as it was seen: what was not seen is left to the planner."""
-    arm, names = mind.empty_scene.robot, mind.robot.joint_names
-    if arm.q_start is not None:  # where it was at first
-        arm = replace(arm, q_start=dict(zip(names, map(float, state.q))))
+    arm = replace(mind.empty_scene.robot, q_start=dict(zip(mind.robot.joint_names, map(float, state.q))))  # where it is now
     bodies = tuple(replace(b, T_world_body=state.poses[b.name]) for b in mind.belief.bodies)
     scene = replace(mind.empty_scene, robot=arm, objects=bodies)
     found = judge_motions(scene, motions, mind.robot, Settings(max_tilt_deg=max_tilt_deg), grasp=grasp)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kinematics.collision.fcl_solids import Solid, depth, shape_solids
 from kinematics.mount import MOUNT, standing_still
-from kinematics.robots.plain_urdf import Arm
+from kinematics.robots.plain_urdf import Arm, poses
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from kinematics.transforms import Array
@@ -55,6 +55,18 @@ def contact_faults(
         found, off = checker.course(course, standing, _at_hand(ledger.carries, i))
         faults, notes = faults + (found or checker.early_or_late(course, standing)), notes + off
     return faults, notes
+
+
+def near_anything(robot: Robot, hand: Hand, scene: Scene, q: Array, near_m: float) -> bool:
+    """Whether at configuration q (J,), the hand empty and all objects where they begin, anything is near_m from the arm, or one part of it
+    from another, or touches."""
+    checker = _Checker(robot, hand, scene, {}, Settings())
+    stands = Course(0, "transit", q[None], np.zeros(1), None, None, frozenset(), near_m + CLAIM_M)
+    if checker.course(stands, scene.poses(), frozenset())[0]:
+        return True
+    at = poses(hand.arm, q[None], np.eye(4))
+    links = [solid.move(at[carrier][0] @ T) for solid, (carrier, T) in zip(checker.links, checker.at)]
+    return any(certified_distance(links[a], links[b]) < near_m for a, b in checker.pairs.checked)
 
 
 def _at_hand(carries: Sequence[Carry], i: int) -> frozenset[str]:

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.robots.hands.opening import Opening
-from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Shape
 from kinematics.transforms import Array, inverse
-from planning.plan import Motion, Move, Plan
+from planning.plan import Move, Plan
 from planning.verdict.course import Course, dense_rows
 from planning.verdict.faults import MOVES, PLAN, Fault, Settings
 from planning.verdict.hand import Hand
@@ -23,8 +21,6 @@ TRAVEL_SHARE, TRAVEL_M = 0.01, 0.002  # by which a measured way may differ
 VALUE = 1e-3  # by which a return may
 REGION_M = 1e-3  # by which the middle of what is put down may be beside its region
 TIME_S = 1e-3
-GRIPPER = 1e-4  # rad or m
-WIDTH_M = 5e-4  # by which the width that a gripper is told may differ from the one that it then has
 NOTHING = "nothing"
 EMPTY, CARRYING = ("transit", "approach", "retreat", "look"), ("lift", "transfer", "lower")
 """Stages in which a hand holds nothing, and in which it holds something."""
@@ -94,12 +90,20 @@ def grasp_faults(scene: Scene, ledger: Ledger, allowed: Sequence[Grasp], setting
     taken = next((c for c in ledger.carries if c.body == scene.target and not c.put), None)
     if taken is None or not allowed:
         return []
-    off = [difference(g.T_world_hand, taken.T_world_hand) for g in allowed]
+    off = off_grasps(taken.T_world_hand, allowed, settings)
+    if off is None:
+        return []
+    words, far_m = off
+    return [Fault("grasp", ("hand", taken.body), f"{taken.body} is taken {words} from the grasp that was asked for", far_m)]
+
+
+def off_grasps(T_world_hand: Array, grasps: Sequence[Grasp], settings: Settings) -> tuple[str, float] | None:
+    """How far a hand (4, 4) is from the nearest of some grasps, at least one: in words, and in m; None where it is there."""
+    off = [difference(g.T_world_hand, T_world_hand) for g in grasps]
     far, turned = min(off, key=lambda d: d[0] + 0.1 * d[1])
     if far <= settings.pose_m and turned <= settings.pose_rad:
-        return []
-    detail = f"{taken.body} is taken {1000 * far:.1f} mm and {np.degrees(turned):.1f}° from the grasp that was asked for"
-    return [Fault("grasp", ("hand", taken.body), detail, far)]
+        return None
+    return f"{1000 * far:.1f} mm and {np.degrees(turned):.1f}°", far
 
 
 def tilt_faults(courses: Sequence[Course], ledger: Ledger, hand: Hand, T_world_base: Array, limits: dict[str, float]) -> list[Fault]:
@@ -141,7 +145,7 @@ def figure_faults(scene: Scene, plan: Plan, courses: Sequence[Course], hand: Han
         out += _travel_faults("relocation_travel_m", plan.relocation_travel_m, way, "the motions before the last retreat")
     late = [c for c in courses if c.t_s[0] > TIME_S]
     out += [Fault(c.stage, (), f"{c.where} begins at {c.t_s[0]:.3f} s, and times count from its start", float(c.t_s[0])) for c in late[:1]]
-    return out + stated_faults(plan) + gripper_faults(plan.motions)
+    return out + stated_faults(plan)
 
 
 def stated_faults(plan: Plan) -> list[Fault]:
@@ -151,74 +155,6 @@ def stated_faults(plan: Plan) -> list[Fault]:
         is_so: float | None = getattr(plan, name)
         if is_so is None or not abs(said - is_so) <= STATED[name]:
             out.append(Fault(PLAN, (), f"its {name} is {said:.4f}, and the motions make it {NOTHING if is_so is None else f'{is_so:.4f}'}"))
-    return out
-
-
-def gripper_faults(motions: Sequence[Motion]) -> list[Fault]:
-    """What the gripper is told before a motion and for its end is where its joint is then."""
-    out = []
-    for number, motion in enumerate(motions):
-        told = motion.gripper
-        if told is None:
-            continue
-        if told.joint not in motion.joint_names:
-            out.append(Fault(motion.stage, (), f"motion {number} tells a gripper's joint {told.joint!r}, which is none of its joints"))
-            continue
-        j = motion.joint_names.index(told.joint)
-        for when, state, is_at in (("before", told.before, motion.q[0, j]), ("after", told.after, motion.q[-1, j])):
-            off = abs(state.value - float(is_at))
-            if not off <= GRIPPER:
-                detail = f"motion {number} tells the gripper {state.value:.4g} {when} it, and {told.joint} is at {is_at:.4g}"
-                out.append(Fault(motion.stage, (), detail, off))
-    return out
-
-
-def width_faults(motions: Sequence[Motion], opening: Opening) -> list[Fault]:
-    """The width that the gripper is told is the one that it has there, and no wider than where the plan has its joint."""
-    out = []
-    for number, motion in enumerate(motions):
-        if motion.gripper is None:
-            continue
-        for when, state in (("before", motion.gripper.before), ("after", motion.gripper.after)):
-            at = opening.width_at(state.value)
-            told = at if state.command is None else opening.width_at(state.command)
-            said = max(state.width_m, float(opening.width_m[0]))  # what it can't close further
-            off = max(abs(said - told), told - at)
-            if not off <= WIDTH_M:
-                detail = (
-                    f"motion {number} tells the gripper a width of {1000 * state.width_m:.1f} mm {when} it; "
-                    f"its joint is told {1000 * told:.1f} mm and stands at {1000 * at:.1f} mm"
-                )
-                out.append(Fault(motion.stage, (), detail, off))
-    return out
-
-
-def told_faults(motions: Sequence[Motion], robot: Robot) -> list[Fault]:
-    """The gripper that is told is the robot's, it is told a force while it holds, and to close further than the plan has it only there."""
-    out, own = [], robot.joint_names[robot.gripper_joint]
-    holds = [False, *(m.held is not None for m in motions), False]
-    for number, motion in enumerate(motions):
-        told = motion.gripper
-        if told is None:
-            continue
-        if told.joint != own and told.joint in motion.joint_names:
-            out.append(Fault(motion.stage, (), f"motion {number} tells a gripper's joint {told.joint!r}, and the gripper's is {own!r}"))
-            continue
-        for when, state, held in (
-            ("before", told.before, any(holds[number : number + 2])),
-            ("after", told.after, any(holds[number + 1 :][:2])),
-        ):
-            if (
-                state.command is not None
-                and not held
-                and robot.opening.width_at(state.command) < robot.opening.width_at(state.value) - WIDTH_M
-            ):
-                width = robot.opening.width_at(state.command)
-                detail = f"motion {number} tells the gripper to close to {1000 * width:.1f} mm {when} it, and it holds nothing there"
-                out.append(Fault(motion.stage, (), detail, width))
-            if held and robot.grip_force_N and not robot.opening.cup_m and not state.force_N:
-                detail = f"motion {number} tells the gripper no force {when} it, and it holds something there"
-                out.append(Fault(motion.stage, (), detail))
     return out
 
 

@@ -15,7 +15,7 @@ from kinematics.robots.plain_urdf import poses
 from kinematics.robots.robot import Robot
 from kinematics.scene import Grasp, Scene
 from kinematics.transforms import inverse
-from planning.plan import JOINED, Motion, Plan
+from planning.plan import Motion, Plan
 from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course, courses
 from planning.verdict.faults import MOVES, PLAN, SCENE, Fault, Settings
@@ -25,18 +25,19 @@ from planning.verdict.figures import (
     goal_faults,
     grasp_faults,
     move_faults,
+    off_grasps,
     stage_faults,
     tilt_faults,
-    told_faults,
-    width_faults,
 )
 from planning.verdict.fingers import grip_faults
+from planning.verdict.gripper import force_faults, place_faults, told_faults, width_faults
 from planning.verdict.hand import Hand, hand_of
-from planning.verdict.ledger import Ledger, difference, keep
-from planning.verdict.limits import limit_faults
+from planning.verdict.ledger import Ledger, keep
+from planning.verdict.limits import jerk_notes, limit_faults
 from planning.verdict.pads import hold_faults
 from planning.verdict.polyhedra import polyhedra
 from planning.verdict.standing import Stand, falls, placed, stand_among
+from planning.verdict.start import start_faults
 
 MOST_M = 1000.0
 """Nothing that a cabinet and a robot have to do with is larger, or further away."""
@@ -128,8 +129,8 @@ def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Setti
     if done.ledger is None:
         return done.faults, done.notes
     said = move_faults(scene, plan, done.ledger, settings) + goal_faults(scene, plan, done.ledger)
-    said += figure_faults(scene, plan, done.run, hand) + width_faults(plan.motions, robot.opening)
-    said += told_faults(plan.motions, robot) + stage_faults(done.run) + claim_faults(scene, plan)
+    said += figure_faults(scene, plan, done.run, hand) + place_faults(plan.motions) + width_faults(plan.motions, robot.opening)
+    said += told_faults(plan.motions, robot) + force_faults(plan.motions, robot, hand) + stage_faults(done.run) + claim_faults(scene, plan)
     return done.faults + said, done.notes
 
 
@@ -140,11 +141,12 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
     order = [robot.joint_names.index(name) for name in hand.arm.joints]
     velocity = np.minimum(hand.arm.velocity, robot.velocity[order])  # a data sheet may know better than the URDF
     faults += limit_faults(replace(hand.arm, velocity=velocity), run, robot.acceleration[order], robot.known_jerk[order])
-    faults += _start(scene, run, hand)
+    spikes = jerk_notes(hand.arm, run, np.where(np.isinf(robot.known_jerk), robot.jerk, np.inf)[order])
+    faults += start_faults(robot, hand, scene, run)
     ledger = keep(hand, scene, run, settings)
     faults += ledger.faults
     if len(ledger.standing) < len(run):
-        return _Replayed(faults, [], run, None)
+        return _Replayed(faults, spikes, run, None)
     unstable, rests, tottering = _standing(scene, ledger, settings)
     faults += unstable
     faults += _holding(scene, ledger, hand, settings) + grip_faults(hand, run, ledger)
@@ -153,36 +155,29 @@ def _replay(scene: Scene, motions: Sequence[Motion], robot: Robot, hand: Hand, s
     limits = {name: most for name, most in tilts.items() if most is not None}
     faults += tilt_faults(run, ledger, hand, scene.robot.T_world_base, limits)
     touching, notes = contact_faults(robot, hand, scene, run, ledger, rests, settings)
-    return _Replayed(faults + touching, tottering + notes, run, ledger)
+    return _Replayed(faults + touching, tottering + notes + spikes, run, ledger)
 
 
 def remarks(scene: Scene, plan: Plan) -> tuple[Fault, ...]:
     """What is no fault of a plan, and worth knowing: that it takes the target otherwise than the scene asks, as it says itself."""
-    asked = [g.T_world_hand for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
+    asked = _asked_for(scene)
     if not plan.success or plan.grasp is None or not asked:
         return ()
-    own, settings = plan.grasp.T_world_hand, Settings()
-    far, turned = min((difference(T, own) for T in asked), key=lambda d: d[0] + 0.1 * d[1])
-    if far <= settings.pose_m and turned <= settings.pose_rad:
+    off = off_grasps(plan.grasp.T_world_hand, asked, Settings())
+    if off is None:
         return ()
-    detail = f"the target is taken {1000 * far:.1f} mm and {np.degrees(turned):.1f}° from the scene's grasp, as the plan says"
-    return (Fault("grasp", ("hand",), detail, far),)
-
-
-def _start(scene: Scene, run: Sequence[Course], hand: Hand) -> list[Fault]:
-    """The arm begins where the scene says that it is."""
-    said = scene.robot.q_start or {}
-    off = {name: abs(float(run[0].q[0, hand.arm.joints.index(name)]) - value) for name, value in said.items() if name in hand.arm.joints}
-    worst = max(off, key=lambda name: off[name], default=None)
-    if worst is None or off[worst] <= JOINED:
-        return []
-    unit = hand.arm.units[hand.arm.joints.index(worst)]
-    return [Fault(run[0].stage, (), f"motion 0 begins with {worst} {off[worst]:.3g} {unit} from where the scene says it is", off[worst])]
+    words, far_m = off
+    return (Fault("grasp", ("hand",), f"the target is taken {words} from the scene's grasp, as the plan says", far_m),)
 
 
 def _allowed(scene: Scene, plan: Plan) -> Sequence[Grasp]:
     """The grasps that the target may be taken with: the one that the plan says it takes, else the scene's."""
-    return [plan.grasp] if plan.grasp is not None else [g for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
+    return [plan.grasp] if plan.grasp is not None else _asked_for(scene)
+
+
+def _asked_for(scene: Scene) -> list[Grasp]:
+    """x_g and its alternatives."""
+    return [g for g in (scene.grasp, *(g for g, _ in scene.grasps)) if g is not None]
 
 
 def _holding(scene: Scene, ledger: Ledger, hand: Hand, settings: Settings) -> list[Fault]:

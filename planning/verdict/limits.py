@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.quintic_spline import DEGREE, extremes
+from kinematics.quintic_spline import DEGREE, coefficients, extremes
 from kinematics.robots.plain_urdf import Arm
 from kinematics.transforms import Array
 from planning.plan import JOINED, jump
@@ -32,6 +32,19 @@ def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array, jerk:
                 out.append(_fault(course, f"starts {far:.3g} {arm.units[worst]} from where {arm.joints[worst]} ended before", far))
         out += _rates(arm, course, acceleration, jerk)
     return out
+
+
+def jerk_notes(arm: Arm, courses: Sequence[Course], jerk: Array) -> list[Fault]:
+    """The spike of jerk that is furthest above what is assumed of a joint, where one is; jerk (J,): rad/s³ or m/s³, infinite where a
+    limit is known. No fault, since nobody says what the joint takes."""
+    over = [(_jerks(course) / jerk, course) for course in courses if course.spline is not None]
+    most, course = max(over, key=lambda o: float(o[0].max()), default=(np.zeros(1), None))
+    worst = int(np.argmax(most))
+    if course is None or most[worst] <= 1 + RATE:
+        return []
+    reached, unit = most[worst] * jerk[worst], f"{arm.units[worst]}/s³"
+    words = f"{arm.joints[worst]} reaches {reached:.3g} {unit}; nobody says the limit of its jerk, and {jerk[worst]:.3g} {unit} are assumed"
+    return [_fault(course, words, reached)]
 
 
 def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array, jerk: Array) -> NDArray[np.bool_]:
@@ -83,7 +96,7 @@ def _rates(arm: Arm, course: Course, acceleration: Array, jerk: Array) -> list[F
     for order, limit, what, unit in ((1, arm.velocity, "velocity", "/s"), (2, acceleration, "acceleration", "/s²")):
         low, high = extremes(course.spline, order, 1e-6)
         out += _above(arm, course, np.maximum(high, -low).max(0), limit, what, unit)
-        ends = np.abs(_ends(course, order)).max(0)
+        ends = np.abs(coefficients(course.spline, order)[[0, -1], [0, -1]]).max(0)
         if ends.max() > RATE * float(limit[np.isfinite(limit)].max(initial=1.0)):
             worst = int(np.argmax(ends))
             rate = f"{ends[worst]:.3g} {arm.units[worst]}{unit}"
@@ -97,16 +110,7 @@ def _jerks(course: Course) -> Array:
     assert course.spline is not None
     h = np.diff(course.t_s)
     low, high = extremes(course.spline, 3, 1e-6)
-    return np.asarray(np.maximum(np.maximum(high, -low) - (THIRD * POSITION / h**3)[:, None], 0.0).max(0))
-
-
-def _ends(course: Course, order: int) -> Array:
-    """Velocity or acceleration (2, J) at a spline's first and last row."""
-    assert course.spline is not None
-    b, (first, last) = course.spline.control, np.diff(course.t_s)[[0, -1]]
-    if order == 1:
-        return np.stack([5 * (b[0, 1] - b[0, 0]) / first, 5 * (b[-1, 5] - b[-1, 4]) / last])
-    return np.stack([20 * (b[0, 2] - 2 * b[0, 1] + b[0, 0]) / first**2, 20 * (b[-1, 5] - 2 * b[-1, 4] + b[-1, 3]) / last**2])
+    return np.asarray((np.maximum(high, -low) - (THIRD * POSITION / h**3)[:, None]).max(0))
 
 
 def _above(arm: Arm, course: Course, reached: Array, limit: Array, what: str, unit: str) -> list[Fault]:

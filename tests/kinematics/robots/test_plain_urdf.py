@@ -101,6 +101,21 @@ def test_an_arm_read_from_text() -> None:
     assert arm.above[carriers["nail"]] == {0, carriers["drum"], carriers["sled"], carriers["nail"]}
 
 
+def test_mimic_joints_add_their_efforts() -> None:
+    """By how far they go with what they follow, whichever way; none that is not given, or 0, is known."""
+    assert read(BY_HAND).effort.tolist() == [np.inf, np.inf]
+    spin, wag = 'velocity="0"', '<limit lower="-1" upper="1"/></joint>\n<transmission>'
+    assert spin in BY_HAND
+    assert wag in BY_HAND
+    strong = BY_HAND.replace(spin, 'velocity="0" effort="7"')
+    assert read(strong).effort.tolist() == [7.0, np.inf]
+    assert read(strong.replace(wag, wag.replace('upper="1"', 'upper="1" effort="2"'))).effort.tolist() == [13.0, np.inf]
+    nod = '<mimic joint="wag" multiplier="-2" offset="0.5"/>'
+    assert read(strong.replace(nod, nod + '<limit effort="1"/>')).effort.tolist() == [13.0, np.inf]
+    assert read(BY_HAND.replace(nod, nod + '<limit effort="1"/>')).effort.tolist() == [np.inf, np.inf]
+    assert read(strong.replace('effort="7"', 'effort="0"')).effort.tolist() == [np.inf, np.inf]
+
+
 def test_where_the_links_of_that_arm_are() -> None:
     """spin = 0.3 about z at x = 1, slide = 0.2 upwards from 1 m; the tool 2 m along the sled's y, which is the drum's -x."""
     arm = read(BY_HAND)

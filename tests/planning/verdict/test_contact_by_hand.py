@@ -170,7 +170,10 @@ def test_only_what_is_at_hand_may_be_pressed_and_while_the_arm_stands() -> None:
     assert {f.stage for f in looked_at(grasping(0.0191, moves=0.001), IT)[0]} == {"grasp"}
     assert looked_at(grasping(0.0191, moves=0.5e-6), IT)[0] == []
     assert {f.stage for f in looked_at(grasping(0.0191, moves=1.5e-6), IT)[0]} == {"grasp"}
-    alone = grasping(0.0191)[:1]  # it is never taken
+    close, lift = grasping(0.0191)
+    drags = replace(close, q=np.array([[-0.001, *close.q[1, 1:]], close.q[1]]))  # shut about it already
+    assert {f.stage for f in looked_at([drags, lift], IT)[0]} == {"grasp"}
+    alone = [close]  # it is never taken
     assert [f.stage for f in looked_at(alone, IT)[0]] == ["grasp", "grasp"]
     q = alone[0].q[-1]
     release = [replace(course(q, (0, 0, 0, 0, 0.03), stage="release"), allowed=TOUCHING)]
@@ -187,6 +190,19 @@ def test_only_what_is_at_hand_may_be_pressed_and_while_the_arm_stands() -> None:
     assert {f.stage for f in looked_at([*soon, *grasping(0.02)], IT, other)[0]} >= {"transit"}  # it is taken, but not next
     late = looked_at([replace(there, allowed=TOUCHING), *release, fetched, put, replace(away[0], allowed=TOUCHING)], start, other)[0]
     assert {f.stage for f in late} == {"transit"}
+
+
+def test_fingers_that_are_early_or_late_touch() -> None:
+    """A post is beside the way: the closed hand passes by it, the open one does not, which closes before it comes there. The first opening
+    that touches is told."""
+    post = block("post", (0.49, 0.51), (0.035, 0.055), (0.02, 0.04))
+    closing = course((0, 0, 0, 0, 0.03), (0.3, 0, 0, 0, 0.02), (0.6, 0, 0, 0, 0.02))
+    late = "motion 0: left is 1.00 mm inside post, with grip at 0.026, early or late beside the arm"
+    assert (said(looked_at([closing], post)[0]), looked_at([closing], post)[1]) == ([("transit", ("left", "post"), late)], [])
+    never = replace(closing, q=np.where(np.arange(5) == 4, 0.02, closing.q))
+    assert looked_at([never], post) == ([], [])
+    through = replace(closing, q=np.where(np.arange(5) == 4, 0.03, closing.q))
+    assert said(looked_at([through], post)[0]) == [("transit", ("left", "post"), "motion 0: left is 5.00 mm inside post")]
 
 
 def test_what_is_held_is_where_the_hand_frame_has_it() -> None:

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from toy_arm import HAND, course, motion, splined
-from toy_robot import toy_robot
 
-from kinematics.robots.hands.opening import Opening
 from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene, Settlement
 from kinematics.shapes import Box, ConvexMesh, box_corners
 from kinematics.transforms import Array, rotation_about, transform
-from planning.plan import Blocked, Fault, Gripper, GripperState, Motion, Move, Plan, Unsolvable
+from planning.plan import Blocked, Fault, Motion, Move, Plan, Unsolvable
 from planning.verdict import figures as figures_module
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
@@ -24,14 +22,11 @@ from planning.verdict.figures import (
     figure_faults,
     goal_faults,
     grasp_faults,
-    gripper_faults,
     hand_ways,
     move_faults,
     stage_faults,
     stated_faults,
     tilt_faults,
-    told_faults,
-    width_faults,
 )
 from planning.verdict.ledger import Carry, Ledger, difference
 
@@ -310,6 +305,14 @@ def test_what_is_carried_leans_no_further_than_its_limit() -> None:
     assert len(tilted(171.0, upside_down)) == 1
 
 
+def test_which_of_its_motions_it_leans_in() -> None:
+    """It is taken by a hand that is tipped already: turned about the vertical, it stands as it stood."""
+    tipped = transform(rotation_about((1, 0, 0), 0.5))
+    turns, tips = course((0, 0, 0, 0.5), (0, 0, 1.5, 0.5)), course((0, 0, 1.5, 0.5), (0, 0, 1.5, 0.8), number=1)
+    assert tilted(5.0, turns, T=tipped) == []
+    assert [f.detail for f in tilted(5.0, turns, tips, last=1, T=tipped)] == ["motion 1: a leans by 17.2°, and may by 5°"]
+
+
 def test_what_leans_just_as_far_as_it_may() -> None:
     """A tenth of a degree more than its limit."""
     run = course((0, 0, 0, 0), (0, 0, 0, 0.3))
@@ -437,83 +440,6 @@ def test_what_a_file_states_is_what_its_motions_give() -> None:
     assert nothing == [Fault("plan", (), "its clearance_m is 0.5000, and the motions make it nothing")]
 
 
-def test_the_gripper_is_told_where_its_joint_is() -> None:
-    def told(before: float, after: float, joint: str = "grip", lone: bool = False) -> list[Fault]:
-        made = motion((0, 0, 0, 0, 0.01), (0, 0, 0, 0, 0.02), (0, 0, 0, 0, 0.03), stage="grasp")
-        made = replace(made, gripper=Gripper(joint, GripperState(before, 0.0), GripperState(after, 0.0)))
-        before_it = [motion((0,))] * (not lone)
-        motions = [*before_it, made]
-        assert str(figure_faults(scene(), plan(motions=motions), [course((0,))], HAND)) == str(gripper_faults(motions))
-        return gripper_faults(motions)
-
-    assert told(0.01, 0.03) == told(0.010099, 0.029901) == []
-    assert told(0.01015, 0.03) == [
-        Fault("grasp", (), "motion 1 tells the gripper 0.01015 before it, and grip is at 0.01", pytest.approx(1.5e-4))
-    ]
-    assert told(0.01, 0.02) == [Fault("grasp", (), "motion 1 tells the gripper 0.02 after it, and grip is at 0.03", pytest.approx(0.01))]
-    assert [f.amount for f in told(0.02, 0.02)] == [pytest.approx(0.01)] * 2
-    assert len(told(np.nan, 0.03)) == 1
-    claw = Fault("grasp", (), "motion 0 tells a gripper's joint 'claw', which is none of its joints")
-    assert told(0.01, 0.03, "claw", lone=True) == [claw]
-    assert gripper_faults([replace(motion((0,)), held=Held("a", np.eye(4)))]) == []
-    zero, off = (replace(motion((0,)), gripper=Gripper("grip", GripperState(x, 0.0), GripperState(x, 0.0))) for x in (1e-4, 1.0))
-    assert gripper_faults([zero]) == []
-    claws = replace(zero, gripper=Gripper("claw", GripperState(0, 0), GripperState(0, 0)))
-    assert [f.detail.split(" tells")[0] for f in gripper_faults([claws, zero, off])] == ["motion 0", "motion 2", "motion 2"]
-
-
-def test_the_gripper_is_told_the_width_that_its_joint_has() -> None:
-    opening = Opening(np.array([0.8, 0.0]), np.array([0.005, 0.085]), np.zeros(2), np.zeros(2))  # 0.1 rad are 10 mm
-
-    def told(value: float, width_m: float, command: float | None = None) -> list[str]:
-        state = GripperState(value, width_m, command=command)
-        return [f.detail for f in width_faults([replace(motion((0,)), gripper=Gripper("grip", state, state))], opening)]
-
-    assert told(0.3, 0.055) == told(0.3, 0.0554) == told(0.8, 0.0) == []  # it can't close further
-    assert told(0.3, 0.053, 0.32) == []  # what was only seen: it closes until it meets it
-    assert told(0.3, 0.08)[0] == "motion 0 tells the gripper a width of 80.0 mm before it; its joint is told 55.0 mm and stands at 55.0 mm"
-    assert len(told(0.3, 0.0)) == len(told(0.3, 0.053)) == len(told(0.3, np.nan)) == 2
-    assert len(told(0.3, 0.055, 0.32)) == 2  # width and command differ
-    assert len(told(0.3, 0.065, 0.2)) == 2  # it would let go
-    assert width_faults([motion((0,))], opening) == []
-
-
-def told(value: float, command: float | None = None, force_N: float | None = None, joint: str = "grip", held: str | None = None) -> Motion:
-    """A motion whose gripper is told the same before it and for its end; of the toy 0.02 are 40 mm."""
-    state = GripperState(value, 0.0, force_N, command)
-    return replace(motion((0,)), gripper=Gripper(joint, state, state), held=None if held is None else Held(held, np.eye(4)))
-
-
-def test_a_hand_that_holds_nothing_is_not_told_to_close_further() -> None:
-    """Else what it is to let go of stays in it."""
-    robot = toy_robot()
-    assert told_faults([told(0.02), told(0.02, 0.02), told(0.02, 0.0198), told(0.02, 0.03), motion((0,))], robot) == []
-    wrong = "motion {} tells the gripper to close to 30.0 mm {} it, and it holds nothing there"
-    assert [f.detail for f in told_faults([told(0.02, 0.015)], robot)] == [wrong.format(0, "before"), wrong.format(0, "after")]
-    grasp, carried, release = told(0.02, 0.015), told(0.02, 0.015, held="a"), told(0.02, 0.015)
-    assert [f.detail for f in told_faults([grasp, carried, release], robot)] == [wrong.format(0, "before"), wrong.format(2, "after")]
-
-
-def test_a_hand_that_holds_is_told_a_force_where_one_is_known() -> None:
-    grasp, carried, release = told(0.02), told(0.02, held="a"), told(0.02)
-    wrong = "motion {} tells the gripper no force {} it, and it holds something there"
-    assert told_faults([grasp, carried, release], toy_robot()) == []  # nobody knows how hard it closes
-    knows = toy_robot(grip_force_N=40.0)
-    four = [wrong.format(0, "after"), wrong.format(1, "before"), wrong.format(1, "after"), wrong.format(2, "before")]
-    assert [f.detail for f in told_faults([grasp, carried, release], knows)] == four
-    hard = [replace(m, gripper=told(0.02, force_N=force).gripper) for m, force in ((grasp, 20.0), (carried, 0.0), (release, 1.0))]
-    assert [f.detail for f in told_faults(hard, knows)] == four[1:3]
-    cup = replace(toy_robot().opening, cup_m=0.03)
-    assert told_faults([grasp, carried, release], toy_robot(grip_force_N=40.0, opening=cup)) == []
-
-
-def test_the_gripper_that_is_told_is_the_robots() -> None:
-    assert [f.detail for f in told_faults([told(0.0, joint="turn")], toy_robot())] == [
-        "motion 0 tells a gripper's joint 'turn', and the gripper's is 'grip'"
-    ]
-    assert told_faults([told(0.0, joint="claw")], toy_robot()) == []  # which is none at all: gripper_faults
-
-
 def test_stages_say_whether_something_is_held() -> None:
     held = Held("a", np.eye(4))
     for stage in ("transit", "approach", "retreat", "look"):
@@ -523,6 +449,7 @@ def test_stages_say_whether_something_is_held() -> None:
     for stage in ("lift", "transfer", "lower"):
         assert stage_faults([course((0,), stage=stage, held=held)]) == []
         assert stage_faults([course((0,), stage=stage)]) == [Fault(stage, (), "motion 0 carries, and holds nothing")]
+    assert len(stage_faults([course((0,), stage="lift"), course((0,), stage="lower")])) == 1  # the first is enough
     for stage in ("grasp", "release"):
         assert stage_faults([course((0,), stage=stage), course((0,), stage=stage, held=held)]) == []
 

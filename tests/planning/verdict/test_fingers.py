@@ -6,17 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 from toy_arm import HAND, course, hand_at, splined
-from toy_robot import FINGERS, PALM, toy_robot
 
 from kinematics.scene import Body, Cabinet, Held, RobotRef, Scene
 from kinematics.shapes import Box
-from kinematics.transforms import transform
-from planning.plan import Fault
-from planning.verdict.contact import contact_faults
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
 from planning.verdict.fingers import any_opening, grip_faults
-from planning.verdict.hand import hand_of
 from planning.verdict.ledger import keep
 
 OPEN, SHUT = (0, 0, 0, 0, 0.03), (0, 0, 0, 0, 0.02)
@@ -94,22 +89,3 @@ def test_fingers_beside_the_arm_are_looked_at_wherever_they_may_be() -> None:
     assert [some.q.shape for _, some in whole] == [(2, 5)] * 6
     swings = course((0, 0, 0, 0, 0.02), (0.1, 0, 0, 0, 0.0215), (0.2, 0, 0, 0, 0.02))
     assert [round(value, 5) for value, _ in any_opening(HAND, swings)] == [0.02, 0.0215]
-
-
-def test_fingers_that_are_early_or_late_touch() -> None:
-    """A post is beside the way: the closed hand passes by it, the open one does not, which closes before it comes there."""
-    robot = toy_robot({**PALM, **FINGERS})
-    hand = hand_of(robot)
-    post = Body("post", Box(np.array([0.02, 0.02, 0.02])), transform(p=[0.5, 0.045, 0.03]))
-    away = replace(SCENE.cabinet, T_world_cabinet=transform(p=[3.0, 0.0, 0.0]))
-    scene = replace(SCENE, robot=replace(SCENE.robot, mount=False), objects=(post,), target="post", cabinet=away)
-    closing = replace(course((0, 0, 0, 0, 0.03), (0.3, 0, 0, 0, 0.02), (0.6, 0, 0, 0, 0.02)), stage="transit")
-    ledger = keep(hand, scene, [closing], Settings())
-    late, _ = contact_faults(robot, hand, scene, [closing], ledger, {}, Settings())
-    (fault,) = late
-    assert isinstance(fault, Fault)
-    assert fault.bodies == ("left", "post")
-    assert fault.detail.startswith("motion 0: left is ")
-    assert fault.detail.endswith(", early or late beside the arm")
-    never = replace(closing, q=np.where(np.arange(5) == 4, 0.02, closing.q))
-    assert contact_faults(robot, hand, scene, [never], ledger, {}, Settings()) == ([], [])

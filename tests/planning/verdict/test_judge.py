@@ -166,6 +166,19 @@ def _elsewhere_at_first(scene: Json, _: Json) -> None:
     scene["robot"]["q_start"] = {"elbow_joint": 1.0}
 
 
+def _first_motion_dropped(scene: Json, plan: Json) -> None:
+    """And where the arm is, of which version 1 of scenes says nothing."""
+    scene["robot"].pop("q_start")
+    plan["motions"].pop(0)
+
+
+def _told_to_crush(_: Json, plan: Json) -> None:
+    motion = plan["motions"][1]
+    for when, q in (("before", motion["q"][0]), ("after", motion["q"][-1])):
+        value = q[motion["joint_names"].index("finger_joint")]
+        motion.setdefault("gripper", {"joint": "finger_joint"})[when] = {"value": value, "command_m": 0.05, "force_N": 1e6}
+
+
 def _obstacle(scene: Json, _: Json) -> None:
     post = {"name": "post", "shape": {"type": "box", "size_m": [0.05, 0.002, 0.3]}, "T_world_object": pose(transform(p=[0.62, 0.15, 0.26]))}
     scene.update(schema="retrieve/scene@2", obstacles=[post])
@@ -230,6 +243,8 @@ def _nobody_moved(_: Json, plan: Json) -> None:
         (_no_such_region, "moves", "there are 100"),
         (_late, "", "begins at 1.000 s"),
         (_elsewhere_at_first, "", "from where the scene says"),
+        (_first_motion_dropped, "grasp", "from home, where the arm is unless"),
+        (_told_to_crush, "grasp", "a force of 1e+06 N before it, and its data sheet gives 235 N at most"),
         (_obstacle, "transfer", "inside post"),
         (_unknown_joint, "", "'shoulder', which is no actuated joint"),
         (_joint_twice, "", "names a joint twice"),

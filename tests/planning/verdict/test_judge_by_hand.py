@@ -16,7 +16,7 @@ from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from planning import verdict
-from planning.plan import Blocked, Fault, Motion, Move, Plan
+from planning.plan import Blocked, Fault, Gripper, GripperState, Motion, Move, Plan
 from planning.verdict import Settings, Verdict, examine, judge, judge_motions, remarks
 from planning.verdict import faults as faults_module
 from planning.verdict.course import courses
@@ -205,6 +205,37 @@ def test_it_begins_where_the_scene_says() -> None:
         assert faults(found) == ([] if words is None else [("transit", (), words)])
         for fault in found.faults:
             assert fault.amount == pytest.approx(0.25 if "x" in words.split()[4] else 0.2)  # type: ignore[union-attr]
+
+
+def test_what_the_gripper_is_told_and_what_it_is_called() -> None:
+    """Each kind of fault is among the verdict's."""
+    robot = toy_robot(grip_force_N=40.0, most_grip_force_N=140.0)
+    own = GripperState(OPEN, 2 * OPEN)
+    for number, before, joint, words in (
+        (0, replace(own, value=0.02), "grip", "tells the gripper 0.02 before it, and grip is at 0.03"),
+        (0, replace(own, width_m=0.04), "grip", "tells the gripper a width of 40.0 mm before it"),
+        (0, replace(own, width_m=2 * SHUT, command=SHUT), "grip", "and it holds nothing there"),
+        (0, replace(own, force_N=1e6), "grip", "a force of 1e+06 N before it, and its data sheet gives 140 N at most"),
+        (0, replace(own, value=0.0, width_m=0.0), "y", "and the gripper's is 'grip'"),
+        (2, GripperState(SHUT, 2 * SHUT), "grip", "tells the gripper no force before it"),
+    ):
+        motion_ = replace(MOTIONS[number], gripper=Gripper(joint, before, replace(before, value=0.2) if joint == "y" else before))
+        details = [f.detail for f in said(plan=with_motion(number, motion_), robot=robot).faults]
+        assert any(words in detail for detail in details), details
+    assert faults(said(plan=with_motion(4, replace(MOTIONS[4], stage="lift")))) == [("lift", (), "motion 4 carries, and holds nothing")]
+    assert faults(said(plan=replace(PLAN, max_moves=0))) == [("plan", (), "it makes 1 moves, and its max_moves is 0")]
+
+
+def test_a_spike_of_a_jerk_that_nobody_limits_is_a_note() -> None:
+    rests = np.zeros((2, 5))
+    robot, known = toy_robot(jerk=np.full(5, 1e-3)), toy_robot(jerk=np.full(5, 1e-3), known_jerk=np.full(5, 1e-3))
+    plan = with_motion(0, replace(MOTIONS[0], qd=rests, qdd=rests))
+    found = said(plan=plan, robot=robot)
+    assert (found.verified, [n.detail[:39] for n in found.notes]) == (True, ["motion 0: x reaches 0.0412 m/s³; nobody"])
+    assert said(plan=plan, robot=known).notes == ()
+    assert said(plan=plan, robot=known).faults[0].detail.endswith("and the limit of its jerk is 0.001 m/s³")
+    strange = with_motion(2, replace(MOTIONS[2], held=Held("nobody", IN_HAND)), plan)
+    assert len(said(plan=strange, robot=robot).notes) == 1
 
 
 def test_the_target_is_taken_as_the_plan_says_or_as_the_scene_asks() -> None:

@@ -186,6 +186,29 @@ def test_a_spline_jerks_as_its_third_derivative_says() -> None:
     assert [f.detail for f in turned] == ["motion 0: turn reaches 30 rad/s³, and the limit of its jerk is 20 rad/s³"]
 
 
+def test_a_spike_of_an_assumed_jerk_is_worth_a_note() -> None:
+    """The one that is furthest above what is assumed, of all motions; what is known is a fault, and none of these."""
+    free, assumed = np.full(5, 1e9), np.array([60.0, 6.0, np.inf, np.inf, np.inf])
+    run = [quintic(0.1, 1.01), quintic(-0.1, 0.9, 1), quintic(-0.1, 0.8, 1), course((0,)), quintic(9.0, 0.1, 2)]
+    numbered = [replace(c, number=n) for n, c in enumerate(run)]
+    (note,) = limits.jerk_notes(ARM, numbered, assumed)
+    words = "motion 2: y reaches 11.7 m/s³; nobody says the limit of its jerk, and 6 m/s³ are assumed"
+    assert note == Fault("transit", (), words, pytest.approx(6 / 0.8**3, rel=1e-4))
+    assert limits.jerk_notes(ARM, numbered[:1], assumed) == limits.jerk_notes(ARM, numbered[3:], assumed) == []
+    assert [len(limits.jerk_notes(ARM, [quintic(-0.1, t, 1)], assumed)) for t in (1.0001, 0.9999)] == [0, 1]
+    assert said(*numbered[1:2], acceleration=free) == []
+
+
+def test_the_rounding_of_positions_is_no_jerk_however_short_a_piece_is() -> None:
+    """In 0.1 s a micrometre more comes to 60 · 1e-6 / 0.1³ = 0.06 m/s³; the worse of two pieces counts, the slowest is not made quick."""
+    free = np.full(5, 1e9)
+    for more, well in ((0.99e-6, True), (1.2e-6, False)):
+        assert (said(quintic(1e-4 + more, 0.1), acceleration=free, jerk=np.full(5, 6.0)) == []) == well, more
+    two = splined((0,), (0.1,), (0.2,), t_s=(0, 1, 5))
+    assert [f.detail[:20] for f in said(two, acceleration=free, jerk=np.full(5, 1.0))] == ["motion 0: x reaches "]
+    assert said(quintic(0.01, 1.0), acceleration=free, jerk=np.full(5, 0.7)) == []
+
+
 def test_the_worst_piece_of_a_spline_counts() -> None:
     """The second of three is twice as fast as the first, the last is slow."""
     way = splined((0,), (1,), (0,), (0.1,), t_s=(0, 2, 3, 9))
@@ -221,6 +244,11 @@ def test_what_is_just_rest() -> None:
         assert (said(splined((0,), (0,), t_s=(0, 1), qdd=qdd), acceleration=weak) == []) == well
 
 
+def test_who_rests_away_from_zero_rests() -> None:
+    """Though a closer look at it is taken, for it is too fast between its ends."""
+    assert [f.detail[:20] for f in said(splined((0.5,), (1.5,), t_s=(0, 1.5)), acceleration=np.full(5, 99.0))] == ["motion 0: x reaches "]
+
+
 def doubtful(*run: Course, arm: Arm = ARM, acceleration: float = 99.0, jerk: float = 99.0) -> list[bool]:
     return [bool(d) for d in limits._doubtful(arm, run, np.full(5, acceleration), np.full(5, jerk))]
 
@@ -239,6 +267,8 @@ def test_whose_coefficients_keep_all_limits_needs_no_closer_look() -> None:
     assert doubtful(quintic(1.0, 5.0), acceleration=0.79) == doubtful(quintic(-1.0, 5.0), acceleration=0.79) == [True]
     assert doubtful(quintic(1.0, 5.0), jerk=120.001 / 5**3) == [False]  # they are 60, -120 and 60 x/t³
     assert doubtful(quintic(1.0, 5.0), jerk=119.9 / 5**3) == doubtful(quintic(-1.0, 5.0), jerk=119.9 / 5**3) == [True]
+    jerks = coefficients(spline, 3) if (spline := quintic(1.0, 5.0).spline) is not None else np.zeros(1)
+    assert doubtful(quintic(1.0, 5.0), jerk=float(np.abs(jerks).max())) == [False]
     brakes = splined((0,), (0.5,), (0.9,), t_s=(0, 9, 11), qd=np.array([[0.0] * 5, [0.3, 0, 0, 0, 0], [0.0] * 5]))
     assert brakes.spline is not None
     rates = coefficients(brakes.spline, 2)

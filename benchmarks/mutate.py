@@ -56,7 +56,7 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
 
 
 VERDICT = {
-    "contact": "contact_by_hand", "course": "course", "cup": "cup", "figures": "figures", "fingers": "fingers",
+    "contact": "contact_by_hand start", "course": "course", "cup": "cup", "figures": "figures", "fingers": "fingers",
     "grasp": "grasp_by_hand grasp", "gripper": "gripper", "hand": "hand", "judge": "judge_by_hand", "ledger": "ledger",
     "limits": "verdict_limits", "pads": "pads_by_hand", "pairs": "pairs",
     "polygons": "polygons", "polyhedra": "polyhedra standing", "standing": "standing", "start": "start", "sweep": "sweep",

@@ -7,7 +7,7 @@ be asked about. FCL's distances are not taken on trust: a plane between the two 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,20 @@ def _at_hand(carries: Sequence[Carry], i: int) -> frozenset[str]:
     return frozenset(before + after)
 
 
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """The solids (S) of one motion: first the robot's links, so many as `links`, then the parts of what is held, then what stands.
+
+    carrier (M,): what carries each of those that move, which are links and what is held. T (S, 4, 4): where all are, in it or in the
+    world.
+    """
+
+    solids: Sequence[Solid]
+    carrier: Int
+    T: Array
+    links: int
+
+
 class _Checker:
     """One robot in one scene; FCL's objects are made once and moved."""
 
@@ -105,38 +119,48 @@ class _Checker:
         self, course: Course, standing: Mapping[str, Array], at_hand: frozenset[str], only: Collection[str] | None = None
     ) -> tuple[list[Fault], list[Fault]]:
         """Faults and notes of one motion. only: names of which each pair that is looked at has one; None: all."""
-        held, n = course.held, len(self.links)
-        grip = self.objects.get(held.body, []) if held is not None else []
-        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects.get(name, ()))]
-        solids = [*self.links, *grip, *(s for s, _ in around)]
-        T_held = self.hand.T_carrier_hand @ held.T_hand_body if held is not None else np.eye(4)
-        carrier = np.array([*(c for c, _ in self.at), *[self.hand.carrier] * len(grip)])
-        T = np.array([*(T for _, T in self.at), *[T_held] * len(grip), *(T for _, T in around)])
-        box = np.array([s.box for s in solids])
-        samples = sweep(self.arm, self.T_world_base, course, Boxes(carrier, T, box[:, 0], box[:, 1]), self.settings.step_m)
-        movers = n + len(grip)
-        against, around_all = np.divmod(np.arange(movers * len(around)), max(1, len(around)))
-        holding, held_all = np.divmod(np.arange(len(grip) * n), n)
-        stands_on = np.array([s.name in self.mounts for s, _ in around], np.bool_)
-        apart = ~(stands_on[around_all] & (carrier[against] == 0))
-        tables = [np.stack([holding + n, held_all], -1), np.stack([against, around_all + movers], -1)[apart]]
-        own = [self.pairs.checked, self.pairs.switched_off]
-        if only is not None:
-            chosen = np.array([s.name in only for s in solids], np.bool_)
-            own, tables = ([table[chosen[table].any(1)] for table in some] for some in (own, tables))
-        pairs = np.concatenate([*own, *tables])
-        still = self._still(course, carrier, pairs)
-        found = self._found(course, samples, solids, pairs, still, at_hand)
+        posed = self._posed(course, standing)
+        checked, switched_off, others = self._pairs(posed, only)
+        pairs = np.concatenate([checked, switched_off, others])
+        box = np.array([s.box for s in posed.solids])
+        boxes = Boxes(posed.carrier, posed.T, box[:, 0], box[:, 1])
+        samples = sweep(self.arm, self.T_world_base, course, boxes, self.settings.step_m)
         faults, notes = list[Fault](), list[Fault]()
-        for k, deep in found.items():
-            off = len(own[0]) <= k < len(own[0]) + len(own[1])
-            a, b = (solids[x].name for x in pairs[k])
+        for k, deep in self._found(course, samples, posed, pairs, at_hand).items():
+            off = len(checked) <= k < len(checked) + len(switched_off)
+            a, b = (posed.solids[x].name for x in pairs[k])
             more = ", a pair that the robot's SRDF switches off" if off else ""
             fault = Fault(course.stage, (a, b), f"{course.where}: {a} is {1000 * deep:.2f} mm inside {b}{more}", deep)
             (notes if off else faults).append(fault)
         if not faults:
-            faults = self._nearer(course, samples, solids, carrier, np.concatenate(tables))
+            faults = self._nearer(course, samples, posed, others)
         return _deepest(faults), _deepest(notes)
+
+    def _posed(self, course: Course, standing: Mapping[str, Array]) -> _Posed:
+        """What there is while a motion runs."""
+        held = course.held
+        grip = self.objects.get(held.body, []) if held is not None else []
+        T_held = self.hand.T_carrier_hand @ held.T_hand_body if held is not None else np.eye(4)
+        around = [*self.fixed, *((s, T) for name, T in standing.items() for s in self.objects.get(name, ()))]
+        solids = [*self.links, *grip, *(s for s, _ in around)]
+        carrier = np.array([*(c for c, _ in self.at), *[self.hand.carrier] * len(grip)])
+        T = np.array([*(T for _, T in self.at), *[T_held] * len(grip), *(T for _, T in around)])
+        return _Posed(solids, carrier, T, len(self.links))
+
+    def _pairs(self, posed: _Posed, only: Collection[str] | None) -> tuple[Int, Int, Int]:
+        """Which solids are asked about: links with links (N, 2); those of them that an SRDF switches off (M, 2); and what is held with
+        links, all that moves with all that stands (K, 2)."""
+        links, movers, all_ = posed.links, len(posed.carrier), len(posed.solids)
+        against = _each_with_each(range(movers), range(movers, all_))
+        beneath = np.array([s.name in self.mounts for s in posed.solids], np.bool_)
+        against = against[~(beneath[against[:, 1]] & (posed.carrier[against[:, 0]] == 0))]  # the base stands there
+        held = _each_with_each(range(links, movers), range(links))
+        tables = self.pairs.checked, self.pairs.switched_off, np.concatenate([held, against])
+        if only is None:
+            return tables
+        chosen = np.array([s.name in only for s in posed.solids], np.bool_)
+        checked, switched_off, others = (table[chosen[table].any(1)] for table in tables)
+        return checked, switched_off, others
 
     def _still(self, course: Course, carrier: Int, pairs: Int) -> NDArray[np.bool_]:
         """Between which pairs no joint moves."""
@@ -148,11 +172,10 @@ class _Checker:
         kind[:-1] = [kinds.setdefault(turning[c], len(kinds)) for c in carrier.tolist()]
         return np.asarray(kind[np.minimum(pairs[:, 0], len(carrier))] == kind[np.minimum(pairs[:, 1], len(carrier))])
 
-    def _found(
-        self, course: Course, samples: Sweep, solids: Sequence[Solid], pairs: Int, still: NDArray[np.bool_], at_hand: frozenset[str]
-    ) -> dict[int, float]:
+    def _found(self, course: Course, samples: Sweep, posed: _Posed, pairs: Int, at_hand: frozenset[str]) -> dict[int, float]:
         """How deep pairs are in each other that may not be: by their number, in m."""
         a, b = pairs.T
+        solids, still = posed.solids, self._still(course, posed.carrier, pairs)
         asked = _Asked(samples, solids, a, b)
         found: dict[int, float] = {}
         for k, first, last in open_intervals(samples, a, b, still):
@@ -170,19 +193,19 @@ class _Checker:
                 found[k] = max(deep, found.get(k, 0.0))
         return found
 
-    def _nearer(self, course: Course, samples: Sweep, solids: Sequence[Solid], carrier: Int, pairs: Int) -> list[Fault]:
+    def _nearer(self, course: Course, samples: Sweep, posed: _Posed, pairs: Int) -> list[Fault]:
         """What comes nearer than a motion says that anything does: of the links that the arm's joints move and what is held to all that
         stands, and of what is held to the links that don't hold it, but for allowed contacts."""
         if course.clearance_m is None:
             return []
-        names = [s.name for s in solids]
+        names, carrier = [s.name for s in posed.solids], posed.carrier
         a, b = pairs.T
         held = (a >= len(self.links)) & (b < len(self.links))
         free = [frozenset((names[i], names[j])) not in course.allowed and not (h and names[j] in self.pads) for i, j, h in zip(a, b, held)]
         own = set(self.arm.driven_by(self.hand.carrier))  # another arm's joints don't move what they carry
         driven = {c: not own.isdisjoint(self.arm.driven_by(c)) for c in set(carrier.tolist())}
         meant = np.array(free, np.bool_) & (held | np.array([driven[c] for c in carrier[a].tolist()], np.bool_))
-        asked = _Asked(samples, solids, a[meant], b[meant])
+        asked = _Asked(samples, posed.solids, a[meant], b[meant])
         least, still = course.clearance_m - CLAIM_M, np.zeros(len(asked.a), np.bool_)
         near = [
             (asked.most(k, n), k)
@@ -212,6 +235,11 @@ class _Checker:
         if a_is_link and self.arm.links[a][0] == 0:  # the base stands on something
             return self.settings.depth_m
         return TOUCH_M
+
+
+def _each_with_each(some: range, others: range) -> Int:
+    """All pairs (N, 2) of one of some and one of others."""
+    return np.stack(np.meshgrid(np.array(some, np.int64), np.array(others, np.int64), indexing="ij"), -1).reshape(-1, 2)
 
 
 class _Asked:

@@ -37,14 +37,14 @@ def limit_faults(arm: Arm, courses: Sequence[Course], acceleration: Array, jerk:
 def jerk_notes(arm: Arm, courses: Sequence[Course], jerk: Array) -> list[Fault]:
     """The spike of jerk that is furthest above what is assumed of a joint, where one is; jerk (J,): rad/s³ or m/s³, infinite where a
     limit is known. No fault, since nobody says what the joint takes."""
-    over = [(_jerks(course) / jerk, course) for course in courses if course.spline is not None]
-    most, course = max(over, key=lambda o: float(o[0].max()), default=(np.zeros(1), None))
-    worst = int(np.argmax(most))
-    if course is None or most[worst] <= 1 + RATE:
+    splines = [course for course in courses if course.spline is not None]
+    over = np.array([_jerks(course) / jerk for course in splines]).reshape(-1, len(jerk))
+    if not (over > 1 + RATE).any():
         return []
-    reached, unit = most[worst] * jerk[worst], f"{arm.units[worst]}/s³"
+    n, worst = (int(k) for k in np.unravel_index(np.argmax(over), over.shape))
+    reached, unit = over[n, worst] * jerk[worst], f"{arm.units[worst]}/s³"
     words = f"{arm.joints[worst]} reaches {reached:.3g} {unit}; nobody says the limit of its jerk, and {jerk[worst]:.3g} {unit} are assumed"
-    return [_fault(course, words, reached)]
+    return [_fault(splines[n], words, reached)]
 
 
 def _doubtful(arm: Arm, courses: Sequence[Course], acceleration: Array, jerk: Array) -> NDArray[np.bool_]:

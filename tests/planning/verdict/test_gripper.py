@@ -74,6 +74,7 @@ def test_a_hand_that_holds_nothing_is_not_told_to_close_further() -> None:
         wrong.format(1, when) for when in ("before", "after")
     ]
     assert [f.detail for f in told_faults([told(0.02, 0.015)], robot)] == [wrong.format(0, "before"), wrong.format(0, "after")]
+    assert [f.detail.split(" to close to ")[1][:7] for f in told_faults([told(0.05, 0.0495)], robot)] == ["99.0 mm"] * 2
     grasp, carried, release = told(0.02, 0.015), told(0.02, 0.015, held="a"), told(0.02, 0.015)
     assert [f.detail for f in told_faults([grasp, carried, release], robot)] == [wrong.format(0, "before"), wrong.format(2, "after")]
 
@@ -110,6 +111,7 @@ def test_no_gripper_is_told_a_force_that_it_has_not() -> None:
     well, hard = told(0.02, force_N=40.03), told(0.02, force_N=40.05)
     by_sheet = toy_robot(most_grip_force_N=40.0)
     assert force_faults([well, told(0.02), motion((0,))], by_sheet, HAND) == []
+    assert force_faults([told(0.02)], toy_robot(most_grip_force_N=0.5), HAND) == []
     wrong = "motion 1 tells the gripper a force of 40.05 N {} it, and its data sheet gives 40 N at most"
     found = force_faults([well, hard], by_sheet, HAND)
     assert found == [Fault("transit", (), wrong.format(when), 40.05) for when in ("before", "after")]

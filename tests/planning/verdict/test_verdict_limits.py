@@ -195,7 +195,8 @@ def test_a_spike_of_an_assumed_jerk_is_worth_a_note() -> None:
     words = "motion 2: y reaches 11.7 m/s³; nobody says the limit of its jerk, and 6 m/s³ are assumed"
     assert note == Fault("transit", (), words, pytest.approx(6 / 0.8**3, rel=1e-4))
     assert limits.jerk_notes(ARM, numbered[:1], assumed) == limits.jerk_notes(ARM, numbered[3:], assumed) == []
-    assert [len(limits.jerk_notes(ARM, [quintic(-0.1, t, 1)], assumed)) for t in (1.0001, 0.9999)] == [0, 1]
+    assert [len(limits.jerk_notes(ARM, [quintic(-0.1, t, 1)], assumed)) for t in (1.00002, 0.9999)] == [0, 1]
+    assert limits.jerk_notes(ARM, [course((0,), (1,))], assumed) == limits.jerk_notes(ARM, [], assumed) == []
     assert said(*numbered[1:2], acceleration=free) == []
 
 

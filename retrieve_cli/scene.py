@@ -82,11 +82,8 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
                 else:
                     yield f"scene {index}", scene
     elif source is not None and source.suffix.lower() in (".yaml", ".yml"):
-        said = {**_read_yaml(source), **words}
-        yield (
-            str(source),
-            _settled(scene_from_words(_words(said, str(source)), mesh_loader(source.resolve().parent, mesh_progress), say), str(source)),
-        )
+        made = replace(_words({**_read_yaml(source), **words}, str(source)), where=lambda word: _from_yaml(source, word, words))
+        yield str(source), _settled(scene_from_words(made, mesh_loader(source.resolve().parent, mesh_progress), say), str(source))
     elif source is not None:
         for where, scene in read_scenes(source, "scene"):
             with blame(where):
@@ -95,6 +92,12 @@ def _scenes(source: Path | None, words: dict[str, Any], n: int, count: int, scal
         if not words.get("objects"):
             raise InputError("scene: name at least one object: --object can:0.03x0.12@0.6,0; or give a YAML file, or a folder of meshes")
         yield "scene", _settled(scene_from_words(_words(words, "scene"), mesh_loader(Path.cwd(), mesh_progress), say), "scene")
+
+
+def _from_yaml(file: Path, word: str, options: dict[str, Any]) -> str:
+    """Where a word is from: the file, unless an option says it instead."""
+    key = f"{word}s" if word in ("object", "obstacle") else word
+    return f"--{word}" if key in options else f"{file}: {word}"
 
 
 def _words(said: dict[str, Any], where: str) -> Words:

@@ -32,7 +32,8 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Words:
-    """A scene in words. at: the cabinet's front edge, x,y,z[,yaw=degrees]; base: where the robot stands, the same way."""
+    """A scene in words. at: the cabinet's front edge, x,y,z[,yaw=degrees]; base: where the robot stands, the same way. where: how messages
+    say where a word is from: "object", "obstacle", "cabinet", "at", "base" or "target"."""
 
     cabinet: str = "0.56x0.86x0.5"
     at: str = "0.3,0,0.1"
@@ -44,30 +45,33 @@ class Words:
     robot: RobotRef = field(default_factory=lambda: RobotRef(np.eye(4), "ur5e"))
     base: str | None = None
     approaches: Sequence[str] = APPROACHES
+    where: Callable[[str], str] = "--{}".format
 
 
 def scene_from_words(words: Words, load: LoadMesh, say: Say = lambda _: None) -> Scene:
     """The scene, without a grasp yet. load: reads meshes; say: told what was guessed. Raises: InputError that names the word."""
-    size = np.array(_lengths(words.cabinet, 3, "--cabinet"))
-    T_cabinet = parse_place(words.at, "--at")
+    where = words.where
+    size = np.array(_lengths(words.cabinet, 3, where("cabinet")))
+    T_cabinet = parse_place(words.at, where("at"))
     cabinet = Cabinet(size, T_cabinet, words.wall_m)
-    robot = words.robot if words.base is None else replace(words.robot, T_world_base=parse_place(words.base, "--base"))
+    robot = words.robot if words.base is None else replace(words.robot, T_world_base=parse_place(words.base, where("base")))
     objects: list[Body] = []
     for word in words.objects:
-        objects.append(parse_object(word, cabinet, load, say, {*WALLS, *(b.name for b in objects)}))
+        taken = {*WALLS, *(b.name for b in objects)}
+        objects.append(parse_object(word, f"{where('object')} {word}", cabinet, load, say, taken))
     names = [b.name for b in objects]
     obstacles: list[Body] = []
     for word in words.obstacles:
-        obstacles.append(parse_obstacle(word, load, say, {*WALLS, *names, *(b.name for b in obstacles)}))
+        taken = {*WALLS, *names, *(b.name for b in obstacles)}
+        obstacles.append(parse_obstacle(word, f"{where('obstacle')} {word}", load, say, taken))
     return Scene(
-        words.id, robot, cabinet, tuple(objects), _target(words.target, names), None, approaches=tuple(words.approaches),
+        words.id, robot, cabinet, tuple(objects), _target(words.target, names, where("target")), None, approaches=tuple(words.approaches),
         obstacles=tuple(obstacles),
     )  # fmt: skip
 
 
-def parse_object(word: str, cabinet: Cabinet, load: LoadMesh, say: Say = lambda _: None, taken: Collection[str] = ()) -> Body:
+def parse_object(word: str, where: str, cabinet: Cabinet, load: LoadMesh, say: Say, taken: Collection[str]) -> Body:
     """An object from its words, standing on the cabinet's floor unless they say z. taken: names that others have."""
-    where = f"--object {word}"
     shape_word, _, place = word.partition("@")
     if not place:
         raise InputError(f"{where}: say where it stands: {shape_word}@x,y in metres, in the world")
@@ -82,9 +86,8 @@ def parse_object(word: str, cabinet: Cabinet, load: LoadMesh, say: Say = lambda 
     return replace(_standing(name, shape, (numbers[0], numbers[1], low), keys, where, say), max_tilt_deg=tilt)
 
 
-def parse_obstacle(word: str, load: LoadMesh, say: Say = lambda _: None, taken: Collection[str] = ()) -> Body:
+def parse_obstacle(word: str, where: str, load: LoadMesh, say: Say, taken: Collection[str]) -> Body:
     """An obstacle from its words, NAME:SHAPE@x,y,z or NAME:SHAPE@x,y,top=HEIGHT; its bottom is at height 0 where neither is said."""
-    where = f"--obstacle {word}"
     name, _, rest = word.partition(":")
     shape_word, _, place = rest.partition("@")
     if not rest or not place:
@@ -199,11 +202,11 @@ def _name(asked: str | None, kind: str, taken: Collection[str], where: str) -> s
     return free_name(kind, taken, 2)
 
 
-def _target(asked: str | None, names: Sequence[str]) -> str | None:
+def _target(asked: str | None, names: Sequence[str], where: str) -> str | None:
     if asked is not None and asked not in names:
-        raise InputError(f"--target {asked}: is not among the objects ({', '.join(names) or 'there are none'}){did_you_mean(asked, names)}")
+        raise InputError(f"{where} {asked}: is not among the objects ({', '.join(names) or 'there are none'}){did_you_mean(asked, names)}")
     if asked is None and len(names) == 1:
         return names[0]
     if asked is None and names:
-        raise InputError(f"say which object is wanted: --target {names[0]} (the objects: {', '.join(names)})")
+        raise InputError(f"{where} is missing: say which object is wanted, e.g. {names[0]} (the objects: {', '.join(names)})")
     return asked

@@ -275,6 +275,21 @@ def test_what_touches_its_neighbour_and_what_it_stands_on_can_be_lifted(
     assert retrieve("verify", tmp_path / "cell.jsonl", tmp_path / "plans.jsonl")[0] == 0
 
 
+def test_what_a_yaml_says_wrong_is_told_with_the_file_and_the_word(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    """An option that takes the place of a word is told as an option."""
+    file = tmp_path / "cell.yaml"
+    for said, options, told in (
+        ({"objects": [f"{CAN},hight=3"]}, (), f"{file}: object {CAN},hight=3: unknown key 'hight'"),
+        ({"objects": [CAN], "obstacles": ["post.stl@0,0"]}, (), f"{file}: obstacle post.stl@0,0: an obstacle is NAME:SHAPE@x,y,z"),
+        ({"objects": [CAN], "cabinet": "450x900x700"}, (), f"{file}: cabinet 450x900x700: 900 is beyond 100 m"),
+        ({"objects": [CAN, CAN]}, (), f"{file}: target is missing: say which object is wanted, e.g. can (the objects: can, can_2)"),
+        ({"objects": [CAN], "at": "0.3"}, ("--at", "0,0"), "--at 0,0: a place is x,y,z"),
+    ):
+        file.write_text(yaml.safe_dump(said))
+        code, _, err = retrieve("scene", file, *options)
+        assert (code, err.strip().splitlines()[-1][: len(told)]) == (2, told)
+
+
 def test_the_yaml_that_the_documents_show(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
     shown = re.search(
         r"```yaml\n(.*?)```", (Path(__file__).resolve().parents[2] / "docs" / "own-cell.md").read_text(encoding="utf-8"), re.DOTALL

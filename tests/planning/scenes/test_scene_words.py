@@ -125,7 +125,7 @@ WRONG = [
     ({"objects": ["box:0.1x0.1x0.1@0.5,0,jaw=3"]}, "unknown key 'jaw' (did you mean 'yaw'?)"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0,name=floor"]}, "the name 'floor' is taken"),
     ({"objects": ["mug.stl@0.5,0"]}, "--object mug.stl@0.5,0: mesh file"),
-    ({"objects": ["box:0.1x0.1x0.1@0.5,0", "can:0.03x0.1@0.7,0"]}, "--target is missing: say which object is wanted, e.g. box (the objects: box, can)"),
+    ({"objects": ["box:0.1x0.1x0.1@0.5,0", "can:0.03x0.1@0.7,0"]}, "--target is missing: say which object is wanted, e.g. box (the"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0"], "target": "bx"}, "--target bx: is not among the objects (box) (did you mean 'box'?)"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0"], "obstacles": ["box:1x1x1"]}, "an obstacle is NAME:SHAPE@x,y,z"),
     ({"cabinet": "0.5x0.5"}, "--cabinet 0.5x0.5: 3 lengths in metres"),

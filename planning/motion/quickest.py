@@ -60,38 +60,45 @@ class Choices:
 class _Layer:
     """The nodes of one move: a pick, and where its transfer ends. Node 0 is the way that was found.
 
-    pick_of (N,): the pick of each node. ends, leaves (N, A): where its transfer ends and where the arm is afterwards, about until it is
-    known. entry, beginning (P, 3), ending, exit (N, 3): where the hand is at the picks' first and last waypoints, and at ends and leaves.
-    looked_at (P,): whether it is known how clear a pick's straight ways keep. across_s, put_s (N,): what the transfer and what follows
-    cost; known (N,): of the transfer. transit_s, transit_known (M, P): the same of the ways from the M nodes of the layer before to the P
-    picks. sure_s (N,), sure_transit_s (M, P): the same, but infinite where not known.
+    picks, as_found (P): each pick at every whole turn of its joints, and as it came. enter, lifted (P, A): where its approach begins and
+    its lift ends. pick_of (N,): the pick of each node. ends, leaves (N, A): where its transfer ends and where the arm is afterwards, about
+    until it is known. solution, grasp (N,): which of its pick's ends that is, and whose grasp: equal for nodes that differ by whole turns.
+    entry, beginning (P, 3), ending, exit (N, 3): where the hand is at the picks' first and last waypoints, and at ends and leaves.
+    taking_s (P,): what approach and lift cost; looked_at (P,): whether it is known how clear they keep. across_s, put_s (N,): what the
+    transfer and what follows cost; known (N,): of the transfer. transit_s, transit_known (M, P): the same of the ways from the M nodes of
+    the layer before to the P picks. sure_s (N,), sure_transit_s (M, P): the same, but infinite where not known. places, across, transits:
+    the ways down and the transfers that are known, by node, and the ways to a pick, by the node before and the pick.
     """
 
     def __init__(self, choices: Choices, lower: Array, upper: Array, cost: WayCost) -> None:
         self.choices, self.cost, found = choices, cost, choices.found
-        kinds = [(found.pick, found.pick), *((turned, pick) for pick in choices.picks for turned in pick.turned(lower, upper))]
-        self.picks, self.as_found = [turned for turned, _ in kinds], [pick for _, pick in kinds]
-        known_ends = {pick: choices.ends(pick) for pick in dict.fromkeys(self.as_found)}
-        ends = [known_ends[pick] for pick in self.as_found]
-        of = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
-        lifted = np.array([turned.lift[-1] for turned in self.picks])
-        self.pick_of = np.append(0, of)
-        self.ends = np.concatenate([found.across[-1:], nearest_turns(np.concatenate(ends), lifted[of], lower, upper)])
+        turned = [(found.pick, found.pick), *((other, pick) for pick in choices.picks for other in pick.turned(lower, upper))]
+        self.picks, self.as_found = [other for other, _ in turned], [pick for _, pick in turned]
+        self.enter = np.array([pick.approach[0] for pick in self.picks])
+        taken = np.array([pick.lift[0] for pick in self.picks])
+        self.lifted = np.array([pick.lift[-1] for pick in self.picks])
+        # the nodes: the way that was found, then each pick with each end of its transfer
+        ends_of = {pick: choices.ends(pick) for pick in dict.fromkeys(self.as_found)}
+        ends = [ends_of[pick] for pick in self.as_found]
+        pick_of = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
+        self.pick_of = np.append(0, pick_of)
+        self.ends = np.concatenate([found.across[-1:], nearest_turns(np.concatenate(ends), self.lifted[pick_of], lower, upper)])
+        self.leaves = self.ends.copy()
         self.solution = np.concatenate([[-1], *(np.arange(len(e)) for e in ends)]).astype(np.int64)
         self.grasp = np.array([id(pick.grasp) for pick in self.picks])[self.pick_of]
-        self.leaves = self.ends.copy()
-        self.enter, self.lifted = (np.array([getattr(p, way)[i] for p in self.picks]) for way, i in (("approach", 0), ("lift", -1)))
-        at = np.array([pick.lift[0] for pick in self.picks])
+        # where the hand is
         self.entry, self.exit, self.beginning, self.ending = (cost.points(q) for q in (self.enter, self.leaves, self.lifted, self.ends))
-        self.taking_s = cost.straight(self.enter - at) + cost.straight(self.lifted - at)
+        # what all that costs, as hoped for until it is looked at; the ways to the picks are `_Graph`'s
+        self.taking_s = cost.straight(self.enter - taken) + cost.straight(self.lifted - taken)
         self.looked_at = np.zeros(len(self.picks), np.bool_)
         self.across_s = cost.hoped(self.ends - self.lifted[self.pick_of], self.ending - self.beginning[self.pick_of])
         self.put_s = np.full(len(self.ends), 0.0 if choices.put is None else PUT_DOWN_S)
         self.known, self.sure_s = np.zeros(len(self.ends), np.int64), np.full(len(self.ends), np.inf)
+        self.transit_s, self.sure_transit_s, self.transit_known = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0), np.int64)
+        # the ways that are known
         self.places: dict[int, Place] = {}
         self.across: dict[int, Array] = {}
         self.transits: dict[tuple[int, int], Array] = {}
-        self.transit_s, self.sure_transit_s, self.transit_known = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0), np.int64)
 
     def node_s(self, across_s: Array) -> Array:
         return np.asarray(self.taking_s[self.pick_of] + across_s + self.put_s)

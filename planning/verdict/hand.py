@@ -93,21 +93,14 @@ def hand_of(robot: Robot) -> Hand:
     fingers = frozenset(link for link in solid if gripper in arm.driven_by(arm.links[link][0]))
     own = arm.driven_by(carrier)
     links = frozenset(link for link in solid if arm.driven_by(arm.links[link][0]) - {gripper} == own) | fingers
-    low, high = float(arm.lower[gripper]), float(arm.upper[gripper])
-    if robot.opening.round_only and not robot.opening.jaw:  # beyond its table such fingers look past each other
-        low, high = float(robot.opening.value.min()), float(robot.opening.value.max())
     if robot.opening.cup_m:
         cup = _cup(robot, arm, carrier, T_carrier_hand)
         beside = robot.pads - {cup.link}
         return Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, (cup,), robot.opening.value, robot.opening.width_m, beside)
-    middle = _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2]))
-    jaw = robot.opening.jaw
-    movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
-    found = [_pads(robot, arm, movers[side], middle, side) for side in (1, -1)]
-    more = bool(jaw) or robot.opening.round_only
-    pads = tuple(side[0] for side in found) + tuple(
-        pad for side in found for pad in (side[1:] if more or _in_parts(robot, side[0].link) else ())
-    )
+    low, high = float(arm.lower[gripper]), float(arm.upper[gripper])
+    if robot.opening.round_only and not robot.opening.jaw:  # beyond its table such fingers look past each other
+        low, high = float(robot.opening.value.min()), float(robot.opening.value.max())
+    pads = _on_both_sides(robot, arm, fingers, _at(arm, carrier, T_carrier_hand, gripper, np.array([(low + high) / 2])))
     values = np.linspace(low, high, _VALUES)
     half = Hand(arm, carrier, T_carrier_hand, gripper, links, fingers, pads, values, values)
     widths = half.width(values)
@@ -124,6 +117,16 @@ def _at(
     at = poses(arm, q, np.eye(4), None if wanted is None else wanted | {carrier})
     T_hand = inverse(at[carrier] @ T_carrier_hand)
     return {c: T_hand @ T for c, T in at.items()}
+
+
+def _on_both_sides(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array]) -> tuple[Pad, ...]:
+    """The innermost face on either side, +y first; then the others, where any of them may be what holds. at: the carriers' poses (1, 4, 4)
+    in the hand. fingers: those that the gripper moves; the fixed one of a jaw is a pad, too."""
+    jaw = robot.opening.jaw
+    movers = {side: fingers if jaw in (0, side) else frozenset(robot.pads) - fingers for side in (1, -1)}
+    found = [_pads(robot, arm, movers[side], at, side) for side in (1, -1)]
+    any_holds = [bool(jaw) or robot.opening.round_only or _in_parts(robot, side[0].link) for side in found]
+    return (*(side[0] for side in found), *(pad for side, holds in zip(found, any_holds) if holds for pad in side[1:]))
 
 
 def _pads(robot: Robot, arm: Arm, fingers: frozenset[str], at: dict[int, Array], side: int) -> list[Pad]:

@@ -100,9 +100,8 @@ def plan(
     Raises: ValueError when the shapes don't fit the task.
     """
     began = time.perf_counter()
-    problem, n_q = task.exact, len(task.exact.chain.lower)
-    starts, goals = checked("start", np.atleast_2d(start), -1, n_q), checked("goals", goals, -1, n_q)
-    S, G = len(starts), len(goals)
+    starts, goals = _ends(task, start, goals)
+    S, G, n_q = len(starts), len(goals), starts.shape[1]
     if S == 0 or G == 0:
         raise ValueError(f"starts {starts.shape} and goals {goals.shape} must be (S, {n_q}) and (G, {n_q}) with S, G > 0")
     memory = make_memory(task) if memory is None else memory
@@ -114,9 +113,9 @@ def plan(
     said, nodes = np.empty(S + G, np.int64), np.empty((2, len(ways)), np.int64)
     status, n, iterations = SPENT, 0, 0
     for turn in count():
-        asked = max_iterations - iterations
-        asked = asked if time_budget_s is None else min(asked, _CHUNK)
-        status, n = search(task, starts, goals, ways, first, settings.packed, seed % 2**63, asked, turn == 0, memory, said, nodes)
+        left = max_iterations - iterations
+        most = left if time_budget_s is None else min(left, _CHUNK)
+        status, n = search(task, starts, goals, ways, first, settings.packed, seed % 2**63, most, turn == 0, memory, said, nodes)
         if status in (NO_START, NO_GOAL):
             break
         iterations = int(memory.trees.met[2])
@@ -126,20 +125,23 @@ def plan(
         if status == FULL:
             memory = memory._replace(trees=widen(memory.trees, 2 * memory.trees.q.shape[1]))
     spent = memory.exact.counts - counts
-
-    def route(path: Array | None, why: str, ends: tuple[int, int] = (-1, -1), contact: tuple[int, int] | None = None) -> Route:
-        return Route(path, why, *ends, contact, iterations, int(spent[0]), int(spent[2]), time.perf_counter() - began)
-
+    none = Route(None, "budget", -1, -1, None, iterations, int(spent[0]), int(spent[2]), time.perf_counter() - began)
     if status == FOUND:
         start_at, goal_at = memory.trees.joined.tolist()
-        return route(memory.trees.path[:n].copy(), "", (start_at, goal_at))
+        return none._replace(path=memory.trees.path[:n].copy(), why="", start=start_at, goal=goal_at)
     if status in (NO_START, NO_GOAL):
         which = said[:S] if status == NO_START else said[S:]
         if which.min() < 0:
-            return route(None, "tilt")
-        a, b = problem.pairs[which[-1], :2].tolist()
-        return route(None, "start" if status == NO_START else "goals", contact=(a, b))
-    return route(None, "budget")
+            return none._replace(why="tilt")
+        a, b = task.exact.pairs[which[-1], :2].tolist()
+        return none._replace(why="start" if status == NO_START else "goals", contact=(a, b))
+    return none
+
+
+def _ends(task: Task, start: Array, goals: Array) -> tuple[Array, Array]:
+    """One start (J,) or several, as (S, J), and goals (G, J). Raises: ValueError when the shapes don't fit the task."""
+    n_q = len(task.exact.chain.lower)
+    return checked("start", np.atleast_2d(start), -1, n_q), checked("goals", goals, -1, n_q)
 
 
 def reach(
@@ -158,8 +160,7 @@ def reach(
     What one goal is reached by serves the others: edges to goals reached before come first, then one search for all that are left, as
     often as it finds one of them in max_iterations.
     """
-    n_q = len(task.exact.chain.lower)
-    starts, goals = checked("start", np.atleast_2d(start), -1, n_q), checked("goals", goals, -1, n_q)
+    starts, goals = _ends(task, start, goals)
     starts = starts[[first_contact(task.exact, q, memory.exact) < 0 for q in starts]]
     found, tried = np.zeros(len(goals), np.bool_), np.zeros((len(goals), len(goals) + len(starts)), np.bool_)
     if len(starts) == 0:

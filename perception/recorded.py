@@ -2,7 +2,8 @@
 
 Space is cleared along the rays of a depth image, so a depth that is too great is dangerous: a saturated value (all bits set, dropped by
 `perception.frames.read_frames`), one beyond the range of any such camera, and a flying pixel at an edge, which measures neither what is
-before the edge nor what is behind it but something between.
+before the edge nor what is behind it but something between. A surface is connected in the image: even at a corner a pixel of it has three
+neighbours that are as far. A flying pixel has fewer, as each is a mixture of its own of what is before and behind.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from kinematics.scene import Cabinet
 from kinematics.transforms import Array, apply, inverse
+from perception.camera import Depth
 from perception.frames import Frame
 from perception.pixels import flying_pixels
 from perception.readings import Sample, other_readings, sample
@@ -25,6 +27,11 @@ FARTHEST_M = 10.0
 """No depth camera for arm's length measures further; what says so is no measurement."""
 EDGE_M = 0.02
 """A pixel between two surfaces that are further apart, and on neither of them, flies."""
+EVEN_M, FEWEST, STRAIGHT = 0.01, 3, 0.01
+"""At 1 m and nearer, growing with z²: a pixel at an edge has at least so many of eight neighbours that are as far as it, but for the first;
+or it lies on a line with two on either side, their 1 / z, which is affine on a plane, straight but for the third, in 1/m."""
+STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to neighbours, on one side
+ROUNDS = 2  # as flying pixels that are dropped were neighbours of others
 OUTSIDE_M = 0.03
 """What is nearer to the inner space than this is the cabinet's, as poses are not exact."""
 EVERY_PX = 7
@@ -43,10 +50,47 @@ ONE = 4.0  # a frame's own share, beside the median of all, from which on it is 
 
 
 def trusted(frame: Frame) -> Frame:
-    """The frame without the depths that are none: beyond FARTHEST_M, and flying pixels at edges; they become 0, nothing measured."""
+    """The frame without the depths that are none: beyond FARTHEST_M, and pixels in the air at edges; they become 0, nothing measured."""
     depth = np.ascontiguousarray(frame.depth, np.float32)
     depth = np.where((depth > FARTHEST_M) | ~np.isfinite(depth), np.float32(0), depth)
+    on_line = _on_line(depth)
+    for _ in range(ROUNDS):
+        depth = np.where(_unconnected(depth) & ~on_line, np.float32(0), depth)
     return replace(frame, depth=np.where(flying_pixels(depth, EDGE_M), np.float32(0), depth))
+
+
+def _unconnected(depth: Depth) -> NDArray[np.bool_]:
+    """Which pixels (H, W) at an edge, steps of EDGE_M to any of their eight neighbours, are as far as too few of these: see EVEN_M."""
+    z = np.where(depth > 0, depth, np.float32(np.nan))
+    reach = np.maximum(z * z, 1)
+    even, edge = np.zeros(z.shape, np.int8), np.zeros(z.shape, bool)
+    for step in STEPS:
+        for side in (-1, 1):
+            off = np.abs(_beside(z, step, side) - z)
+            even += off < EVEN_M * reach
+            edge |= off > EDGE_M * reach
+    return np.asarray(edge & (even < FEWEST))
+
+
+def _on_line(depth: Depth) -> NDArray[np.bool_]:
+    """Which pixels (H, W) lie on a straight line with two on either side, on a plane that is seen at a grazing angle: see STRAIGHT.
+
+    Along an edge flying pixels may be as far as one another, so such lines don't count.
+    """
+    z = np.where(depth > 0, depth, np.float32(np.nan))
+    out = np.zeros(z.shape, bool)
+    for step in STEPS:
+        near, far = ([_beside(z, step, -k), _beside(z, step, k)] for k in (1, 2))
+        level = np.maximum(*(np.abs(side - z) for side in near)) < EVEN_M * np.maximum(z * z, 1)
+        out |= ~level & (np.abs(1 / near[0] + 1 / near[1] - 2 / z) < STRAIGHT) & (np.abs(1 / far[0] + 1 / far[1] - 2 / z) < STRAIGHT)
+    return out
+
+
+def _beside(z: Depth, step: tuple[int, int], times: int) -> Depth:
+    """What the pixel so many rows and columns further on measured (H, W), NaN beyond the image."""
+    far = abs(times)
+    v, u = far + times * step[0], far + times * step[1]
+    return np.pad(z, far, constant_values=np.nan)[v : v + z.shape[0], u : u + z.shape[1]]
 
 
 def misfit(frames: Sequence[Frame], cabinet: Cabinet, T_world_base: Array, on_doubt: Callable[[str], None] = lambda _: None) -> str | None:

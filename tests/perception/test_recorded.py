@@ -9,17 +9,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from photographs import box, can, placed, without_masks
+from photographs import photograph as pictures
 from PIL import Image
+from scipy import ndimage
 
 from kinematics.scene import Body, Cabinet
 from kinematics.shapes import Box
 from kinematics.transforms import Array, inverse, rotation_about, rotation_from_wxyz, transform, wxyz_from_rotation
-from perception.camera import look_at, ray_directions, realsense_d435i
+from perception.camera import Depth, DepthNoise, depth_edges, look_at, ray_directions, realsense_d435i
 from perception.frames import Frame, read_frames, write_frames
 from perception.mapping.voxels import FREE, unknown_voxels
+from perception.objects.segment import segment
 from perception.recorded import misfit, trusted
 from perception.rendering.raycast import raycast
 from perception.rendering.surfaces import surfaces
+from perception.seen_through import without_seen_through
 
 CAMERA = realsense_d435i(320, 240)
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(p=[0.5, 0.0, 0.1]), 0.03)
@@ -72,9 +77,52 @@ def test_flying_pixels_are_dropped_and_clear_nothing() -> None:
     assert not (free(replace(frame, depth=out)) & ~free(frame)).any()
 
 
+def blurred(depth: Depth, width: int) -> Depth:
+    """What a camera makes of edges whose pixels look at what is before and what is behind at once: their mean."""
+    near = depth_edges(depth, 0.02, width // 2) & (depth > 0)
+    return np.where(near, ndimage.uniform_filter(depth, width), depth).astype(np.float32)
+
+
+def mixed(depth: Depth, width: int) -> Depth:
+    """Half of the pixels so near to an edge measure anything between the two."""
+    rng = np.random.default_rng(44010)
+    near = depth_edges(depth, 0.02, width // 2) & (depth > 0) & (rng.random(depth.shape) < 0.5)
+    low, high = (extreme(depth, width) for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))
+    return np.where(near, low + rng.random(depth.shape) * (high - low), depth).astype(np.float32)
+
+
+@pytest.mark.parametrize(("fly", "width", "left"), [(blurred, 3, 0.01), (blurred, 5, 0.08), (mixed, 3, 0.04), (mixed, 5, 0.04)])
+def test_pixels_in_the_air_are_dropped_wherever_their_neighbours_fly_as_well(
+    fly: Callable[[Depth, int], Depth], width: int, left: float
+) -> None:
+    """Of those that are more than 2 cm off; and hardly any of what is right."""
+    frame = photograph()
+    depth = fly(frame.depth, width)
+    wrong = np.abs(depth - frame.depth) > 0.02
+    out = trusted(replace(frame, depth=depth)).depth
+    assert wrong.sum() > 200
+    assert (out[wrong] > 0).mean() < left
+    assert (out[~wrong & (depth > 0)] > 0).mean() > 0.995
+
+
+def test_edges_that_fly_make_no_objects_of_their_own() -> None:
+    boxes = [box("c", 0.3, 0.25, [0.06, 0.08, 0.12], 0.3), box("d", 0.15, -0.1, [0.05, 0.07, 0.2])]
+    bodies = placed([can("a", 0.2, 0.1), can("b", 0.32, -0.18), *boxes], CABINET)
+    frames = [replace(f, depth=blurred(f.depth, 5)) for f in without_masks(pictures(bodies, CABINET, DepthNoise(edge_dropout=0.0)))]
+    found = segment(without_seen_through([trusted(f) for f in frames]), CABINET, by="geometry")
+    assert len(found) == 4
+
+
 def test_clean_surfaces_are_no_flying_pixels() -> None:
+    """Nor are those seen at a grazing angle, a row of pixels 2 to 40 cm behind the last one; a bar two pixels wide stays."""
     frame = photograph()
     assert (trusted(frame).depth > 0).sum() > 0.999 * (frame.depth > 0).sum()
+    grazing = np.broadcast_to((1 / np.linspace(1 / 3, 2.0, 36, dtype=np.float32))[:, None], (36, 50)).copy()
+    assert (np.diff(-grazing[:20], axis=0) > 0.02).all()
+    assert (trusted(replace(frame, depth=grazing)).depth[2:-2, 2:-2] > 0).all()
+    bar = np.full((36, 50), 0.8, np.float32)
+    bar[5:30, 20:22] = 0.5
+    assert (trusted(replace(frame, depth=bar)).depth > 0).all()
 
 
 def test_a_recording_that_fits_is_not_complained_of() -> None:

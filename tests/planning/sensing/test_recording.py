@@ -197,7 +197,7 @@ def test_what_carries_something_is_not_picked_before_that() -> None:
     assert not picks
     assert isinstance(why, Blocked)
     assert why.body == "upper"
-    assert "stands on lower" in str(why.detail)
+    assert "upper rests on lower" in str(why.detail)
     assert motions.picks(state, "upper")[0]
     alone = State(state.q, {"lower": state.poses["lower"]})
     assert motions.picks(alone, "lower")[0]

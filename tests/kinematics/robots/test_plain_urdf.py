@@ -87,7 +87,7 @@ BY_HAND = """<robot name="by-hand">
 
 def test_an_arm_read_from_text() -> None:
     arm = read(BY_HAND)
-    assert arm.joints == ("spin", "slide")
+    assert (arm.joints, arm.units) == (("spin", "slide"), ("rad", "m"))
     assert (arm.lower.tolist(), arm.upper.tolist(), arm.velocity.tolist()) == ([-np.inf, 0], [np.inf, 0.5], [np.inf, np.inf])
     assert arm.parent_link == {"drum": "base", "sled": "drum", "tool": "sled", "nail": "tool", "tail": "base"}
     assert arm.followers == {"wag": (0, 3.0, 0.1), "nod": (0, -6.0, 0.3)}  # 0.5 - 2 (0.1 + 3 spin)

@@ -11,7 +11,7 @@ from kinematics.scene import Body, Cabinet, Held, RobotRef, Scene
 from kinematics.shapes import Box
 from planning.verdict.course import Course
 from planning.verdict.faults import Settings
-from planning.verdict.fingers import any_opening, grip_faults
+from planning.verdict.fingers import any_opening, arm_moves, grip_faults
 from planning.verdict.ledger import keep
 
 OPEN, SHUT = (0, 0, 0, 0, 0.03), (0, 0, 0, 0, 0.02)
@@ -55,6 +55,19 @@ def test_who_holds_without_closing() -> None:
     assert gripped(CLOSES, course(SHUT, THERE_SHUT, SHUT), CARRIES, OPENS) == [never_closed(2)]  # that was before the arm went
 
 
+def test_fingers_that_come_back_to_where_they_were_neither_close_nor_open() -> None:
+    assert gripped(course(SHUT, (0, 0, 0, 0, 0.015), SHUT), CARRIES, OPENS) == [never_closed(1)]
+    assert gripped(CLOSES, CARRIES, course(THERE_SHUT, THERE_OPEN, THERE_SHUT)) == [never_opened(1)]
+
+
+def test_a_micrometre_is_no_motion() -> None:
+    for far, moves in ((1e-6, False), (1.5e-6, True)):
+        assert arm_moves(HAND, course((0,), (far,))) == moves
+        assert bool(any_opening(HAND, course((0,), (0.5, 0, 0, 0, far)))) == moves
+        opens = course((0.5, 0, 0, 0, 0), (0.5, 0, 0, 0, far))
+        assert gripped(CLOSES, CARRIES, opens) == ([] if moves else [never_opened(1)])
+
+
 def test_who_lets_go_without_opening() -> None:
     stays, closes = course(THERE_SHUT, THERE_SHUT), course(THERE_SHUT, (0.5, 0, 0, 0, 0.01))
     for after in ([stays], [closes], [course(THERE_SHUT, SHUT)], [stays, course(THERE_SHUT, SHUT), course(SHUT, OPEN)]):
@@ -77,6 +90,7 @@ def test_fingers_beside_the_arm_are_looked_at_wherever_they_may_be() -> None:
         assert np.allclose([value for value, _ in found], np.repeat(np.linspace(0.02, 0.03, 6), 2))
         for k, (value, some) in enumerate(found):
             assert (some.q[:, 4] == value).all()
+            assert len(some.t_s) == len(some.q)
             assert np.allclose([x[4] for x in some.reach], value)
             first, last = ((0, 1), (1, 3))[k % 2]
             assert np.array_equal(some.q[:, :4], way.q[first : last + 1, :4])
@@ -87,5 +101,9 @@ def test_fingers_beside_the_arm_are_looked_at_wherever_they_may_be() -> None:
     assert len(any_opening(narrows, course(OPEN, THERE_SHUT))) == 6
     whole = any_opening(HAND, course(OPEN, THERE_SHUT))
     assert [some.q.shape for _, some in whole] == [(2, 5)] * 6
+    soon = any_opening(HAND, course(OPEN, THERE_SHUT, (0.7, 0, 0, 0, 0.02)))
+    assert [some.q[:, 0].tolist() for _, some in soon] == [[0.0, 0.5], [0.5, 0.7]] * 6
+    beats = splined(*[(x, 0, 0, 0, 0.02) for x in (0.0, 0.1, 0.2)], qd=np.array([[0.0] * 5, [0.1, 0, 0, 0, 0.01], [0.0] * 5]))
+    assert {some.q.shape for _, some in any_opening(HAND, beats)} == {(3, 5)}  # between the rows alone: all along, for all that one knows
     swings = course((0, 0, 0, 0, 0.02), (0.1, 0, 0, 0, 0.0215), (0.2, 0, 0, 0, 0.02))
     assert [round(value, 5) for value, _ in any_opening(HAND, swings)] == [0.02, 0.0215]

@@ -61,8 +61,8 @@ def test_where_the_arm_is_in_its_own_way_at_home_it_may_begin_anywhere() -> None
         base = solid((-0.01, 0.01), (-0.06, -0.04 - gap), (-0.01, 0.02))
         robot = toy_robot({**PALM, **FINGERS, "base": base})
         assert len(begins(0.5, 0.0, 0.0, 0.0, 0.03, robot=robot)) == free, gap
-    turned = (0.0, 0.0, np.pi / 2, 0.0, 0.03)  # there the tool, 40 cm beside the palm and 20 cm behind it, is in the base
+    turned = (0.0, 0.0, np.pi / 2, 0.0, 0.03)  # there the tool, 40 cm beside the palm, is half a millimetre above the base
     small = solid((-0.01, 0.01), (-0.01, 0.01), (-0.01, 0.01))
-    parts = {**PALM, **FINGERS, "tool": small, "base": small + np.array([-0.4, 0.0, -0.2])}
+    parts = {**PALM, **FINGERS, "tool": small, "base": small + np.array([-0.4, 0.0, -0.2205])}
     assert begins(0.5, 0.0, 0.0, 0.0, 0.03, robot=toy_robot(parts, home=np.array(turned))) == []
     assert len(begins(0.5, 0.0, 0.0, 0.0, 0.03, robot=toy_robot(parts))) == 1

@@ -236,7 +236,7 @@ def read_frames(folder: Path, *, scene: int | None = None, camera: Calibration |
     for key in cameras:
         if not key.isdecimal():
             raise ValueError(f"{home / 'scene_camera.json'}: {key!r} is no number of an image")
-    masks = mask_reader(home, objects, read_grey)
+    masks = mask_reader(home, objects)
     return tuple(_frame(home, int(key), cameras[key], masks, camera) for key in sorted(cameras, key=int))
 
 

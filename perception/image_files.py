@@ -33,8 +33,10 @@ def read_depth(folder: Path, image: int) -> NDArray[Any]:
     return np.asarray(depth)
 
 
-def read_grey(file: Path, shape: tuple[int, ...] | None) -> NDArray[Any]:
+def read_grey(file: Path, shape: tuple[int, ...] | None, *, numbers: bool = False) -> NDArray[Any]:
     """A grey image (H, W); of 16 bits or of floating-point numbers, and of any size, when no shape is given: a depth image.
+
+    A mask's colours count as their brightest channel, and how opaque a pixel is not at all. numbers: colours can't be meant.
 
     Raises: ValueError with the file.
     """
@@ -54,7 +56,10 @@ def read_grey(file: Path, shape: tuple[int, ...] | None) -> NDArray[Any]:
     except (OSError, SyntaxError, Image.DecompressionBombError) as e:
         raise ValueError(f"{file}: is no image that can be read: {e}") from e
     if image.ndim == 3 and shape is not None:
-        image = image.max(2)
+        colours = image[..., : image.shape[2] - 1 + image.shape[2] % 2]  # two and four channels have one that says how opaque a pixel is
+        if numbers and (colours != colours[..., :1]).any():
+            raise ValueError(f"{file}: its pixels are colours: expected is one channel, whose numbers say which object a pixel shows")
+        image = colours.max(2)
     if image.ndim != 2 or (shape is None and image.dtype not in (np.uint16, np.int32, np.float32)):
         raise ValueError(f"{file}: is no grey image of 16 bits, or of floating-point numbers (TIFF), as depth images are")
     if shape is not None and image.shape != shape:

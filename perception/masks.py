@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from kinematics.git_lfs import refuse_pointer
 from kinematics.names import free_name
-from perception.image_files import DEPTH_FILES
+from perception.image_files import DEPTH_FILES, read_grey
 
 Instances = tuple[NDArray[np.int32], tuple[str, ...]]
-ReadImage = Callable[[Path, tuple[int, ...]], NDArray[Any]]
 VOID = 255
 """What label images of 8 bits write where they say nothing."""
 
@@ -37,13 +36,13 @@ def read_json(file: Path) -> Any:
         raise ValueError(f"{file}: is no JSON: {e}") from e
 
 
-def mask_reader(home: Path, objects: dict[str, Any] | None, image: ReadImage) -> Callable[[int, tuple[int, ...]], Instances] | None:
+def mask_reader(home: Path, objects: dict[str, Any] | None) -> Callable[[int, tuple[int, ...]], Instances] | None:
     """What reads the masks of one image (its number and its shape) of a scene's folder: an image of instances, and their names.
 
-    None when the folder has no masks. objects: what scene_gt.json says by image. image: reads a grey image of a shape. Raises: ValueError.
+    None when the folder has no masks. objects: what scene_gt.json says by image. Raises: ValueError.
     """
     if any((home / "mask_visib").glob("*.png")):
-        return lambda k, shape: _bop(home, k, None if objects is None else objects.get(str(k)), shape, image)
+        return lambda k, shape: _bop(home, k, None if objects is None else objects.get(str(k)), shape)
     coco = sorted(home.glob("*coco*.json"))
     if coco:
         by_image, categories = _annotations(coco[0])
@@ -54,14 +53,14 @@ def mask_reader(home: Path, objects: dict[str, Any] | None, image: ReadImage) ->
         return lambda k, shape: _coco(by_image.get(k, []), categories, shape, f"{coco[0]}: image {k}")
     if any((home / "label").glob("*.png")):
         names = read_json(home / "label" / "names.json") if (home / "label" / "names.json").is_file() else {}
-        return lambda k, shape: _labels(image(home / "label" / f"{k:06d}.png", shape), names, home / "label")
+        return lambda k, shape: _labels(read_grey(home / "label" / f"{k:06d}.png", shape, numbers=True), names, home / "label")
     return None
 
 
 # BOP ------------------------------------------------------------------------------------------------------------------------------------
 
 
-def _bop(home: Path, k: int, objects: Any, shape: tuple[int, ...], image: ReadImage) -> Instances:
+def _bop(home: Path, k: int, objects: Any, shape: tuple[int, ...]) -> Instances:
     """The masks of one image as one image of instances, and the instances' names."""
     if objects is None and (home / "scene_gt.json").is_file() and any((home / "mask_visib").glob(f"{k:06d}_*.png")):
         raise ValueError(f"{home / 'scene_gt.json'}: says nothing of image {k}, of which there are masks")
@@ -71,7 +70,7 @@ def _bop(home: Path, k: int, objects: Any, shape: tuple[int, ...], image: ReadIm
         names = _bop_names(objects, f"{home / 'scene_gt.json'}: image {k}")
     out = np.full(shape, -1, np.int32)
     for j in range(len(names)):
-        out[image(home / "mask_visib" / f"{k:06d}_{j:06d}.png", shape) > 0] = j
+        out[read_grey(home / "mask_visib" / f"{k:06d}_{j:06d}.png", shape) > 0] = j
     return out, tuple(names)
 
 

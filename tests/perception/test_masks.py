@@ -155,3 +155,35 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
 
 def test_names_are_numbered_where_they_repeat() -> None:
     assert numbered_names(["a", "b", "a", "a"]) == ["a", "b", "a_1", "a_2"]
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_how_opaque_a_pixel_is_says_nothing(channels: int, tmp_path: Path) -> None:
+    """The masks of some segmenters have an alpha channel, 255 all over, and became masks of whole images."""
+    home = recording(tmp_path)
+    label = np.zeros((48, 64), np.uint8)
+    label[5:20, 5:20], label[30:40, 30:40] = 4, 9
+    opaque = [np.full_like(label, 255)] if channels in (2, 4) else []
+
+    def image(grey: np.ndarray) -> Image.Image:
+        return Image.fromarray(np.dstack([grey] * (channels - len(opaque)) + opaque).squeeze())
+
+    (home / "label").mkdir()
+    image(label).save(home / "label" / "000000.png")
+    (frame,) = read_frames(tmp_path)
+    assert frame.names == ("object_4", "object_9")
+    assert np.array_equal(frame.instance, np.select([label == 4, label == 9], [0, 1], -1))
+    (home / "mask_visib").mkdir()
+    image(np.where(label == 4, 255, 0).astype(np.uint8)).save(home / "mask_visib" / "000000_000000.png")
+    (frame,) = read_frames(tmp_path)
+    assert np.array_equal(frame.instance == 0, label == 4)
+
+
+def test_labels_that_are_colours_are_refused(tmp_path: Path) -> None:
+    home = recording(tmp_path)
+    (home / "label").mkdir()
+    colours = np.zeros((48, 64, 3), np.uint8)
+    colours[5:20, 5:20, 0] = colours[30:40, 30:40, 1] = 255
+    Image.fromarray(colours).save(home / "label" / "000000.png")
+    with pytest.raises(ValueError, match=r"label.000000.png: its pixels are colours: expected is one channel"):
+        read_frames(tmp_path)

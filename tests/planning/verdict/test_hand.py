@@ -295,6 +295,27 @@ def test_which_faces_of_a_jaw_count() -> None:
     assert _in_parts(toy_robot(), "left") is False
 
 
+def test_fingers_that_turn_hold_with_any_of_their_faces() -> None:
+    """Each with a ridge down its middle, 10° on either side; other fingers close with the innermost alone."""
+    ridged = np.array(
+        [[x, y, z] for x, y in ((0, 0), (0.011, 0.002), (-0.011, 0.002), (0.011, 0.01), (-0.011, 0.01)) for z in (-0.01, 0.04)]
+    )
+    for turns, faces in ((False, ["left", "right"]), (True, ["left", "right", "left", "right"])):
+        fingers = {"left": ridged, "right": ridged * [1, -1, 1]}
+        hand = hand_of(toy_robot({**PALM, **fingers}, opening=replace(OPENING, round_only=turns)))
+        assert [pad.link for pad in hand.pads] == faces
+
+
+def test_of_several_cups_the_one_at_the_hand_frame_holds() -> None:
+    """Of two that are as near to it, the first by name; the others may touch what that one holds."""
+    opening = replace(OPENING, cup_m=0.02)
+    for x_hand, x_palm, holds in ((0.0, 0.05, "hand"), (0.05, 0.0, "palm"), (0.05, -0.05, "hand"), (-0.06, 0.05, "palm")):
+        cups = {"hand": solid((x_hand - 0.01, x_hand + 0.01), (-0.01, 0.01), (0.0, 0.02))}
+        cups["palm"] = solid((x_palm - 0.01, x_palm + 0.01), (-0.01, 0.01), (0.0, 0.02))
+        hand = hand_of(toy_robot(cups, opening=opening, pads=frozenset(cups)))
+        assert ([pad.link for pad in hand.pads], hand.beside) == ([holds], {"hand", "palm"} - {holds})
+
+
 def test_a_suction_cup_has_one_face() -> None:
     """What of it is within a millimetre of its end; it looks along z, on side 0."""
     cup = [

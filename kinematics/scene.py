@@ -32,7 +32,7 @@ class Body:
 
     max_tilt_deg: how far it may be tilted while it is carried, None where the plan's own limit holds. source: whether someone said where it
     is, or a camera saw it. sides_m: of what was seen, from which to which height above its bottom its sides are where the shape has them;
-    None: all the way up.
+    None: all the way up. mass_kg: None where it is not known.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Body:
     max_tilt_deg: float | None = None
     source: Literal["given", "seen"] = "given"
     sides_m: tuple[float, float] | None = None
+    mass_kg: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +128,7 @@ class RobotRef:
     joint name; those that are left out are where the robot's description has them. T_link_hand (4, 4): the hand frame in the link that
     `hand_frame` names (of a named robot: in its own hand frame). gripper_joints: all joints that move fingers, where one is not enough.
     mount: whether the arm stands on a surface through the base's origin, which it must not dip under; None leaves that to the command.
+    payload_kg: what it may lift besides its gripper; None where nobody says.
     """
 
     T_world_base: Array
@@ -139,6 +141,7 @@ class RobotRef:
     T_link_hand: Array | None = None
     gripper_joints: tuple[str, ...] = ()
     mount: bool | None = None
+    payload_kg: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +204,14 @@ class Scene:
             if b.name == name:
                 return b
         raise KeyError(name)
+
+    def too_heavy(self, name: str) -> str | None:
+        """In words, that an object weighs more than the robot may lift; None where it doesn't, or it is not known."""
+        payload = self.robot.payload_kg
+        mass = None if payload is None else self.body(name).mass_kg
+        if mass is None or payload is None or mass <= payload:
+            return None
+        return f"{name} weighs {mass:g} kg, and the robot's payload is {payload:g} kg"
 
     @property
     def random_word(self) -> int:

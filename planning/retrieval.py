@@ -104,7 +104,7 @@ def retrieve(
     failed: set[tuple[str, int]] = set()
     thinking, moving, steps = Stopwatch(), Stopwatch(), 0
     kept_in: list[Blocked] = []
-    if blocked := motions.start_blocked():
+    if blocked := motions.start_blocked() or motions.target_stays():
         return conclude(motions.robot, scene, blocked, moves, (), name=name, rule=rule, thinking=thinking, moving=moving)
     while True:
         on_step(f"trying the target {scene.target_name}")
@@ -129,7 +129,7 @@ def retrieve(
     outlook = policy.outlook()
     if steps == 0:
         outlook = Outlook(0)
-    why = _why(taken, outlook, max_moves) if isinstance(taken, Blocked) else None
+    why = _why(scene, taken, outlook, max_moves) if isinstance(taken, Blocked) else None
     with moving:
         found = motions.quickest(found, rng)
         way = [motion for before, done in found for motion in motions.trajectories(before, done.motions)]
@@ -183,10 +183,11 @@ def one_move(
     return attempts, None
 
 
-def _why(taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
+def _why(scene: Scene, taken: Blocked, outlook: Outlook, max_moves: int) -> Blocked:
     """Why the target was not taken: the proof that it can't be, or that so many moves are too few; else what blocked it at last."""
     if outlook.unsolvable is not None:
-        return Blocked("unsolvable", taken.link, taken.body, detail=outlook.unsolvable.words)
+        heavy = filter(None, map(scene.too_heavy, outlook.unsolvable.stuck))
+        return Blocked("unsolvable", taken.link, taken.body, detail="; ".join([outlook.unsolvable.words, *heavy]))
     if outlook.least_moves is not None and outlook.least_moves > max_moves:
         return Blocked("moves", taken.link, taken.body, detail=f"at least {outlook.least_moves} moves are needed, {max_moves} are allowed")
     return taken if outlook.undecided is None else replace(taken, detail=outlook.undecided)

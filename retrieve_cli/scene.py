@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 YAML_KEYS = (
     "id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "robot", "hand_frame", "gripper_joint", "base", "q_start",
-    "approaches",
+    "approaches", "payload_kg",
 )  # fmt: skip
-LISTS = ("objects", "obstacles", "approaches")
+LISTS, NUMBERS = ("objects", "obstacles", "approaches"), ("wall_m", "payload_kg")
 MOST_RAD = 1000.0  # no joint is further from 0
 
 
@@ -111,6 +111,8 @@ def _words(said: dict[str, Any], where: str) -> Words:
         key: said[key] for key in ("id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "base", "approaches") if key in said
     }
     ref = robot_ref(robot, said.get("hand_frame"))
+    if "payload_kg" in said:
+        ref = replace(ref, payload_kg=float(said["payload_kg"]))
     if "q_start" in said:
         ref = replace(ref, q_start=_joint_values(said["q_start"], where))
         with blame(where):
@@ -225,9 +227,9 @@ def _read_yaml(file: Path) -> dict[str, Any]:
             raise InputError(f"{file}: unknown word {key!r}{did_you_mean(str(key), YAML_KEYS)}; the words are {', '.join(YAML_KEYS)}")
         if key in LISTS and not (isinstance(value, list) and all(isinstance(v, str) for v in value)):
             raise InputError(f"{file}: {key}: a list of texts is expected")
-        if key == "wall_m" and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
-            raise InputError(f"{file}: wall_m: {value!r} is no positive length")
-        if key not in (*LISTS, "wall_m") and not isinstance(value, str):
+        if key in NUMBERS and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
+            raise InputError(f"{file}: {key}: {value!r} is no positive {'length' if key == 'wall_m' else 'number'}")
+        if key not in (*LISTS, *NUMBERS) and not isinstance(value, str):
             raise InputError(f"{file}: {key}: {value!r} is no text; write it in quotes")
     return said
 

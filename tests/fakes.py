@@ -78,6 +78,9 @@ class FakeMotions:
     def start(self) -> State:
         return self._state(State(np.zeros(1), self.scene.poses()), ())
 
+    def target_stays(self) -> Blocked | None:
+        return None
+
     def start_blocked(self) -> Blocked | None:
         return self.at_start
 

@@ -109,12 +109,13 @@ def _robot_second_version(ref: RobotRef) -> dict[str, Any]:
         "T_link_hand": None if ref.T_link_hand is None else pose_to_json(ref.T_link_hand),
         "gripper_joints": list(ref.gripper_joints) or None,
         "mount": ref.mount,
+        "payload_kg": ref.payload_kg,
     })  # fmt: skip
 
 
 def _says_more(body: Body) -> bool:
     """Whether there is more to say of an object than the first version of scenes can."""
-    return body.max_tilt_deg is not None or body.source != "given" or body.sides_m is not None
+    return body.source != "given" or any(more is not None for more in (body.max_tilt_deg, body.sides_m, body.mass_kg))
 
 
 def _body_to_json(body: Body, folder: Path) -> dict[str, Any]:
@@ -129,6 +130,8 @@ def _body_to_json(body: Body, folder: Path) -> dict[str, Any]:
         document["source"] = body.source
     if body.sides_m is not None:
         document["sides_m"] = [float(height) for height in body.sides_m]
+    if body.mass_kg is not None:
+        document["mass_kg"] = float(body.mass_kg)
     return document
 
 
@@ -258,7 +261,7 @@ def _robot(node: Node, folder: Path, second: bool) -> RobotRef:
         raise node.error(f"unknown field {word!r}; where the arm is now is said by joint name, with {example}{schema}")
     f = _fields(
         node, second, ("T_world_base",), ("name", "urdf", "hand_frame", "gripper_joint"),
-        ("q_start", "home", "T_link_hand", "gripper_joints", "mount"),
+        ("q_start", "home", "T_link_hand", "gripper_joints", "mount", "payload_kg"),
     )  # fmt: skip
     if ("name" in f) == ("urdf" in f):
         raise node.error(
@@ -278,6 +281,7 @@ def _robot(node: Node, folder: Path, second: bool) -> RobotRef:
         T_link_hand=f["T_link_hand"].pose() if "T_link_hand" in f else None,
         gripper_joints=tuple(j.text() for j in f["gripper_joints"].items(least=1)) if "gripper_joints" in f else (),
         mount=f["mount"].flag() if "mount" in f else None,
+        payload_kg=f["payload_kg"].number(least=0) if "payload_kg" in f else None,
     )
 
 
@@ -292,7 +296,8 @@ def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *,
     """Objects, or obstacles (`still`). taken: names that stand for something else."""
     bodies: dict[str, Body] = {}
     for item in node.items(least=least, most=MOST_BODIES):
-        f = _fields(item, second, ("name", "shape", "T_world_object"), (), () if still else ("max_tilt_deg", "source", "sides_m"))
+        more = () if still else ("max_tilt_deg", "source", "sides_m", "mass_kg")
+        f = _fields(item, second, ("name", "shape", "T_world_object"), (), more)
         name = f["name"].text()
         if name in bodies:
             raise f["name"].error(f"{name!r} is the name of an {'obstacle' if still else 'object'} before it; each needs its own")
@@ -306,6 +311,7 @@ def _bodies(node: Node, load: LoadMesh, second: bool, taken: Collection[str], *,
             f["max_tilt_deg"].number(least=0, most=180) if "max_tilt_deg" in f else None,
             "seen" if "source" in f and f["source"].text(SOURCES) == "seen" else "given",
             _heights(f["sides_m"]) if "sides_m" in f else None,
+            f["mass_kg"].number(least=0) if "mass_kg" in f else None,
         )
     return tuple(bodies.values())
 

@@ -105,6 +105,11 @@ class Motions:
         """Why no motion can begin where the scene says that the arm is; None when one can."""
         return waiting.start_blocked(self.cell)
 
+    def target_stays(self) -> Blocked | None:
+        """Why the target can't be taken out whatever is moved; None where nothing is known to speak against it."""
+        weighs = self.scene.too_heavy(self.scene.target_name)
+        return None if weighs is None else Blocked("lift", body=self.scene.target_name, detail=weighs)
+
     def trajectories(self, state: State, motions: Sequence[Motion]) -> tuple[Motion, ...]:
         """Motions that were found for a state, smooth and timed: see `trajectory.timed`."""
         return timed(self.cell, state.poses, motions, self.pace)

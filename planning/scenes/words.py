@@ -3,8 +3,8 @@
     SHAPE@x,y[,z][,key=value…]      box:DXxDYxDZ   can:RADIUSxHEIGHT (or cylinder:)   FILE.stl
 
 Lengths are metres in the world, angles degrees. z is the height of the bottom, by default the cabinet's floor. Keys are name, yaw, scale,
-up (the axis of a mesh's frame that points up: z, -y, …), tilt (how far it may lean while it is carried) and, for an obstacle, top: the
-height of its top. An obstacle is NAME:SHAPE@….
+up (the axis of a mesh's frame that points up: z, -y, …), tilt (how far it may lean while it is carried), mass (in kg) and, for an
+obstacle, top: the height of its top. An obstacle is NAME:SHAPE@….
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from planning.io.scene_documents import LoadMesh
 from planning.scenes.right_way_up import AXES, turned_up, upright_axis
 
 MESHES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".dae", ".3mf")
-KEYS = ("name", "yaw", "scale", "up", "tilt", "top", "z")
+KEYS = ("name", "yaw", "scale", "up", "tilt", "mass", "top", "z")
 UP = (0.0, 0.0, 1.0)
 Say = Callable[[str], None]
 
@@ -82,8 +82,11 @@ def parse_object(word: str, where: str, cabinet: Cabinet, load: LoadMesh, say: S
     floor = cabinet.T_world_cabinet[2, 3]
     low = numbers[2] if len(numbers) == 3 else _number(keys["z"], f"{where}: z") if "z" in keys else floor
     tilt = _number(keys["tilt"], f"{where}: tilt") if "tilt" in keys else None
+    mass = _number(keys["mass"], f"{where}: mass") if "mass" in keys else None
+    if mass is not None and mass < 0:
+        raise InputError(f"{where}: mass={mass:g} is negative")
     name = _name(keys.get("name"), kind, taken, where)
-    return replace(_standing(name, shape, (numbers[0], numbers[1], low), keys, where, say), max_tilt_deg=tilt)
+    return replace(_standing(name, shape, (numbers[0], numbers[1], low), keys, where, say), max_tilt_deg=tilt, mass_kg=mass)
 
 
 def parse_obstacle(word: str, where: str, load: LoadMesh, say: Say, taken: Collection[str]) -> Body:
@@ -95,6 +98,10 @@ def parse_obstacle(word: str, where: str, load: LoadMesh, say: Say, taken: Colle
     numbers, keys = _place_words(place, where)
     if not 2 <= len(numbers) <= 3:
         raise InputError(f"{where}: its place is x,y or x,y,z, and z is the height of its bottom")
+    if wrong := next((key for key in ("name", "tilt", "mass") if key in keys), None):
+        raise InputError(
+            f"{where}: {wrong} is a key of objects; " + ("an obstacle's name comes first" if wrong == "name" else "an obstacle stays")
+        )
     shape, _ = _shape(shape_word, keys, load, where)
     low = numbers[2] if len(numbers) == 3 else _number(keys["z"], f"{where}: z") if "z" in keys else 0.0
     body = _standing(_name(name, name, taken, where), shape, (numbers[0], numbers[1], low), keys, where, say, fixed=True)

@@ -83,6 +83,7 @@ def rank(
     """The grasps that hold the target and are in reach, each once, the best first. quality: of each, from 0 to 1; by default measured on
     the shape. enough: after so many that hold the target no more are looked at."""
     target = scene.target_body
+    scene = replace(scene, robot=replace(scene.robot, payload_kg=None))  # where the hand gets to, whatever the target weighs
     alone = Motions(robot, replace(scene, objects=(target,)), target_grasps=())
     among = Motions(robot, scene, target_grasps=())
     begin, crowded = alone.start(), among.start()

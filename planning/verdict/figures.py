@@ -169,6 +169,12 @@ def stage_faults(courses: Sequence[Course]) -> list[Fault]:
     return out[:1]
 
 
+def mass_faults(scene: Scene, ledger: Ledger) -> list[Fault]:
+    """What is lifted that is heavier than the robot may lift."""
+    heavy = ((carry.body, scene.too_heavy(carry.body)) for carry in ledger.carries)
+    return [Fault("lift", (name,), weighs) for name, weighs in heavy if weighs is not None]
+
+
 def claim_faults(scene: Scene, plan: Plan) -> list[Fault]:
     """What a plan says of its outcome does not contradict itself: success, its reason, how many moves there are, may be and must be."""
     done = sum(m.done for m in plan.moves)

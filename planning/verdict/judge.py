@@ -24,6 +24,7 @@ from planning.verdict.figures import (
     figure_faults,
     goal_faults,
     grasp_faults,
+    mass_faults,
     move_faults,
     off_grasps,
     stage_faults,
@@ -128,7 +129,7 @@ def _examine(scene: Scene, plan: Plan, robot: Robot, hand: Hand, settings: Setti
     done = _replay(scene, plan.motions, robot, hand, settings, _allowed(scene, plan))
     if done.ledger is None:
         return done.faults, done.notes
-    said = move_faults(scene, plan, done.ledger, settings) + goal_faults(scene, plan, done.ledger)
+    said = mass_faults(scene, done.ledger) + move_faults(scene, plan, done.ledger, settings) + goal_faults(scene, plan, done.ledger)
     said += figure_faults(scene, plan, done.run, hand) + place_faults(plan.motions) + width_faults(plan.motions, robot.opening)
     said += told_faults(plan.motions, robot) + force_faults(plan.motions, robot, hand) + stage_faults(done.run) + claim_faults(scene, plan)
     return done.faults + said, done.notes

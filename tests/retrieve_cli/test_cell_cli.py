@@ -275,6 +275,19 @@ def test_what_touches_its_neighbour_and_what_it_stands_on_can_be_lifted(
     assert retrieve("verify", tmp_path / "cell.jsonl", tmp_path / "plans.jsonl")[0] == 0
 
 
+def test_what_the_robot_may_lift_is_said_in_a_yaml(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
+    said = {"objects": [f"{CAN},mass=4"], "payload_kg": 3.5}
+    jsonschema.validate(said, json.loads((documents.SCHEMAS / "words.schema.json").read_text()))
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(said))
+    code, _, _ = retrieve("scene", tmp_path / "cell.yaml", "-o", tmp_path / "cell.jsonl")
+    (scene,) = lines((tmp_path / "cell.jsonl").read_text())
+    assert (code, scene["robot"]["payload_kg"], scene["objects"][0]["mass_kg"]) == (0, 3.5, 4.0)
+    (plan,) = lines(retrieve("plan", tmp_path / "cell.jsonl", "--policy", "local")[1])
+    assert plan["reason"] == {"stage": "lift", "body": "can", "detail": "can weighs 4 kg, and the robot's payload is 3.5 kg"}
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(said | {"payload_kg": "much"}))
+    assert "payload_kg: 'much' is no positive number" in retrieve("scene", tmp_path / "cell.yaml")[2]
+
+
 def test_what_a_yaml_says_wrong_is_told_with_the_file_and_the_word(tmp_path: Path, retrieve: Callable[..., Spoken]) -> None:
     """An option that takes the place of a word is told as an option."""
     file = tmp_path / "cell.yaml"

@@ -1,4 +1,5 @@
-"""Which objects rest on which: what bears another is not taken before that, and what leans on something is put down nowhere.
+"""Which objects can't be moved as things are, whatever hand takes them: what bears another goes after that, what leans on something is put
+down nowhere, and what is too heavy is not lifted.
 
 Support is what the verdict calls so (`planning.verdict.standing`). Only what stands where the scene has it can rest on others: all that was
 moved stands on the floor and touches nothing else, nor does it come to bear what stands already.
@@ -37,6 +38,7 @@ class Supports:
         self._leans = {name: at.on for name, at in first.items() if falls(self._on_the_floor(name), at, self.settings.pose_m)}
         self.put_down_nowhere: Names = frozenset(self._leans) - {scene.target}
         """What leans on something and would stand nowhere else as it is turned; the target is not put down."""
+        self._stays = self.put_down_nowhere.union(name for name in self._first if scene.too_heavy(name) is not None)
 
     def resting_on(self, name: str, poses: Mapping[str, Array]) -> tuple[str, ...]:
         """Which of the objects at poses would not stay where they are without one of them: they go before it."""
@@ -47,6 +49,8 @@ class Supports:
 
     def kept(self, name: str, poses: Mapping[str, Array]) -> Blocked | None:
         """Why an object at poses can't be moved as things are, though the hand may get to it; None where nothing speaks against it."""
+        if (weighs := self.scene.too_heavy(name)) is not None:
+            return Blocked("lift", body=name, detail=weighs)
         for upper in self.resting_on(name, poses):
             return Blocked("grasp", body=upper, detail=f"{upper} rests on {name} and goes first")
         if name in self.put_down_nowhere:
@@ -55,12 +59,12 @@ class Supports:
         return None
 
     def waiting(self, poses: Mapping[str, Array]) -> dict[str, Names]:
-        """For the objects at poses that are not to be moved as things are, the others that have to go first. What is to be put down and
-        would stand nowhere else waits for the target: it stays."""
-        if not self._resting and not self.put_down_nowhere:
+        """For the objects at poses that are not to be moved as things are, the others that have to go first. What can't be moved at all
+        waits for the target: it stays."""
+        if not self._resting and not self._stays:
             return {}
         first = {name: frozenset(self.resting_on(name, poses)) for name in poses}
-        for name in self.put_down_nowhere.intersection(first):
+        for name in self._stays.intersection(first):
             first[name] |= {self.scene.target_name}
         return {name: others for name, others in first.items() if others}
 

@@ -122,7 +122,10 @@ class View:
 
     def blockers(self, name: str, standing: frozenset[str]) -> list[frozenset[str]]:
         """A way that the target blocks is none, for it never goes before its turn."""
-        always = sum(self.spots[other] for other in self._waits(name, standing))
+        waits = self._waits(name, standing)
+        if self.target in waits:
+            return []
+        always = sum(self.spots[other] for other in waits)
         found = self.ways.blockers(self.spots[name], self._present(name, standing), self.stage, always)
         sets = (frozenset(other for _, other, _ in self.ways.spots.members(spots)) for spots in found)
         return [names for names in sets if self.target not in names]

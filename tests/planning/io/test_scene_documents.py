@@ -74,6 +74,7 @@ def test_each_field_of_version_2_makes_it_version_2() -> None:
     others = [
         *(replace(scene, robot=robot) for robot in robots),
         replace(scene, robot=replace(scene.robot, mount=False)),
+        replace(scene, robot=replace(scene.robot, payload_kg=3.5)),
         replace(scene, obstacles=cell.obstacles),
         replace(scene, grasps=cell.grasps),
         replace(scene, grasp=None),
@@ -83,9 +84,11 @@ def test_each_field_of_version_2_makes_it_version_2() -> None:
         replace(scene, objects=(replace(body, max_tilt_deg=0.0), *scene.objects[1:])),
         replace(scene, objects=(replace(body, source="seen"), *scene.objects[1:])),
         replace(scene, objects=(replace(body, sides_m=(0.0, 0.05)), *scene.objects[1:])),
+        replace(scene, objects=(replace(body, mass_kg=0.0), *scene.objects[1:])),
     ]
     for other in others:
         written = scene_to_json(other)
+        assert scene_to_json(scene_from_json(written)) == written
         assert written["schema"] == "retrieve/scene@2"
         jsonschema.validate(written, SCHEMA)
         with pytest.raises(jsonschema.ValidationError):
@@ -105,6 +108,9 @@ MISTAKES: list[tuple[Change, str]] = [
     (lambda d: d["obstacles"][0].update(source="seen"), "obstacles[0]: unknown field 'source'"),
     (lambda d: d["obstacles"][0].update(T_world_object=documents.pose(0.5, 0, 0.2)), "objects[2]: 'box_2' overlaps the obstacle 'table'"),
     (lambda d: d["objects"][0].update(source="said"), "objects[0].source: 'said' is not one of given, seen"),
+    (lambda d: d["objects"][0].update(mass_kg=-1), "objects[0].mass_kg: -1 is below 0"),
+    (lambda d: d["obstacles"][0].update(mass_kg=1), "obstacles[0]: unknown field 'mass_kg'"),
+    (lambda d: d["robot"].update(payload_kg="5"), "robot.payload_kg: the text '5' stands where a number is expected"),
     (lambda d: d["objects"][0].update(max_tilt_deg=200), "objects[0].max_tilt_deg: 200 is above 180"),
     (lambda d: d["robot"].update(q_start=[0, 1]), 'robot.q_start: values stand by joint name, in rad or m: {"shoulder_pan_joint": 0.0, …}'),
     (lambda d: d["robot"].update(q_start={"elbow_joint": "1"}), "robot.q_start.elbow_joint: the text '1' stands where a number"),

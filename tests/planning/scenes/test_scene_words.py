@@ -46,14 +46,14 @@ def low(body: Body) -> float:
 
 
 def test_objects_stand_on_the_floor_where_they_are_said_to() -> None:
-    scene = made("box:0.06x0.08x0.15@0.5,0.1,yaw=30", "can:0.03x0.12@0.4,-0.1,name=soup,tilt=20", "box:0.02x0.02x0.02@0.7,0,0.3",
+    scene = made("box:0.06x0.08x0.15@0.5,0.1,yaw=30", "can:0.03x0.12@0.4,-0.1,name=soup,tilt=20,mass=0.4", "box:0.02x0.02x0.02@0.7,0,0.3",
                  target="soup", obstacles=(TABLE,), at="0.3,0,0.25")  # fmt: skip
     box, can, up = scene.objects
     assert [b.name for b in scene.objects] == ["box", "soup", "box_2"]
     assert (low(box), low(can), low(up)) == pytest.approx((0.25, 0.25, 0.3))
     np.testing.assert_allclose(box.T_world_body[:3, :3], rotation_about((0, 0, 1), np.pi / 6), atol=1e-12)
     np.testing.assert_allclose(can.T_world_body[:3, 3], [0.4, -0.1, 0.31])
-    assert (can.max_tilt_deg, scene.target) == (20.0, "soup")
+    assert (can.max_tilt_deg, can.mass_kg, box.mass_kg, scene.target) == (20.0, 0.4, None, "soup")
     (table,) = scene.obstacles
     assert (table.name, bounds(table.shape, table.T_world_body)[1][2]) == ("table", pytest.approx(0.0))
     again = scene_from_json(scene_to_json(replace(scene, objects=scene.objects[:2])))
@@ -128,6 +128,9 @@ WRONG = [
     ({"objects": ["box:0.1x0.1x0.1@0.5,0", "can:0.03x0.1@0.7,0"]}, "--target is missing: say which object is wanted, e.g. box (the"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0"], "target": "bx"}, "--target bx: is not among the objects (box) (did you mean 'box'?)"),
     ({"objects": ["box:0.1x0.1x0.1@0.5,0"], "obstacles": ["box:1x1x1"]}, "an obstacle is NAME:SHAPE@x,y,z"),
+    ({"objects": ["box:0.1x0.1x0.1@0.5,0,mass=-1"]}, "mass=-1 is negative"),
+    ({"objects": ["box:0.1x0.1x0.1@0.5,0"], "obstacles": ["post:box:1x1x1@2,0,mass=1"]}, "mass is a key of objects; an obstacle stays"),
+    ({"objects": ["box:0.1x0.1x0.1@0.5,0"], "obstacles": ["post:box:1x1x1@2,0,name=a"]}, "an obstacle's name comes first"),
     ({"cabinet": "0.5x0.5"}, "--cabinet 0.5x0.5: 3 lengths in metres"),
     ({"at": "0.3,0"}, "--at 0.3,0: a place is x,y,z[,yaw=degrees]"),
 ]  # fmt: skip

@@ -14,10 +14,11 @@ from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.motion.cell.supports import Supports
 from planning.motion.pick_place import Motions
-from planning.plan import Blocked, Plan, Unsolvable
+from planning.plan import Blocked, Fault, Plan, Unsolvable
 from planning.policies import make_policy
 from planning.policies.unsolvable import Prover
 from planning.retrieval import retrieve
+from planning.verdict import judge
 from planning.verdict.faults import Settings
 from planning.verdict.judge import _standing
 from planning.verdict.ledger import Carry, Ledger
@@ -203,3 +204,31 @@ def test_no_hand_is_sought_for_what_bears_others(ur5e: Robot, monkeypatch: pytes
     assert found.unsolvable.words == (
         "none of board, low can be moved while the others of them stand: board leans on something and would stand nowhere else"
     )
+
+
+def test_what_is_too_heavy_is_not_lifted(ur5e: Robot) -> None:
+    """The target, for which nothing is tried then; what is in its way; and what may be lifted just so."""
+    can, box = standing("target", CAN, 0.62, 0.0), standing("box", Box(np.array([0.06, 0.06, 0.12])), 0.5, 0.0)
+    scene = replace(scene_of(can, box), grasp=x_g(can.T_world_body[:3, 3]), approaches=("horizontal",))
+    scene = replace(scene, robot=replace(scene.robot, payload_kg=3.5))
+
+    def weighing(name: str, kg: float) -> Scene:
+        return replace(scene, objects=tuple(replace(b, mass_kg=kg) if b.name == name else b for b in scene.objects))
+
+    heavy = planned(ur5e, weighing("target", 4.0), "random")
+    assert (heavy.success, heavy.moves, heavy.motions) == (False, (), ())
+    assert heavy.reason == Blocked("lift", body="target", detail="target weighs 4 kg, and the robot's payload is 3.5 kg")
+    blocking = planned(ur5e, weighing("box", 4.0))
+    words = "box can't be picked, even with nothing but the target beside it; box weighs 4 kg, and the robot's payload is 3.5 kg"
+    assert blocking.reason is not None
+    assert (blocking.reason.stage, blocking.reason.detail) == ("unsolvable", words)
+    assert {str(m.reason) for m in planned(ur5e, weighing("box", 4.0), "random").moves} == {
+        "lift (box weighs 4 kg, and the robot's payload is 3.5 kg)"
+    }
+    just = planned(ur5e, weighing("box", 3.5))
+    assert just.verified, just.reason
+    assert judge(weighing("box", 3.5), just, ur5e) == ()
+    (fault,) = judge(weighing("box", 3.51), just, ur5e)
+    assert fault == Fault("lift", ("box",), "box weighs 3.51 kg, and the robot's payload is 3.5 kg")
+    unknown = weighing("box", 3.51)
+    assert judge(replace(unknown, robot=replace(unknown.robot, payload_kg=None)), just, ur5e) == ()

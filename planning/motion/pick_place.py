@@ -48,9 +48,9 @@ ITERATIONS = 3000  # of one RRT-Connect
 MOST_TRIES = 8  # of the target's picks, all grasps together; of those with one grasp, MAX_TRIES
 LEAST_M = 0.001  # what moves an object by less is no move
 KEPT = 8  # states that are remembered
-IN_VAIN = 20  # searches for a way to all picks of an object together that may fail, in all states
-PATIENTLY = 4  # such searches where all depends on the answer
-NO_WAY = Blocked("transit", detail="no way to it was found among those to many")
+PATIENTLY = 4  # searches for a way to all picks of an object together, where all depends on the answer
+IN_VAIN = 20  # such searches that may fail, in all states; then none is made for a move any more
+NO_WAY = Blocked("transit", detail="no way to it is known among those to many picks")
 
 
 Choice = tuple[str, int]
@@ -203,7 +203,7 @@ class Motions:
             return Blocked("region", name, detail="it stands there already")
         if touch := self.cell.placed(self.scene.body(name), there, self.without(state, name)):
             return Blocked("region", touch.link, touch.body, detail=touch.detail)
-        if not (picks := self._reached(state, name, picks, rng)):
+        if not (picks := self._reached(state, name, picks, rng, int(self._in_vain < IN_VAIN))):
             return NO_WAY
         centre, tries, tight, rest = self.scene.regions()[region], 0, list[tuple[Pick, Place]](), self.without(state, name)
 
@@ -264,7 +264,7 @@ class Motions:
 
     def out_of_reach(self, state: State, name: str) -> bool:
         """Whether it was found that an object can't be picked as things are: nothing holds up to the static checks, or the arm does not get
-        to any of what does."""
+        to any of what does; or that no more ways to it are sought, after so many in vain."""
         ways = self._ways(state)
         if name in ways.reached:
             return not ways.reached[name]
@@ -393,14 +393,13 @@ class Motions:
         ways, settings = self._ways(state), self._picking.settings
         if not settings.together or self.cell.time_budget_s is not None:
             return picks
-        if name not in ways.reached:
-            if self._in_vain >= IN_VAIN:
-                searches = 0
-            found = reached(self.cell, state, picks, rng, most=settings.tries, iterations=settings.together, searches=searches)
-            self._in_vain += not found
-            ways.reached[name] = found
+        found, more = ways.reached.setdefault(name, {}), searches - ways.searches[name]
+        if not found and more > 0:
+            found |= reached(self.cell, state, picks, rng, most=settings.tries, iterations=settings.together, searches=more)
+            ways.searches[name] = searches
             ways.transits |= found
-        return list(ways.reached[name])
+            self._in_vain += not found
+        return list(found)
 
     def _across(self, state: State, pick: Pick, goals: Array, rng: np.random.Generator) -> Carry | Blocked:
         """A way to carry what was lifted to one of goals (G, A), by a pick or by the same with joints whole turns further, and to get to

@@ -28,6 +28,7 @@ class StateWays:
         self.cell, self.state = cell, state
         self.transits: dict[Pick, Array | Blocked] = {}
         self.reached: dict[str, dict[Pick, Array]] = {}
+        self.searches = Counter[str]()
         self.failures = Counter[Pick]()
         self._picks: dict[str, tuple[list[Pick], Blocked]] = {}
         self._wider: dict[str, list[Pick]] = {}

@@ -75,7 +75,7 @@ def test_varied_picks_are_some_of_all_and_unlike_one_another(ur5e: Robot) -> Non
 
 
 def test_of_varied_picks_those_are_carried_that_one_search_for_all_finds_a_way_to(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And no place is sought for others; where none is found nothing is, and that is not asked again, in a state or beyond some states."""
+    """No place is sought for others; where none is found nothing is, and that is not asked again in a state, nor for moves in too many."""
     scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
     rng, motions = np.random.default_rng(0), Motions(ur5e, scene)
     state = motions.start()
@@ -97,9 +97,15 @@ def test_of_varied_picks_those_are_carried_that_one_search_for_all_finds_a_way_t
         assert isinstance(blocked, Blocked)
         assert blocked.stage == "transit"
         assert look.out_of_reach(state, name)
-    assert not look.gets_to(replace(state), name, rng)
-    assert not look.gets_to(replace(state), name, rng)
-    assert asked == [1, PATIENTLY, 0]
+    assert asked == [1]
+    for there in (state, replace(state)):  # what is told is asked whatever was in vain elsewhere
+        assert not look.gets_to(there, name, rng)
+        assert not look.gets_to(there, name, rng)
+    assert asked == [1, PATIENTLY - 1, PATIENTLY]
+    beyond = replace(state)
+    assert isinstance(look.relocate(beyond, name, region, rng), Blocked)
+    assert look.out_of_reach(beyond, name)
+    assert asked == [1, PATIENTLY - 1, PATIENTLY]
 
 
 def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:

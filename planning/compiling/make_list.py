@@ -18,6 +18,7 @@ from typing import Any
 
 from kinematics.jit.decorators import Entry
 from kinematics.jit.shipped import FILE
+from kinematics.scene import Scene
 from perception.rendering.tiny_still import tiny_still
 from planning.compiling.ahead import LIST, Ahead, describe, entry_of, example, loop_s
 
@@ -50,20 +51,32 @@ def recorded() -> tuple[list[Ahead], list[Ahead]]:
 
 def _plan_some() -> None:
     from kinematics.robots.load import load
-    from kinematics.scene import RobotRef
-    from kinematics.shapes import ConvexMesh, box_corners
-    from kinematics.transforms import transform
     from planning.library import plan_scene
-    from planning.scenes.generation import generate, load_spec
 
     robot = load("ur5e")
     for index in range(SCENES):
-        scene = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index)
-        plan_scene(scene, robot=robot)
+        plan_scene(_scene(index), robot=robot)
+    plan_scene(_with_a_mesh(), robot=robot, policy="local", grasp="any")
+
+
+def _scene(index: int) -> Scene:
+    from kinematics.robots.load import load
+    from kinematics.scene import RobotRef
+    from kinematics.transforms import transform
+    from planning.scenes.generation import generate, load_spec
+
+    robot = load("ur5e")
+    return generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index)
+
+
+def _with_a_mesh() -> Scene:
+    """The last scene, its target as a mesh."""
+    from kinematics.shapes import ConvexMesh, box_corners
+
+    scene = _scene(SCENES - 1)
     target = scene.target_body
     mesh = ConvexMesh((box_corners(target.shape.half), box_corners(0.5 * target.shape.half)))
-    among = replace(scene, objects=tuple(replace(body, shape=mesh) if body is target else body for body in scene.objects))
-    plan_scene(among, robot=robot, policy="local", grasp="any")
+    return replace(scene, objects=tuple(replace(body, shape=mesh) if body is target else body for body in scene.objects))
 
 
 def _label_some() -> None:
@@ -82,9 +95,11 @@ def _label_some() -> None:
 
 def main() -> None:
     """Write the list, and what ships."""
+    from kinematics.collision.robot_model import shape_covers
     from kinematics.jit.ship import CPU, ship
 
     if "--record" not in sys.argv:
+        shape_covers(_with_a_mesh().target_body.shape)  # kept on disk: only who brings a mesh of their own waits for what makes them
         with tempfile.TemporaryDirectory() as folder:
             again = [sys.executable, "-m", "planning.compiling.make_list", "--record"]
             subprocess.run(again, env=os.environ | CPU | {"NUMBA_CACHE_DIR": folder}, check=True)

@@ -19,12 +19,15 @@ from kinematics.collision.sphere_model import F32
 from kinematics.inverse_lanes import LaneChain, come_near, lane_chain, make_rows
 from kinematics.jit.decorators import copy_row, jit_entry, jit_inline
 from kinematics.jit.simd import WIDTH
+from kinematics.reach import Reach, reach_of
 from kinematics.transforms import Array
 
 DISTINCT = 0.2
 """Two solutions are distinct when some joint differs by more, in rad (or m)."""
 POSITION_TOLERANCE_M = 1e-5
 ROTATION_TOLERANCE = 1e-5
+_OUT_OF_REACH_M = 1e-4
+"""A hand is out of reach where it is so much further than any; more than what solutions may be off."""
 _TABLE = 8192
 _W = np.uint64(WIDTH)
 PATIENT: Any = np.int64(40)
@@ -36,13 +39,12 @@ STALLED = 10
 
 class Seeds(NamedTuple):
     """Where the search for solutions starts: configurations (N, J) and the first three rows of their hand poses in the world, T (12, N);
-    and the chain, for the lanes. No last frame of the chain is ever further than reach_m from the point root (3,)."""
+    and the chain, for the lanes; and what is out of reach."""
 
     q: Array
     T: F32
     lanes: LaneChain
-    root: Array
-    reach_m: float
+    reach: Reach
 
 
 def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
@@ -52,14 +54,13 @@ def make_seeds(chain: Chain, T_frame_hand: Array, n: int = _TABLE) -> Seeds:
     q = rng.uniform(chain.lower, chain.upper, (n, len(chain.lower)))
     T = np.empty((n, 4, 4))
     _hand_poses(chain, T_frame_hand, q, np.empty((len(chain.q_index) + 1, 4, 4)), T)
-    return Seeds(q, np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32), lane_chain(chain), chain.T_prev[0, :3, 3], _reach_m(chain))
+    rows = np.ascontiguousarray(T[:, :3].reshape(n, 12).T, np.float32)
+    return Seeds(q, rows, lane_chain(chain), reach_of(chain))
 
 
-def _reach_m(chain: Chain) -> float:
-    """How far the last frame of a chain can be from its first joint, at most: all its links and strokes in one line."""
-    furthest = np.maximum(np.abs(chain.lower), np.abs(chain.upper))[chain.q_index]
-    slides = np.where(chain.prismatic == 1, np.abs(chain.scale) * furthest + np.abs(chain.offset), 0.0)
-    return float(np.linalg.norm(chain.T_prev[1:, :3, 3], axis=1).sum() + slides.sum())
+def may_reach(chain: Chain, T_frame_hand: Array, seeds: Seeds, T_world_hand: Array) -> NDArray[np.bool_]:
+    """Whether hands at T_world_hand (..., 4, 4) are not, for certain, too far away for any solution: (...)."""
+    return seeds.reach.beyond_m(T_frame_hand, T_world_hand, any_heading=chain.heading == 0.0) <= _OUT_OF_REACH_M
 
 
 def solve(
@@ -75,8 +76,7 @@ def solve(
     if seeds.q.shape != (N, J) or seeds.T.shape[0] != 12:
         raise ValueError(f"the seeds are for another arm: {seeds.q.shape} for {J} joints")
     tries = max(0, min(tries, N))
-    away = np.linalg.norm(T_world_hand[:3, 3] - seeds.root) - np.linalg.norm(T_frame_hand[:3, 3])
-    if tries == 0 or away > seeds.reach_m + POSITION_TOLERANCE_M:
+    if tries == 0 or not may_reach(chain, T_frame_hand, seeds, T_world_hand):
         return np.empty((0, J))
     starts, score, far = np.zeros(tries, np.int64), np.zeros(N, np.float32), np.full(tries, np.inf, np.float32)
     _nearest(seeds.T, T_world_hand, score, starts, far)

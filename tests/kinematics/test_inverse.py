@@ -74,13 +74,17 @@ def test_six_joints_have_all_their_branches(ur5e: Robot) -> None:
     assert usual >= 0.7 * all_there_is
 
 
-def test_no_hand_is_further_than_all_links_in_a_line(solver: Solver) -> None:
-    """And a pose beyond that is not searched for, which an arm told to stand in the wrong place is asked for by the thousand."""
-    longest = solver.seeds.reach_m + np.linalg.norm(solver.T_frame_hand[:3, 3])
-    away = np.linalg.norm(solver.seeds.T[[3, 7, 11]].T - solver.seeds.root, axis=1)
-    assert 0.5 * longest < away.max() <= longest + 1e-6
-    T = transform(p=solver.seeds.root + np.array([0.0, 0.0, longest + 1e-3]))
-    assert solve(solver.chain, solver.T_frame_hand, solver.seeds._replace(lanes=None), T, solver.near).shape == (0, len(solver.near))  # type: ignore[arg-type]
+def test_what_is_out_of_reach_is_not_searched_for(solver: Solver) -> None:
+    """An arm told to stand in the wrong place, and a proof, ask for such poses by the thousand. They are out of reach of any arm's hand."""
+    reach = solver.seeds.reach
+    poses = np.concatenate([solver.seeds.T.T.reshape(-1, 3, 4), np.tile([0.0, 0.0, 0.0, 1.0], (solver.seeds.T.shape[1], 1, 1))], 1)
+    beyond = np.array([reach.beyond_m(solver.T_frame_hand, T) for T in poses])
+    assert -0.01 < beyond.max() < 1e-6  # and no more is called within reach
+    far = poses[beyond.argmax()]
+    far[:3, 3] += 0.02 * (far[:3, 3] - reach.shoulder) / np.linalg.norm(far[:3, 3] - reach.shoulder)
+    assert reach.beyond_m(solver.T_frame_hand, far) > 0.0
+    without_lanes = solver.seeds._replace(lanes=None)  # type: ignore[arg-type]
+    assert solve(solver.chain, solver.T_frame_hand, without_lanes, far, solver.near).shape == (0, len(solver.near))
 
 
 def test_out_of_reach_is_no_solution(solver: Solver) -> None:

@@ -8,7 +8,8 @@ round for turned ones, and for all pitches between those of a diagonal approach;
 
 Whatever meets nothing with more room is looked at in the cabinet as it is, too: a hand that meets nothing there either is one to pick with,
 though it stands between all that are sampled otherwise. Expensive is a gap that is just too narrow all along a finger: all hands in it meet
-nothing till little room is left. So no more than most_between are looked at for an object, and then nothing is said.
+nothing till little room is left. So no more than most_between are looked at for an object, and then nothing is said; nor are more hands
+looked at first, once too many of them meet nothing for that.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from planning.relaxed_plan import Names
 from planning.verdict import judge_hold
 
 AT_ONCE = 128  # so many hands are looked at together
-MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 1_000
+MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 400
 """So many hands between those of the first level are looked at for one object; with an arm of more than six joints, for each of whose hands
 many solutions are looked for, the second: 10,000 would take it many minutes, and proofs that come out look at a hundred."""
 
@@ -49,6 +50,7 @@ class HandSubdivision:
     def __init__(self, robot: Robot, scene: Scene, settings: MotionSettings, cell: Workcell) -> None:
         self.robot, self.scene, self.settings, self.cell_as_it_is = robot, scene, settings, cell
         self.picking = replace(THOROUGH, ik=ik_for_proofs(cell.arm))
+        self.closer = [THOROUGH.ik, self.picking.ik] if cell.arm.redundant else [self.picking.ik]  # most are found by few starts
         self.most_between = MOST_OF_REDUNDANT if cell.arm.redundant else MOST_BETWEEN
         opening = robot.opening
         self._between_pitches = not (cell.arm.few_joints or opening.cup_m or opening.round_only)  # as hands on a line of pads are
@@ -114,10 +116,11 @@ class SubdivisionView:
 
         def batches() -> Iterator[tuple[list[Grasp], int, Levels]]:
             """What is looked at next, and its level."""
-            nonlocal between
+            nonlocal between, closed
             for coarse, levels in self.look.first_hands(name, self.poses[name]):
-                while hands := list(islice(coarse, AT_ONCE)):
+                while closed and (hands := list(islice(coarse, AT_ONCE))):
                     yield hands, 0, levels
+                    closed = 2 * len(queue) <= self.look.most_between  # each is divided into two at least
             while queue and between < self.look.most_between:
                 _, level, _, hand, levels = heappop(queue)
                 hands = list(self._divided(name, hand, levels[level]))
@@ -137,13 +140,13 @@ class SubdivisionView:
     def _open(self, hands: Sequence[Grasp], level: int, levels: Levels, name: str, standing: Names) -> list[tuple[Grasp, int]]:
         """Which of some hands meet nothing and may hold the object, with the room of their level, and the finest level at which each still
         does; that is the number of levels for one that takes the object without more room."""
-        found, left, here = list[tuple[Grasp, int]](), list(hands), self._here(name, standing)
+        found, left = list[tuple[Grasp, int]](), list(hands)
         for finer in range(level, len(levels)):
             if not left:
                 return found
             cell, lacks_m = self.look.cell(levels[finer].room_m), levels[finer].lacks_m
             near = [hand for hand in left if finer == 0 or self._lacks_m(name, hand) <= lacks_m]  # those of level 0 are sampled so
-            still = self._meet_nothing(cell, approachable(cell, near, here, self.look.picking.ik), name, standing)
+            still = self._meet_nothing(cell, near, name, standing)
             if finer > level:
                 found += [(hand, finer - 1) for hand in left if not any(hand is other for other in still)]
             left = still
@@ -151,10 +154,12 @@ class SubdivisionView:
 
     def _meet_nothing(self, cell: Workcell, hands: Sequence[Grasp], name: str, standing: Names) -> list[Grasp]:
         """Those of some hands to which a whole way leads."""
-        if not hands:
-            return []
-        among = Obstruction(cell, lambda *_: hands, ik=self.look.picking.ik)
-        return [hands[i] for i in among.at(self.poses).open_grasps(name, standing)]
+        left, open_at = approachable(cell, hands, self._here(name, standing), self.look.closer), set[int]()
+        for ik in self.look.closer:
+            among = Obstruction(cell, lambda *_, left=tuple(left): left, ik=ik).at(self.poses)
+            open_at |= {id(left[i]) for i in among.open_grasps(name, standing)}
+            left = [hand for hand in left if id(hand) not in open_at]
+        return [hand for hand in hands if id(hand) in open_at]
 
     def _lacks_m(self, name: str, hand: Grasp) -> float:
         """How far a hand is from holding an object, at least."""

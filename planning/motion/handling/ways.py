@@ -14,6 +14,7 @@ import numpy as np
 
 from kinematics.chain import Int
 from kinematics.collision.edge_problem import Problem
+from kinematics.inverse import may_reach
 from kinematics.scene import Grasp
 from kinematics.transforms import Array, inverse
 from planning.grasping.finger_grasps import open_width
@@ -114,21 +115,20 @@ def rounded_width(width_m: float) -> float:
     return round(width_m, 6)
 
 
-def approachable(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], ik: IkSearch) -> list[Grasp]:
+def approachable(cell: Workcell, grasps: Sequence[Grasp], poses: Mapping[str, Array], closer: Sequence[IkSearch]) -> list[Grasp]:
     """Those of some grasps that can be approached: walls and objects at poses, what is to be grasped among them, leave the open hand and
-    the arm a way in. Judged as ways are one by one, but for many grasps of which hardly any can be. ik: how closely the arm's solutions are
-    sought."""
+    the arm a way in. Judged as ways are one by one, but for many grasps of which hardly any can be. closer: how closely the arm's solutions
+    are sought, where it was in vain more closely."""
     widths = np.array([rounded_width(grasp.width_m) for grasp in grasps])
-    hands = np.array([cell.robot.opening.beside(grasp.T_world_hand) for grasp in grasps])
-    free = np.zeros(len(grasps), np.bool_)
-    for width in np.unique(widths):
-        of_width = np.flatnonzero(widths == width)
+    hands = np.array([cell.robot.opening.beside(grasp.T_world_hand) for grasp in grasps]).reshape(-1, 4, 4)
+    near, free = may_reach(cell.arm.chain, cell.arm.T_frame_hand, cell.arm.seeds, hands), np.zeros(len(grasps), np.bool_)
+    for width in np.unique(widths[near]):
+        of_width = np.flatnonzero(near & (widths == width))
         *_, hand_open = open_hand(cell, float(width), poses)
         by_hand = np.empty(len(of_width), np.bool_)
         reaching.hands_way_in(cell.hand, hand_open.task, hands[of_width], cell.memory, by_hand)
         for i in of_width[by_hand]:
-            solutions = cell.ik(hands[i], ik, kept=False)
-            free[i] = len(ways_in(cell, hand_open, hands[i], solutions)[0]) > 0
+            free[i] = any(len(ways_in(cell, hand_open, hands[i], cell.ik(hands[i], ik, kept=False))[0]) for ik in closer)
         cell.forget()
     return [grasp for grasp, may in zip(grasps, free) if may]
 

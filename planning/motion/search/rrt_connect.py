@@ -37,7 +37,8 @@ class RRTConnectSettings:
     steps, of the domain that a node gets when it first fails; it shrinks and grows by 30 % down to a tenth of this.
     pulls_at: iteration from which on the hand is pulled out of the roots, once each way; pulls: in a row, at most. stuck: a tree with more
     nodes than that, roots aside, finds its way without pulls; pulled: how many starts, and how many goals, are pulled out of, the nearest.
-    far_from: iteration from which on an extension makes as many steps as are free, not one.
+    far_from: iteration from which on an extension makes as many steps as are free, not one. balanced_from: iteration from which on the
+    larger tree hardly grows any more: a search that lasts is for what is hidden where the smaller one is.
     """
 
     step: float = 0.04
@@ -49,6 +50,7 @@ class RRTConnectSettings:
     stuck: int = 8
     pulled: int = 4
     far_from: int = 150
+    balanced_from: int = 3000
 
     @cached_property
     def packed(self) -> GrowthSettings:

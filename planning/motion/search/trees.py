@@ -47,6 +47,7 @@ class GrowthSettings(NamedTuple):
     stuck: int
     pulled: int
     far_from: int
+    balanced_from: int
 
 
 @jit_inline
@@ -173,7 +174,7 @@ def _grow(task: Task, trees: Trees, s: GrowthSettings, iterations: int, memory: 
             here = _pull(task, trees, side, root, (turn - s.pulls_at) % WAYS, s.pulls, memory)
         else:
             side = turn % 2
-            if turn % 4 != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
+            if turn % (4 if turn < s.balanced_from else 64) != 0 and max(size[0], size[1]) > 2 * min(size[0], size[1]):
                 side = 0 if size[0] < size[1] else 1  # balance
             _sample(trees, s, side, lower, upper, trees.work[0])
             if task.upright.limited:

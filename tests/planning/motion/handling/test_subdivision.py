@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +18,13 @@ from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, apply, rotation_about, transform
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import hand_points, level_hand
-from planning.motion.cell.workcell import QUICK_IK
-from planning.motion.handling import neighbourhoods
+from planning.motion.cell.workcell import QUICK_IK, IkSearch
+from planning.motion.handling import neighbourhoods, subdivision
 from planning.motion.handling.neighbourhoods import SQUARE, TURN_M
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.picking import Picking
 from planning.motion.handling.shrunk_scene import shrunk, thinnest_allowed_m
-from planning.motion.handling.subdivision import HandSubdivision
+from planning.motion.handling.subdivision import HandSubdivision, SubdivisionView
 from planning.motion.handling.ways import approachable
 from planning.motion.pick_place import Motions
 from planning.motion.search.reaching import APPROACH_M
@@ -88,7 +89,28 @@ def test_an_arm_for_which_each_hand_takes_long_is_asked_about_fewer(ur5e: Robot)
         finest = Motions(robot, generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), 5, 0)).finest
         assert finest is not None
         of_each.append(finest.most_between)
-    assert of_each == [10_000, 1_000]
+    assert of_each == [10_000, 400]
+
+
+def test_where_too_many_hands_of_the_first_level_are_open_no_more_are_looked_at(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    motions, asked = below_a_board(ur5e, 0.4408), [0]
+    assert motions.finest is not None
+    usual = SubdivisionView._open
+    monkeypatch.setattr(subdivision, "AT_ONCE", 8)
+
+    def counted(*args: Any) -> list[tuple[Grasp, int]]:
+        asked[-1] += len(args[1]) * (args[2] == 0)
+        return usual(*args)
+
+    monkeypatch.setattr(SubdivisionView, "_open", lambda *args: counted(*args))
+    look = motions.finest.at(motions.scene.poses())
+    assert look.access("box", frozenset()).closed
+    every = asked[-1]
+    asked[-1] = 0
+    monkeypatch.setattr(motions.finest, "most_between", 0)
+    access = look.access("box", frozenset())
+    assert (access.hand, access.closed, access.between) == (None, False, 0)
+    assert 0 < asked[-1] < every
 
 
 def ahead_of_it(hands: Iterable[Grasp]) -> Array:
@@ -150,12 +172,13 @@ def test_hands_judged_together_are_those_that_picks_judge_one_by_one(ur5e: Robot
         hands = list(islice(sampled_grasps(ur5e, scene, name, poses[name]), 0, 200, 5))
         for others in ({scene.target_name}, {*poses}):
             here = {other: T for other, T in poses.items() if other in {name, *others}}
-            together = approachable(cell, hands, here, QUICK_IK)
+            together = approachable(cell, hands, here, [IkSearch(1), QUICK_IK])
             for hand in hands:
                 picks, why = Picking(cell).picks_with([hand], here, cell.without(here, name), name, cell.home_arm)
                 let.append(any(hand is other for other in together))
                 assert let[-1] == bool(picks or why.stage in {"grasp", "lift"})
     assert 20 < sum(let) < len(let) - 20
+    assert approachable(cell, [], here, [QUICK_IK]) == []
 
 
 def test_hands_on_what_is_round_are_turned_less_where_walls_are_thin(ur5e: Robot) -> None:

@@ -39,9 +39,9 @@ from planning.relaxed_plan import Names
 from planning.verdict import judge_hold
 
 AT_ONCE = 128  # so many hands are looked at together
-MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 400
+MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 3_000
 """So many hands between those of the first level are looked at for one object; with an arm of more than six joints, for each of whose hands
-many solutions are looked for, the second: 10,000 would take it many minutes, and proofs that come out look at a hundred."""
+many solutions are looked for, the second, in a minute or two: proofs that come out look at up to 2,400."""
 
 
 class HandSubdivision:

@@ -89,7 +89,7 @@ def test_an_arm_for_which_each_hand_takes_long_is_asked_about_fewer(ur5e: Robot)
         finest = Motions(robot, generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), 5, 0)).finest
         assert finest is not None
         of_each.append(finest.most_between)
-    assert of_each == [10_000, 400]
+    assert of_each == [10_000, 3_000]
 
 
 def test_where_too_many_hands_of_the_first_level_are_open_no_more_are_looked_at(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 from kinematics.robots.files.urdf import read
 from kinematics.robots.limits import read_tables
-from perception.frames import _image
+from perception.calibration import read_calibration
+from perception.image_files import read_grey
 from perception.masks import read_json
 from planning.io.checked import parse_json
 from planning.io.grasp_files import _arrays
@@ -21,7 +22,7 @@ POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 16112
 
 
 def as_image(file: Path) -> object:
-    return _image(file, None)
+    return read_grey(file, None)
 
 
 def as_spec(file: Path) -> object:
@@ -38,6 +39,7 @@ def as_line(file: Path) -> object:
         ("cell.yaml", _read_yaml),
         ("0.png", as_image),
         ("scene_camera.json", read_json),
+        ("camera_info.yaml", read_calibration),
         ("arm.urdf", read),
         ("arm.urdf.xacro", read),
         ("limits.toml", read_tables),

@@ -28,9 +28,9 @@ def has_effect(coefficients: Sequence[float]) -> bool:
 
 def distorted(x: Array, y: Array, coefficients: Sequence[float]) -> tuple[Array, Array]:
     """Where rays x, y (...), z = 1, meet the image plane z = 1 behind a lens of these coefficients."""
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = _twelve(coefficients)
+    _, _, p1, p2, *_, s1, s2, s3, s4 = _twelve(coefficients)
     r2 = x * x + y * y
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    radial = _radial(r2, coefficients)
     along, across = 2 * x * y, r2 + 2 * x * x
     down = r2 + 2 * y * y
     return (
@@ -65,11 +65,14 @@ def _twelve(coefficients: Sequence[float]) -> Array:
     return np.append(np.asarray(coefficients, float)[:12], np.zeros(12))[:12]
 
 
+def _radial(r2: Array, coefficients: Sequence[float]) -> Array:
+    """How many times further from the middle rays of a radius's square r2 (...) meet the image, by the radial part alone."""
+    k1, k2, _, _, k3, k4, k5, k6, *_ = _twelve(coefficients)
+    return np.asarray((1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))))
+
+
 def _turning_back(most: float, coefficients: Sequence[float]) -> float:
     """The radius, at z = 1, from which on the radial part leads inwards again; infinite when it does not before `most`."""
     r = np.linspace(0.0, 1.01 * most, STEPS)
-    k1, k2, _, _, k3, k4, k5, k6, *_ = _twelve(coefficients)
-    r2 = r * r
-    image = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    back = np.flatnonzero(np.diff(image) <= 0)
+    back = np.flatnonzero(np.diff(r * _radial(r * r, coefficients)) <= 0)
     return float(r[back[0]]) if len(back) else np.inf

@@ -170,9 +170,9 @@ class Unsolvable:
         if len(self.stuck) == 1:
             return why or f"{self.stuck[0]} can't be picked, even with nothing but the target beside it"
         names = ", ".join(self.stuck)
-        return (
-            f"none of {names} can be {f'moved while the others of them stand: {why}' if why else 'picked while the others of them stand'}"
-        )
+        if why:
+            return f"none of {names} can be moved while the others of them stand: {why}"
+        return f"none of {names} can be picked while the others of them stand"
 
 
 @dataclass(frozen=True)

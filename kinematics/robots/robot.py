@@ -29,8 +29,8 @@ class Robot:
     joints left out; lower, upper (J,): limits, in rad or m, infinite where a joint is continuous; limits: those of its speed.
     arm_joints: indices of those between base and hand, in order; gripper_joint: index of the one that opens the hand.
     grip_force_N: how hard the gripper is told to close on an object, and most_grip_force_N: how hard it can by its data sheet; None where
-    that is not known. notes: what of its description was
-    left out, changed or could not be done well, a line each. grip: how the hand of a URDF of one's own closes, None of a named robot.
+    that is not known. notes: what of its description was left out, changed or could not be done well, a line each. grip: how the hand of a
+    URDF of one's own closes, None of a named robot.
     skip: pairs of links that are neighbours or always touch. fingers: links that the gripper joint moves; pads: those of them that close on
     an object.
     """

@@ -1,4 +1,4 @@
-"""What to do: scenes, grasps, motions, policies, and the retrieval loop that joins them; in five functions, `planning.library`."""
+"""What to do: scenes, grasps, motions, policies, and the retrieval loop that joins them; in a few functions, `planning.library`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from kinematics.lazy_imports import lazily
 
 if TYPE_CHECKING:
-    from planning.library import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans
+    from planning.library import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans, write_scenes
     from planning.motion.pick_place import Motions
     from planning.plan import Blocked, Motion, Move, Plan
     from planning.policies import POLICIES, make_policy
@@ -34,6 +34,7 @@ __all__ = [
     "retrieve",
     "verify_plan",
     "write_plans",
+    "write_scenes",
 ]
 
 _WHERE = {
@@ -55,6 +56,7 @@ _WHERE = {
     "retrieve": "planning.retrieval",
     "verify_plan": "planning.library",
     "write_plans": "planning.library",
+    "write_scenes": "planning.library",
 }
 
 __getattr__ = lazily(__name__, _WHERE)

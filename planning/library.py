@@ -1,4 +1,4 @@
-"""The library in five functions: read scenes, load a robot, plan, verify, write. `import planning` offers them.
+"""The library in a few functions: read scenes, load a robot, plan, verify, write. `import planning` offers them.
 
 from planning import plan_scene, read_scenes, verify_plan
 
@@ -21,7 +21,7 @@ from kinematics.scene import Scene
 from perception.observation import is_seen
 from planning.conclusion import failed, judged_again
 from planning.io import files
-from planning.io.results import plan_writer
+from planning.io.results import plan_writer, scene_writer
 from planning.learning.networks.model import Model, ships
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.settings import DEFAULTS, MotionSettings
@@ -55,6 +55,13 @@ def read_scenes(file: str | Path) -> Iterator[Scene]:
 def read_plans(file: str | Path) -> Iterator[Plan]:
     """The plans of a JSON Lines file. Raises: InputError with line and field of what is wrong."""
     return (plan for _, plan in files.read_plans(Path(file)))
+
+
+def write_scenes(scenes: Iterable[Scene], file: str | Path) -> None:
+    """Write scenes as JSON Lines, like `write_plans`; paths of meshes and URDFs in them are written as from the file's folder."""
+    with scene_writer(Path(file)) as write:
+        for scene in scenes:
+            write(scene)
 
 
 def write_plans(plans: Iterable[Plan], file: str | Path) -> None:

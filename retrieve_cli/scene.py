@@ -197,7 +197,7 @@ def _describe(where: str, scene: Scene) -> None:
     from kinematics.transforms import inverse
 
     size = " × ".join(f"{v:g}" for v in scene.cabinet.size_m)
-    say(f"{where}: scene {scene.id}: cabinet {size} m, robot {scene.robot.name or scene.robot.urdf}, target {scene.target}")
+    say(f"{where}: {scene.id!r}, a cabinet of {size} m, robot {scene.robot.name or scene.robot.urdf}, target {scene.target}")
     for kind, bodies in (("object", scene.objects), ("obstacle", scene.obstacles)):
         for body in bodies:
             box = object_box(body)

@@ -18,11 +18,11 @@ from kinematics.robots.derive import derive, fingerprint
 from kinematics.robots.files import urdf
 from kinematics.robots.hands.measured import measure_once
 from kinematics.robots.hands.suction import VALVE, measure_cup
-from kinematics.robots.limits import joint_limits
+from kinematics.robots.limits import joint_limits, too_fast
 from kinematics.robots.named import named_robots
 from kinematics.robots.robot import Robot
 from kinematics.robots.selfcheck import check_kinematics
-from kinematics.robots.tree import FIXED, LinkHull, Tree
+from kinematics.robots.tree import FIXED, TURNS, LinkHull, Tree
 from kinematics.scene import WALLS
 from kinematics.transforms import Array
 
@@ -115,6 +115,8 @@ def _robot(
     rest[g] = opening.value[-1]
     skip = frozenset(frozenset((str(a), str(b))) for a, b in data["skip"])
     limits = joint_limits(etree.fromstring(text), joints, arm, g, sheet)
+    turning = [j for j in arm if any(tree.kind[i] == TURNS and tree.q_index[i] == j for i in range(len(tree.names)))]
+    notes = (*notes, *too_fast([joints[j] for j in turning], limits.velocity[turning]))
     return Robot(
         name, title, text, joints, lower, upper, limits, tuple(arm), g, rest, tree, tuple(hulls), skip, fingers, pads, opening, base_p,
         has_camera=any(h.link == "camera" for h in hulls),

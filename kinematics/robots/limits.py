@@ -26,6 +26,8 @@ GRIPPER_ACCELERATION_S = 0.1
 GRIPPER_JERK_S = 0.05
 VELOCITY = 1.0
 """Assumed where a URDF gives none, rad/s or m/s."""
+FASTEST = 20.0
+"""rad/s: no joint of an arm turns faster, and who says so means degrees, mostly."""
 KINDS = ("velocity", "acceleration", "jerk")
 ALL = "all"
 LEAST, MOST = 1e-3, 1e6
@@ -67,6 +69,16 @@ def joint_limits(
         if sheet and kind in sheet.get("gripper", {}):
             values[kind][gripper] = sheet["gripper"][kind]
     return _completed(joints, gripper, values, str(sheet["source"]) if sheet else "the URDF")
+
+
+def too_fast(joints: Sequence[str], velocity: Array) -> tuple[str, ...]:
+    """A note on an arm's joints that turn faster (A,), rad/s, than any arm's: they are taken as they are, and may be meant in degrees."""
+    fast = [f"{name} {v:g} rad/s" for name, v in zip(joints, velocity) if v > FASTEST]
+    if not fast:
+        return ()
+    most = float(velocity.max())
+    inner = f"are they in degrees a second? Then {most:g} is {np.radians(most):.3g}: say so in the URDF, or with --limits FILE"
+    return (f"joints that turn very fast by its URDF ({', '.join(fast)}); {inner}",)
 
 
 def read_tables(file: Path) -> dict[str, Any]:

@@ -112,14 +112,14 @@ def _opened(first: Motion) -> list[Step]:
 
 def check_count(steps: Sequence[Step], count: int, to: str) -> None:
     """Raises: InputError for an arm of another number of joints; where the plan moves as many, for another arm stands still, it says how
-    these alone are written."""
+    these alone are written, or else which other forms do."""
     arm = [step for step in steps if isinstance(step, ArmStep)]
     joints = arm[0].joints if arm else ()
     if not arm or len(joints) == count:
         return
     moved = [name for i, name in enumerate(joints) if any(np.ptp(step.q[:, i]) > STILL for step in arm)]
-    hint = f": --joints {','.join(moved)} writes those that it moves" if len(moved) == count else ""
-    raise InputError(f"export: --to {to} is for arms with {count} joints, and this plan has {len(joints)}{hint}")
+    mend = f"--joints {','.join(moved)} writes those that it moves" if len(moved) == count else "--to ros2, csv and npz take any number"
+    raise InputError(f"export: --to {to} is for arms with {count} joints, and this plan has {len(joints)}: {mend}")
 
 
 def _check_joined(plan: Plan) -> None:

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 import planning
-from planning import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans
+from planning import load_robot, plan_scene, read_plans, read_scenes, verify_plan, write_plans, write_scenes
+from planning.io.scene_documents import scene_to_json
 from planning.motion.cell.workcell import Workcell
 from retrieve_cli.__main__ import main
 
@@ -47,6 +48,12 @@ def test_a_scene_is_planned_and_verified_as_the_command_line_does(tmp_path: Path
     ours, theirs = (next(read_plans(tmp_path / f"{who}.jsonl")) for who in ("ours", "theirs"))
     assert [m.q.tolist() for m in ours.motions] == [m.q.tolist() for m in theirs.motions]
     assert load_robot("ur5e").joint_names == ours.motions[0].joint_names
+
+
+def test_scenes_are_written_as_they_were_read(tmp_path: Path) -> None:
+    write_scenes(read_scenes(TRIAL), tmp_path / "ours.jsonl")
+    written, read = (list(read_scenes(file)) for file in (tmp_path / "ours.jsonl", TRIAL))
+    assert [scene_to_json(scene) for scene in written] == [scene_to_json(scene) for scene in read]
 
 
 @pytest.mark.parametrize("policy", ["neural", "random"])

@@ -119,6 +119,12 @@ def test_scenes_of_meshes_that_find_no_room_are_told_and_the_others_made(
     assert err.splitlines()[-1].endswith("1 of 2 meshes fit")
 
 
+def test_what_was_made_is_said_with_its_name(retrieve: Callable[..., Spoken]) -> None:
+    _, out, err = retrieve("scene", "--object", "can:0.03x0.12@0.5,0", "--no-grasp")
+    assert [line["id"] for line in lines(out)] == ["scene"]
+    assert "scene: 'scene', a cabinet of 0.56 × 0.86 × 0.5 m, robot ur5e, target can\n" in err
+
+
 def test_wrong_words_are_one_line(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_text("objcts: []\n")
     for args, says in (

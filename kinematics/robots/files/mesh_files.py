@@ -24,9 +24,14 @@ def find_mesh(name: str, urdf: Path) -> Path:
         found = _in_package(package, rest, urdf)
         if found is None:
             paths = [variable for variable in SEARCH_PATHS if os.environ.get(variable)]
-            where = f"the folders above {urdf.parent}" + (f", and {', '.join(paths)}" if paths else f" ({SEARCH_PATHS[0]} is not set)")
+            where = ", and ".join([f"the folders above {urdf.parent.absolute()}", *paths])
             home = find_package(package, urdf)
-            raise FileNotFoundError(f"{rest} of the package {package!r}: looked in {where}{'' if home is None else _spelt(home / rest)}")
+            mend = (
+                f"; put the package's folder beside the URDF, or the one that holds it on {SEARCH_PATHS[0]}"
+                if home is None
+                else _spelt(home / rest)
+            )
+            raise FileNotFoundError(f"{rest} of the package {package!r}: looked in {where}{mend}")
         return found
     plain = unquote(name.removeprefix("file:").removeprefix("//")) if name.startswith("file:") else name
     path = (urdf.parent / plain).resolve()

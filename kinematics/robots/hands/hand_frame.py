@@ -7,7 +7,7 @@ import numpy as np
 from kinematics.robots.hands.find_gripper import THREE, Motors, rigid
 from kinematics.robots.hands.hand_model import Model, NoGripper
 from kinematics.robots.hands.hull_sections import cross_section
-from kinematics.robots.tree import FIXED, SLIDES
+from kinematics.robots.tree import FIXED, SLIDES, TURNS
 from kinematics.transforms import Array, inverse, transform
 
 PAD_M, PAD_SHARE = 0.015, 0.35
@@ -19,6 +19,9 @@ TOWARD, NEARLY = np.cos(np.radians(60)), 0.7
 fingers reach furthest beyond the palm, if along none that is nearer they reach so large a share of that."""
 FLAT = np.cos(np.radians(3))
 LEAST_M = 0.003
+UPPER_M, ROUND = 0.02, 5.5
+"""A hand that reaches so much further (m) to one side, square to the way that two fingers close, is held with that side up (its camera,
+mostly) if the last joint turns it so far (rad)."""
 HOOK_M = 0.002
 """So much of a fixed jaw's tip may stand before its face: more is a hook, past which nothing comes in along that face."""
 
@@ -32,7 +35,18 @@ def hand_frame(model: Model, motors: Motors) -> Array:
     z = _approach(model, motors, y, half)
     R = np.stack([np.cross(y, z), y, z], -1)
     p = _between(model, motors, R, half)
-    return transform(R, p)
+    return transform(R * [-1.0, -1.0, 1.0] if _is_upside_down(model, motors, R, p) else R, p)
+
+
+def _is_upside_down(model: Model, motors: Motors, R: Array, p: Array) -> bool:
+    """Whether the hand reaches further to where x leads from than to where it leads, which is up as things are held, and the arm can turn
+    it round; of two fingers, which are alike: which of them is the first is the URDF's order."""
+    wrist = motors.palm
+    if len(motors.branches) != 2 or model.tree.kind[wrist] != TURNS or abs(model.tree.axis[wrist] @ R[:, 2]) < SNAP:
+        return False
+    joint = int(model.tree.q_index[wrist])
+    x = (model.points(rigid(model, wrist), model.rest, wrist) - p) @ R[:, 0]
+    return bool(model.upper[joint] - model.lower[joint] > ROUND) and len(x) > 0 and -float(x.min()) > float(x.max()) + UPPER_M
 
 
 def _at(model: Model, motors: Motors, opening: float) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kinematics.robots.limits import ACCELERATION_S, GRIPPER_ACCELERATION_S, GRIPPER_JERK_S, JERK_S, VELOCITY, read_limits
-from kinematics.robots.load import load
+from kinematics.robots.load import forget, load
 from kinematics.robots.robot import Robot
 
 JOINTS = ("turn", "up", "out", "grip")
@@ -40,6 +40,21 @@ def test_what_a_urdf_lacks_is_assumed_and_said(toy_urdf: Callable[..., Path]) ->
     assert np.allclose(toy.jerk, toy.acceleration / ([JERK_S] * 3 + [GRIPPER_JERK_S]))
     said = "velocity of up, out: 1 rad/s or m/s; acceleration of every joint: full speed in 0.35 s (grip 0.1 s); jerk of "
     assert toy.limits.assumed.startswith(said)
+
+
+def test_joints_that_turn_faster_than_any_arms_are_asked_about(toy_urdf: Callable[..., Path]) -> None:
+    """As they are in degrees; what slides is not."""
+
+    def notes(*changes: tuple[str, str]) -> tuple[str, ...]:
+        forget()
+        return load(str(toy_urdf(*changes)), "tcp", "grip").notes
+
+    assert notes() == ()
+    (note,) = notes((' velocity="2"', ' velocity="180"'))
+    assert note.startswith(
+        "joints that turn very fast by its URDF (turn 180 rad/s); are they in degrees a second? Then 180 is 3.14: say so"
+    )
+    assert notes((' velocity="0.5"', ' velocity="50"')) == ()
 
 
 def test_a_file_replaces_what_it_names(toy_urdf: Callable[..., Path], tmp_path: Path) -> None:

@@ -327,7 +327,9 @@ def test_a_missing_visual_mesh_is_noted_and_a_missing_collision_mesh_an_error(tm
     assert drawn.find("geometry/box").get("size") == "0.1 0.1 0.1", "its collision geometry"
     with pytest.raises(ValueError, match=rf"link 'tip' names the mesh nice.stl, which does not exist: {tmp_path}/nice.stl$"):
         read(tmp_path, arm('<mesh filename="nice.stl"/>'))
-    with pytest.raises(ValueError, match=r"meshes/x.stl of the package 'p': looked in the folders above"):
+    with pytest.raises(
+        ValueError, match=rf"meshes/x.stl of the package 'p': looked in the folders above {tmp_path}; put the package's folder "
+    ):
         read(tmp_path, arm('<mesh filename="package://p/meshes/x.stl"/>'))
 
 

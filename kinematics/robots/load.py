@@ -184,7 +184,7 @@ def _grip(
 ) -> Grip:
     """How the hand of a URDF of one's own closes: from the cache, or found out."""
     text = urdf.to_string(root)
-    name_in_cache = "grip-20-" + cache.key(CACHE_VERSION, text, *stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
+    name_in_cache = "grip-21-" + cache.key(CACHE_VERSION, text, *stamps(root), repr((hand_frame, named)), T_link_hand.tobytes())
     if (data := cache.load(name_in_cache)) is not None:
         return grip_from_arrays(data)
     if on_step:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from perception.camera import realsense_d435i
 from planning.motion.cell.arm import arm_at
 from planning.motion.pick_place import Motions
 from planning.scenes.fitting.fit import fit
+from planning.scenes.fitting.trials import Tried
 from planning.scenes.generation import NoScene, load_spec
 from planning.sensing.reachable_views import views_from
 from retrieve_cli.__main__ import main
@@ -284,6 +286,16 @@ def test_why_no_cabinet_fits(toy_urdf: Callable[..., Path], monkeypatch: pytest.
     for name, remedy in (("paper", "level: --spec paper-any lets it from above and aslant, too$"), ("paper-any", r"at most( \(.*\))?$")):
         with pytest.raises(NoScene, match=remedy):
             fit(load_spec(name), arm, robot_ref(arm, None))
+
+
+def test_what_is_in_the_way_is_told_of_objects_as_wide_as_the_hand_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not of slimmer ones, on which a cup finds no room."""
+    arm, tried = load(str(OWN)), chain(["l4 touches back"], repeat("no grasp fits"))
+    held = chain(["the palm is in the way"], repeat(None))
+    monkeypatch.setattr("planning.scenes.fitting.fit.not_held", lambda *_, **__: next(held))
+    monkeypatch.setattr("planning.scenes.fitting.fit._best_of", lambda _, spec, *__: Tried(spec, 0.0, None, next(tried)))
+    with pytest.raises(NoScene, match=r"at most \(l4 touches back\)"):
+        fit(load_spec("paper"), arm, robot_ref(arm, None))
 
 
 def test_a_narrow_gripper_gets_smaller_objects_and_a_smaller_cabinet(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kinematics.robots.hands.hand_model import Branch, Model, NoGripper
-from kinematics.robots.hands.three_fingers import closing_motors, in_two_sides
+from kinematics.robots.hands.three_fingers import are_three, closing_motors, in_two_sides
 from kinematics.robots.tree import SLIDES
 from kinematics.transforms import Array, inverse
 
@@ -200,6 +200,9 @@ def drives(model: Model, palm: int, named: Sequence[int] = ()) -> Iterator[Motor
     if len(branches) in (2, 3) and len(motors) >= 3:
         yield from _driven_apart(model, palm, branches, named)
         return
+    if len(motors) == 1 and len(branches) == 3 and are_three(model, palm, branches):
+        yield _closed_by(model, palm, branches, 3 * motors)
+        return
     bodies = _fingers(model, palm, branches, motors)
     if len(bodies) > 2 or len(motors) > 2:
         names = ", ".join(model.joints[j] for j in motors)
@@ -229,14 +232,14 @@ def _driven_apart(model: Model, palm: int, branches: tuple[Branch, ...], named: 
 
 
 def _closed_by(model: Model, palm: int, branches: tuple[Branch, ...], closing: list[int]) -> Motors:
-    """Fingers that are closed by one motor each; the others stand still."""
+    """Fingers that are closed by one motor each, which may be one and the same; the others stand still."""
     sides = in_two_sides(model, palm, branches, closing) if len(branches) == 3 else branches
     endless = [model.joints[j] for j in closing if not np.isfinite([model.lower[j], model.upper[j]]).all()]
     if endless:
         raise NoGripper(f"no gripper that can be used: its joint {endless[0]!r} has no limits, so it is never open or closed")
     others = tuple(j for branch in branches for j in model.motors(branch[0]) if j not in closing)
     kind = THREE if len(branches) == 3 else "two fingers"
-    return replace(_coupled(model, palm, closing, sides), kind=kind, frozen=others)
+    return replace(_coupled(model, palm, list(dict.fromkeys(closing)), sides), kind=kind, frozen=others)
 
 
 def _fingers(model: Model, palm: int, branches: tuple[tuple[int, ...], ...], motors: Sequence[int]) -> tuple[tuple[int, ...], ...]:

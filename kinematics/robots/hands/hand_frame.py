@@ -212,7 +212,7 @@ def _inner(model: Model, motors: Motors, R: Array, q: Array, x: float, z: float)
             T = back @ poses[model.tree.index[hull.link]]
             points = hull.vertices @ T[:3, :3].T + T[:3, 3]
             # of three fingers two stand beside the middle, where nothing crosses them
-            places = [x] if len(motors.followers) < 2 else np.linspace(points[:, 0].min(), points[:, 0].max(), 5)[1:-1]
+            places = [x] if motors.kind != THREE else np.linspace(points[:, 0].min(), points[:, 0].max(), 5)[1:-1]
             for place in places:
                 low, high = cross_section(points - [place, 0.0, 0.0], hull.faces, heights)
                 if np.isfinite(low).any():

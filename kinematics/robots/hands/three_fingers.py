@@ -10,10 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from kinematics.robots.hands.hand_model import Branch, Model, NoGripper
-from kinematics.transforms import Array
+from kinematics.robots.tree import SLIDES
+from kinematics.transforms import Array, inverse
 
 OPPOSED = 0.3
 """The others close so much against the thumb, at least: the cosine; fingers in a ring of three have 0.5."""
+PARALLEL, ASIDE_M = np.cos(np.radians(5)), 0.01
 LOOKS = 7
 
 
@@ -40,6 +42,18 @@ def _at(model: Model, motor: int, share: float) -> Array:
     low, high = (low, high) if np.isfinite([low, high]).all() else (-np.pi, np.pi)
     q[motor] = low + share * (high - low)
     return q
+
+
+def are_three(model: Model, palm: int, branches: Sequence[Branch]) -> bool:
+    """Whether three branches that one motor moves are fingers of their own. Links of a linkage turn, about axes that are parallel, and
+    stand at one place along them."""
+    roots = [branch[0] for branch in branches]
+    if any(model.tree.kind[i] == SLIDES for i in roots):
+        return True
+    poses = model.tree.poses(model.rest)
+    axes = np.array([(inverse(poses[palm]) @ poses[i])[:3, :3] @ model.tree.axis[i] for i in roots])
+    along = [float((model.points(branch, model.rest, palm) @ axes[0]).mean()) for branch in branches]
+    return bool(np.abs(axes @ axes[0]).min() < PARALLEL or np.ptp(along) > ASIDE_M)
 
 
 def in_two_sides(model: Model, palm: int, branches: Sequence[Branch], motors: Sequence[int]) -> tuple[Branch, Branch]:

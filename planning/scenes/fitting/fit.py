@@ -115,18 +115,20 @@ def fit(spec: Spec, robot: Robot, ref: RobotRef, on_step: Callable[[str], None] 
 def _slim_enough(
     places: Sequence[Place], spec: Spec, robot: Robot, ref: RobotRef, cup: bool, on_step: Callable[[str], None]
 ) -> tuple[Tried, float, str]:
-    """The best of some places with objects as slim as the hand needs them there, the share of their width, and else what is in the way."""
-    found, slimmer, why = Tried(spec, 0.0), 1.0, ""
+    """The best of some places with objects as slim as the hand needs them there, the share of their width, and else what is in the way: of
+    the widest that it holds, for slimmer ones a cup may be too wide."""
+    best, as_wide, why = Tried(spec, 0.0), 1.0, ""
     for slimmer in SLIMMER:
         slim = not_too_slim(slimmed(spec, slimmer), robot)
         if wrong := not_held(slim, robot, ref, boxes=cup):
-            why = wrong
+            why = why or wrong
             continue
         found = _best_of(places, slim, robot, ref, cup, on_step)
+        if found.share > best.share or not best.why:
+            best, as_wide, why = found, slimmer, found.why or why
         if found.share >= LEAST_SHARE:
             break
-        why = found.why or why
-    return found, slimmer, why
+    return best, as_wide, why
 
 
 def _best_of(places: Sequence[Place], spec: Spec, robot: Robot, ref: RobotRef, cup: bool, on_step: Callable[[str], None]) -> Tried:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -72,6 +73,15 @@ def spread() -> str:
     return out
 
 
+def as_one(hand: str) -> str:
+    """The same with one motor, the thumb's, that the others mimic; tips are fixed."""
+    rate = -1 if hand == hinged() else 1
+    for name in ("left", "right"):
+        at = hand.index("</joint>", hand.index(f'<joint name="f_{name}"'))
+        hand = f'{hand[:at]}<mimic joint="f_thumb" multiplier="{rate}"/>{hand[at:]}'
+    return re.sub(r'(<joint name="t_\w+" type=)"revolute"', r'\1"fixed"', hand)
+
+
 @pytest.fixture
 def robot(tmp_path: Path) -> Callable[..., Robot]:
     def make(hand: str, *args: object, **more: object) -> Robot:
@@ -101,6 +111,33 @@ def test_two_go_together_against_the_thumb(hand: str, robot: Callable[..., Robot
     named = robot(hand, gripper_joint="f_thumb").grip  # one of its joints says which hand, not that its finger is alone
     assert named is not None
     assert (named.kind, set(named.joints)) == ("three fingers", set(grip.joints))
+
+
+@pytest.mark.parametrize("hand", [sliding(), hinged()], ids=["sliding", "hinged"])
+def test_three_fingers_may_have_one_motor(hand: str, robot: Callable[..., Robot]) -> None:
+    """The frame and what the fingers leave free are as with three motors that go together."""
+    made = robot(as_one(hand))
+    assert made.grip is not None
+    assert (made.grip.kind, made.grip.joints) == ("three fingers", ("f_thumb",))
+    of_three = robot(hand)
+    T, want = (np.linalg.inv(poses["palm"]) @ poses["hand"] for r in (made, of_three) for poses in [r.link_poses(r.home)])
+    np.testing.assert_allclose(np.abs(T), np.abs(want), atol=1e-6)
+    assert made.opening.max_m == pytest.approx(of_three.opening.max_m, abs=1e-6)
+
+
+def test_the_links_of_one_fingers_linkage_are_no_fingers(robot: Callable[..., Robot]) -> None:
+    """Two bars that turn one behind the other, against a single one."""
+    links = ""
+    for name, y, z, side in (("outer", 0.03, 0.012, 1), ("inner", 0.022, 0.022, 1), ("other", -0.026, 0.012, -1)):
+        links += f'<link name="{name}">{box("0.02 0.008 0.07", f"0 {0.004 * side} 0.035")}</link>'
+        limits = (-0.6, 0.0) if side > 0 else (0.0, 0.6)
+        links += joint(f"f_{name}", "revolute", "palm", name, f"0 {y} {z}", "1 0 0", limits)
+    for name, rate in (("inner", 1), ("other", -1)):
+        at = links.index("</joint>", links.index(f'<joint name="f_{name}"'))
+        links = f'{links[:at]}<mimic joint="f_outer" multiplier="{rate}"/>{links[at:]}'
+    made = robot(links)
+    assert made.grip is not None
+    assert made.grip.kind == "two fingers"
 
 
 def test_a_motor_that_spreads_fingers_does_not_close_them(robot: Callable[..., Robot]) -> None:

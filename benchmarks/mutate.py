@@ -96,6 +96,7 @@ GROUPS = (
         _in("planning/motion/handling", "neighbourhoods", "shrunk_scene"),
         _in("tests/planning/motion/handling", "test_neighbourhoods", "test_shrunk_scene"),
     ),
+    Group(("planning/motion/cell/supports.py",), ("tests/planning/motion/cell/test_supports.py",)),
 )
 MODULES = {module: group for group in GROUPS for module in group.modules}
 

@@ -23,6 +23,7 @@ from planning.verdict.figures import (
     goal_faults,
     grasp_faults,
     hand_ways,
+    mass_faults,
     move_faults,
     stage_faults,
     stated_faults,
@@ -452,6 +453,27 @@ def test_stages_say_whether_something_is_held() -> None:
     assert len(stage_faults([course((0,), stage="lift"), course((0,), stage="lower")])) == 1  # the first is enough
     for stage in ("grasp", "release"):
         assert stage_faults([course((0,), stage=stage), course((0,), stage=stage, held=held)]) == []
+
+
+def test_what_is_carried_weighs_no_more_than_the_robot_may_lift() -> None:
+    """Each carry is asked, in its order; what stays where it is may weigh anything, and a mass or a payload that nobody tells is no fault."""
+
+    def said(payload_kg: float | None, *carried: str, **kg: float) -> list[Fault]:
+        at = scene()
+        objects = tuple(replace(b, mass_kg=kg.get(b.name)) for b in at.objects)
+        return mass_faults(
+            replace(at, robot=replace(at.robot, payload_kg=payload_kg), objects=objects),
+            ledger(*(carry(name, (0, 0, 0)) for name in carried)),
+        )
+
+    def heavy(name: str, kg: str) -> Fault:
+        return Fault("lift", (name,), f"{name} weighs {kg} kg, and the robot's payload is 0.5 kg")
+
+    assert said(0.5, "b", "a", a=0.501, b=2.0) == [heavy("b", "2"), heavy("a", "0.501")]
+    assert said(0.5, "b", a=2.0, b=0.5) == []
+    assert said(0.5, "b", "a", a=2.0) == [heavy("a", "2")]
+    assert said(None, "a", a=2.0) == []
+    assert said(0.5, a=2.0) == []
 
 
 def test_a_plan_does_not_contradict_itself() -> None:

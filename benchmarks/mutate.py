@@ -58,8 +58,8 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
 VERDICT = {
     "contact": "contact_by_hand start", "course": "course", "cup": "cup", "figures": "figures", "fingers": "fingers",
     "grasp": "grasp_by_hand grasp", "gripper": "gripper", "hand": "hand", "judge": "judge_by_hand", "ledger": "ledger",
-    "limits": "verdict_limits", "pads": "pads_by_hand", "pairs": "pairs",
-    "polygons": "polygons", "polyhedra": "polyhedra standing", "standing": "standing", "start": "start", "sweep": "sweep",
+    "limits": "verdict_limits", "pads": "pads_by_hand parts_over_a_pad", "pairs": "pairs",
+    "polygons": "polygons", "polyhedra": "polyhedra standing", "standing": "standing judge_by_hand", "start": "start", "sweep": "sweep",
     "__init__": "judge_by_hand",
     "faults": "figures gripper ledger judge_by_hand pads_by_hand cup contact_by_hand standing",
 }  # fmt: skip

@@ -214,7 +214,10 @@ class Session:
     def pytest_runtestloop(self, session: Any) -> bool:
         if session.testsfailed:
             raise ValueError(f"{session.testsfailed} test files can't be collected")
-        seen = [self._look(session, i) for i in range(len(session.items))]
+        seen = [self._look(item, following) for item, following in zip(session.items, [*session.items[1:], session])]
+        for i, first in enumerate(seen):
+            if first.seconds > SLOW_S:  # it may be the one that loaded what is compiled
+                seen[i] = self._look(session.items[i], session)
         self.tell(seen)
         whole = {m: unchanged(m) for m in self.modules}
         functions = _functions(self.files)
@@ -226,13 +229,12 @@ class Session:
                 self.tell((mutant.key, self._try(session, live, choose(seen, mutant, changed))))
         return True
 
-    def _look(self, session: Any, i: int) -> Seen:
-        """Run one test on the code as it is. Raises ValueError when it fails."""
-        item = session.items[i]
+    def _look(self, item: Any, following: Any) -> Seen:
+        """Run one test on the code as it is; what the following one shares with it is kept. Raises ValueError when it fails."""
         _forget(self.files)
         self.call_s, began = 0.0, process_time()
         with _tracing(self.files) as (lines, functions):
-            reports = _run(item, session.items[i + 1] if i + 1 < len(session.items) else session)
+            reports = _run(item, following)
         if any(r.failed for r in reports):
             raise ValueError(f"{item.nodeid} fails on the code as it is; mend it first")
         return Seen(item.nodeid, frozenset(lines), frozenset(functions), self.call_s, process_time() - began)

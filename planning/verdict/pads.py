@@ -48,7 +48,7 @@ def touch(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_bod
             break  # what is left is neither the nearest nor in the patch
         part = body[i].moved(T_face_body)
         near = nearest_in_window(part, pad.window)
-        if near is not None and part.vertices[:, 2].max() > 0:
+        if near is not None and part.high[2] > 0:
             seen.append((near[0], i, near[1], part))
             least = min(least, near[0])
     if not seen:
@@ -151,8 +151,7 @@ def beside(pad: Pad, T_frame_face: Array, body: Sequence[Polyhedron], T_frame_bo
     out = np.inf
     for part in (p.moved(T_frame_body) for p in body):
         beyond = float((points @ part.planes[:, :3].T - part.planes[:, 3]).max(1).min())
-        box_low, box_high = part.vertices.min(0), part.vertices.max(0)
-        apart = np.maximum(np.maximum(box_low - points, points - box_high), 0)
+        apart = np.maximum(np.maximum(part.low - points, points - part.high), 0)
         out = min(out, max(beyond, float(np.linalg.norm(apart, axis=1).min()), 0.0))
     return out
 

@@ -29,6 +29,16 @@ class Polyhedron:
     volume_m3: float
     centroid: Array
 
+    @cached_property
+    def low(self) -> Array:
+        """The lower corner (3,) of the box around it."""
+        return np.asarray(self.vertices.min(0))
+
+    @cached_property
+    def high(self) -> Array:
+        """The upper corner (3,) of the box around it."""
+        return np.asarray(self.vertices.max(0))
+
     def moved(self, T: Array) -> Polyhedron:
         """The same solid at pose T (4, 4)."""
         R, p = T[:3, :3], T[:3, 3]

@@ -58,6 +58,11 @@ def placed(name: str, shape: Shape, T_world_body: Array, cabinet: Cabinet) -> Pl
     return Placed(name, parts, points.min(0), points.max(0))
 
 
+def boxes_meet(a: Placed | Polyhedron, b: Placed | Polyhedron, within_m: float) -> bool:
+    """Whether the boxes around two bodies are no further apart than within_m along any axis: else the bodies are not, either."""
+    return bool((a.low <= b.high + within_m).all() and (b.low <= a.high + within_m).all())
+
+
 def stand(body: Placed, others: Iterable[Placed], cabinet: Cabinet, within_m: float) -> Stand:
     """What a body stands on, up to within_m above it or in it. others: all that may carry it besides the floor, in the same frame."""
     bottom, centre = float(body.low[2]), centre_of_mass(body.parts)[:2]
@@ -67,7 +72,7 @@ def stand(body: Placed, others: Iterable[Placed], cabinet: Cabinet, within_m: fl
         if polygons.contains(polygons.hull(corners[corners[:, 2] <= bottom + within_m, :2]), centre):
             return Stand(("floor",), bottom, 0.0)  # as nearly all do
     feet = polygons.hull(np.concatenate([section_below(p, bottom + within_m) for p in body.parts]))
-    near = [o for o in others if (o.low <= body.high + within_m).all() and (o.high >= body.low - within_m).all()]
+    near = [other for other in others if boxes_meet(body, other, within_m)]
     patches = [("floor", bottom, polygons.clip(feet, floor))] if abs(bottom) <= within_m else []
     for other in near:
         for part in other.parts:
@@ -130,7 +135,7 @@ def _leaning(body: Placed, near: Sequence[Placed], within_m: float) -> list[tupl
     for other in near:
         for a in body.parts:
             for b in other.parts:
-                if _boxes_meet(a, b, within_m) and (u := _direction(a, b, within_m)) is not None and not _lies_on(b, a, u, within_m):
+                if boxes_meet(a, b, within_m) and (u := _direction(a, b, within_m)) is not None and not _lies_on(b, a, u, within_m):
                     out.append((other.name, _common(a, b, u, within_m)))
     return out
 
@@ -139,12 +144,6 @@ def _lies_on(upper: Polyhedron, lower: Polyhedron, u: Array, within_m: float) ->
     """Whether a solid presses on another from above, where u (3,) leads from that to it; of solids that are deep in each other u says
     nothing."""
     return bool(u[2] > FROM_ABOVE and (lower.vertices @ u).max() - (upper.vertices @ u).min() <= within_m)
-
-
-def _boxes_meet(a: Polyhedron, b: Polyhedron, within_m: float) -> bool:
-    """Whether the boxes around two solids are no further apart than within_m along any axis: else the solids are not, either."""
-    reach = a.vertices.max(0) + within_m - b.vertices.min(0), b.vertices.max(0) + within_m - a.vertices.min(0)
-    return bool(min(float(side.min()) for side in reach) >= 0.0)
 
 
 def _direction(a: Polyhedron, b: Polyhedron, within_m: float) -> Array | None:

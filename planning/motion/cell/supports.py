@@ -11,12 +11,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kinematics.scene import Body, Scene
+from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, transform
 from planning.plan import Blocked
 from planning.verdict.faults import Settings
-from planning.verdict.standing import Placed, Stand, falls, placed, stand, stand_among
+from planning.verdict.standing import Placed, Stand, boxes_meet, falls, placed, stand, stand_among
 
 Names = frozenset[str]
 STRAIGHT = 1e-9  # of a cosine: what leans by no more stands as if it did not lean
@@ -27,8 +27,7 @@ class Supports:
 
     def __init__(self, scene: Scene, settings: Settings | None = None) -> None:
         self.scene, self.settings, self._first = scene, settings or Settings(), scene.poses()
-        T = inverse(scene.cabinet.T_world_cabinet)
-        raised = [b for b in scene.objects if not _alone_on_floor(scene, T, b, self.settings.stands_m)]
+        raised = [b for b in scene.objects if not _alone_on_floor(b, scene.cabinet, self.settings.stands_m)]
         self._placed = {b.name: placed(b.name, b.shape, b.T_world_body, scene.cabinet) for b in scene.objects} if raised else {}
         self._stands: dict[tuple[str, Names], Stand] = {}
         everything = frozenset(self._first)
@@ -45,7 +44,7 @@ class Supports:
         if not self._resting:
             return ()
         here = frozenset(n for n, T in poses.items() if np.array_equal(T, self._first[n]))
-        return tuple(upper for upper in self._resting if upper in here and name in here and self._bears(name, upper, here))
+        return tuple(upper for upper in self._resting if upper in here and self._bears(name, upper, here))
 
     def kept(self, name: str, poses: Mapping[str, Array]) -> Blocked | None:
         """Why an object at poses can't be moved as things are, though the hand may get to it; None where nothing speaks against it."""
@@ -83,9 +82,8 @@ class Supports:
 
     def _touchable(self, name: str) -> Names:
         """The other objects so near to one that it may rest on them."""
-        body, within = self._placed[name], self.settings.stands_m
-        others = (o for o in self._placed.values() if o.name != name)
-        return frozenset(o.name for o in others if (o.low <= body.high + within).all() and (o.high >= body.low - within).all())
+        body, others = self._placed[name], (o for o in self._placed.values() if o.name != name)
+        return frozenset(other.name for other in others if boxes_meet(body, other, self.settings.stands_m))
 
     def _on_the_floor(self, name: str) -> Stand:
         """How an object stands on the floor alone, put down as it is turned."""
@@ -96,11 +94,11 @@ class Supports:
         return stand(there, (), self.scene.cabinet, self.settings.stands_m)
 
 
-def _alone_on_floor(scene: Scene, T_cabinet_world: Array, body: Body, within_m: float) -> bool:
-    """Whether an object stands upright on the cabinet's floor, as nearly all do, by a look that is quick."""
+def _alone_on_floor(body: Body, cabinet: Cabinet, within_m: float) -> bool:
+    """Whether an object stands upright on a cabinet's floor, as nearly all do, by a look that is quick."""
     if isinstance(body.shape, ConvexMesh):
         return False
-    T, half, (depth, width, _) = T_cabinet_world @ body.T_world_body, body.shape.half, scene.cabinet.size_m
+    T, half, (depth, width, _) = inverse(cabinet.T_world_cabinet) @ body.T_world_body, body.shape.half, cabinet.size_m
     if abs(T[2, 2]) < 1 - STRAIGHT:
         return False
     (x, y, z), radius = T[:3, 3], np.hypot(half[0], half[1])

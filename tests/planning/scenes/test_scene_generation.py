@@ -120,7 +120,7 @@ def _rounded(value: Any) -> Any:
 
 
 def test_scenes_are_blocked_at_first_and_solvable_when_emptied(made: tuple[Spec, list[Scene]], ur5e: Robot) -> None:
-    """BroadPhaseResult with other random numbers than gen used."""
+    """Judged with other random numbers than gen used."""
     for scene in made[1]:
         cluttered = Motions(ur5e, scene)
         assert isinstance(cluttered.retrieve_target(cluttered.start(), np.random.default_rng(99)), Blocked), scene.id

@@ -456,7 +456,7 @@ def test_stages_say_whether_something_is_held() -> None:
 
 
 def test_what_is_carried_weighs_no_more_than_the_robot_may_lift() -> None:
-    """Each carry is asked, in its order; what stays where it is may weigh anything, and a mass or a payload that nobody tells is no fault."""
+    """Each carry is asked, in its order; what stays may weigh anything, and a mass or a payload that nobody tells is no fault."""
 
     def said(payload_kg: float | None, *carried: str, **kg: float) -> list[Fault]:
         at = scene()

@@ -149,6 +149,15 @@ def test_a_pads_face_looks_roughly_the_way_it_closes() -> None:
                     hand_of(toy_robot(links))
 
 
+def test_a_face_that_looks_more_than_75_degrees_away_is_a_fingers_side() -> None:
+    """Of a wedge whose edge points inward: its upper face may be told as the best one, and its lower one looks straight down."""
+    for degrees, told in ((74.6, ": the best one there looks 74.6° away from it"), (75.4, "")):
+        y, z = 0.05 * np.sin(np.radians(degrees)), 0.05 * np.cos(np.radians(degrees))
+        wedge = np.array([(x, *at) for x in (-0.011, 0.011) for at in ((0.0, 0.0), (y, z), (y, 0.0))])
+        with pytest.raises(ValueError, match=f"^{NO_FACE.format('[+]')}{told}$"):
+            hand_of(toy_robot({"left": wedge, "right": RIGHT}))
+
+
 @pytest.mark.parametrize(
     ("x", "z", "well"),
     [

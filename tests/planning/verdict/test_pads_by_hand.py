@@ -182,6 +182,27 @@ def test_two_faces_of_a_side_touch_together() -> None:
     assert np.ptp(found[1].patch[:, 0]) == pytest.approx(0.04)
 
 
+def test_of_two_faces_of_a_side_the_nearer_one_tells_the_gap() -> None:
+    """One is 0.4 mm further back, and still in the patch; one that is 2 mm further back is not."""
+    for back, span in ((0.0004, 0.04), (0.002, 0.02)):
+        faces = [transform(p=[-0.01, 0.0, -back]), transform(p=[0.01, 0.0, 0.0])]
+        for order in (faces, faces[::-1]):
+            found = touch_of([pad(1), pad(1)], order, box(0.1, 0.1, 0.1), transform(p=[0, 0, 0.053]))
+            assert found is not None
+            assert found[1].gap_m == pytest.approx(0.003)
+            assert np.ptp(found[1].patch[:, 0]) == pytest.approx(span)
+
+
+def test_pads_that_press_straight_at_each_other_do_not_slip_by_rounding() -> None:
+    """Unit vectors whose product is a little more than 1, as some of these are, have an angle of 0 between them."""
+    above = 0
+    for n in np.random.default_rng(0).normal(size=(100, 3)):
+        normal = n / np.linalg.norm(n)
+        above += bool(normal @ normal > 1)
+        assert slip_angle(spot(normal, *-normal), spot(-normal, *normal)) == pytest.approx(0.0, abs=1e-7)
+    assert above
+
+
 # --------------------------------------------------------------------------------------------------------------------------- how far beside
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kinematics.scene import Cabinet
+from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, Shape, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.verdict import standing
-from planning.verdict.standing import Placed, Stand, placed, stand
+from planning.verdict.standing import Placed, Stand, falls, placed, stand, stand_among
 
 CABINET = Cabinet(np.array([0.56, 0.86, 0.50]), transform(rotation_about((0, 0, 1), 0.4), [0.30, 0.1, 0.10]), 0.03)
 BOX, CAN = Box(np.array([0.06, 0.04, 0.10])), Cylinder(0.03, 0.12)
@@ -233,15 +233,70 @@ def test_only_what_is_near_along_every_axis_is_asked_about() -> None:
     for _ in range(300):
         T = transform(rotation_about((0, 0, 1), rng.uniform(0, 3)), rng.uniform(-0.13, 0.13, 3))
         b = a.moved(T)
-        meet = standing._boxes_meet(a, b, 0.001)
-        assert meet == standing._boxes_meet(b, a, 0.001)
+        meet = standing.boxes_meet(a, b, 0.001)
+        assert meet == standing.boxes_meet(b, a, 0.001)
         some += not meet
         if standing._direction(a, b, 0.001) is not None:
             assert meet
     assert 50 < some < 250
     for axis in np.eye(3):
-        assert standing._boxes_meet(a, a.moved(transform(p=0.1009 * axis)), 0.001)
-        assert not standing._boxes_meet(a, a.moved(transform(p=0.1011 * axis)), 0.001)
+        assert standing.boxes_meet(a, a.moved(transform(p=0.1009 * axis)), 0.001)
+        assert not standing.boxes_meet(a, a.moved(transform(p=0.1011 * axis)), 0.001)
+
+
+def test_boxes_that_are_just_so_far_apart_meet() -> None:
+    a, b = block(0.0, 0.0, 0.0, 1.0, 1.0, 1.0).parts[0], block(1.125, 0.0, 0.0, 1.0, 1.0, 1.0).parts[0]
+    assert standing.boxes_meet(a, b, 0.125)
+    assert standing.boxes_meet(b, a, 0.125)
+
+
+def test_what_lies_on_another_is_above_it_and_not_in_it() -> None:
+    """Askew by as much as a tenth of a direction's length it lies beside it; a millimetre deep it lies on it still."""
+    for up, above in ((1.0, True), (0.15, True), (0.1, False), (0.05, False), (-0.15, False)):
+        u = np.array([np.sqrt(1 - up**2), 0.0, up])
+        lower = block(0.0, 0.0, 0.0, 0.1, 0.1, 0.1).parts[0].moved(transform(np.stack([u, [0, 1, 0], np.cross(u, [0, 1, 0])], 1)))
+        for gap_m, lies in ((0.0009, above), (-0.0009, above), (-0.0011, False), (-0.02, False)):
+            assert standing._lies_on(lower.moved(transform(p=(0.1 + gap_m) * u)), lower, u, 0.001) is lies, (up, gap_m)
+    lower, upper = block(0.0, 0.0, 0.0, 0.5, 0.5, 0.5).parts[0], block(0.0, 0.0, 0.375, 0.5, 0.5, 0.5).parts[0]
+    assert standing._lies_on(upper, lower, np.array([0.0, 0.0, 1.0]), 0.125)
+
+
+def test_who_falls() -> None:
+    """Who is carried does not; nor does what stood beside its support from the start, unless it is further beside it, or in the air now."""
+    carried, air = Stand(("a",), 0.0, 0.0), Stand((), 0.2, np.inf)
+
+    def beside(off_m: float) -> Stand:
+        return Stand(("a",), 0.0, off_m)
+
+    cases = [
+        (carried, carried, False),
+        (carried, beside(0.01), False),
+        (carried, air, False),
+        (air, carried, True),
+        (air, air, True),
+        (beside(0.01), carried, True),
+        (beside(0.01), beside(0.01), False),
+        (beside(0.0109), beside(0.01), False),
+        (beside(0.0111), beside(0.01), True),
+    ]
+    for at, first, fallen in cases:
+        assert falls(at, first, 0.001) is fallen, (at, first)
+
+
+def test_walls_and_obstacles_carry_and_what_is_gone_does_not() -> None:
+    """A can on a table that nobody moves, on another object, and on itself alone; a board at the left wall."""
+    table = Body("table", Box(np.array([0.1, 0.1, 0.2])), CABINET.T_world_cabinet @ transform(p=[0.3, 0.0, 0.1]))
+    scene = Scene("stands", RobotRef(np.eye(4), "ur5e"), CABINET, (), None, None, obstacles=(table,))
+    low, can = put(BOX, transform(p=[0.3, 0.2, 0.05]), "low"), put(CAN, transform(p=[0.3, 0.2, 0.16]), "can")
+    high = put(CAN, transform(p=[0.3, 0.0, 0.26]), "high")
+    assert stand_among(high, (), scene, 0.001).on == ("table",)
+    assert stand_among(can, (low, can), scene, 0.001).on == ("low",)
+    assert stand_among(can, (can,), scene, 0.001).on == ()
+    assert stand_among(can, (can, put(BOX, transform(p=[0.3, 0.2, 0.05]), "can")), scene, 0.001).on == ()
+    lean = transform(rotation_about((1, 0, 0), -0.3))
+    board = put(Box(np.array([0.1, 0.01, 0.2])), lean)
+    board = put(Box(np.array([0.1, 0.01, 0.2])), transform(p=[0.3, 0.43 - board.high[1], -board.low[2]]) @ lean, "board")
+    assert set(stand_among(board, (), scene, 0.001).on) == {"floor", "left"}
 
 
 def test_the_patch_in_which_two_touch() -> None:

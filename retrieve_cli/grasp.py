@@ -106,5 +106,5 @@ def looks(grasp: Grasp) -> str:
     if abs(down) > 89.5:
         along = round(float(np.degrees(np.arctan2(closing[1], closing[0])))) % 180
         return f"straight {'down' if down > 0 else 'up'}, its fingers close along yaw {along}°"
-    yaw = np.degrees(np.arctan2(ahead[1], ahead[0]))
-    return f"along yaw {yaw:.0f}°, {down:.0f}° down" if round(down) else f"along yaw {yaw:.0f}°, level"
+    yaw = round(float(np.degrees(np.arctan2(ahead[1], ahead[0]))))
+    return f"along yaw {yaw}°, {down:.0f}° down" if round(down) else f"along yaw {yaw}°, level"

@@ -253,6 +253,7 @@ def test_warm_up_is_for_robots_that_are_there(retrieve: Callable[..., Spoken], m
         ((0.0, 0.0, -1.0), (0.0, -1.0, 0.0), "straight down, its fingers close along yaw 90°"),
         ((0.0, 0.0, 1.0), (-1.0, -1e-9, 0.0), "straight up, its fingers close along yaw 0°"),
         ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), "along yaw -90°, level"),
+        ((1.0, -1e-9, 0.0), (0.0, -1.0, 0.0), "along yaw 0°, level"),
         ((0.5**0.5, 0.0, -(0.5**0.5)), (0.0, -1.0, 0.0), "along yaw 0°, 45° down"),
     ],
 )

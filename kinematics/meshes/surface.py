@@ -61,8 +61,10 @@ def read_surface(file: Path, scale: float = 1.0) -> Surface:
     """
     mesh = _read(file)
     vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.int64)
-    if len(faces) == 0 or len(vertices) < 4:
-        raise ValueError(f"mesh file {file} holds no solid")
+    if len(faces) == 0:
+        raise ValueError(f"mesh file {file} holds no triangles: it is empty, cut off, or of points and lines alone; export it anew")
+    if len(vertices) < 4:
+        raise ValueError(f"mesh file {file} holds no solid, but {len(vertices)} corners in a plane")
     _check_size(file, float(np.ptp(vertices, axis=0).max()), scale)
     return clean_surface(vertices, faces)
 

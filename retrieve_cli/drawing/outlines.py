@@ -10,6 +10,7 @@ from kinematics.transforms import Array, apply, inverse
 from perception.rendering.colours import Colour
 
 GRID_COLOUR: Colour = (0.66, 0.70, 0.75)
+ON_FLOOR_M = 0.003  # what stands no higher above the floor stands on it
 
 
 def outline(shape: Shape) -> list[Array]:
@@ -59,23 +60,28 @@ def circle(radius_m: float, sides: int = 64) -> Array:
     return np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), np.zeros(sides + 1)], -1)
 
 
+def _in_cabinet(cabinet: Cabinet, body: Body) -> Array:
+    """The corners (N, 3) of a body's convex parts, in the cabinet's frame."""
+    return np.concatenate([apply(inverse(cabinet.T_world_cabinet) @ body.T_world_body, p) for p in convex_parts(body.shape)])
+
+
 def footprint(cabinet: Cabinet, body: Body) -> Array:
     """The closed outline (N, 3) of a body's shadow on the cabinet's floor."""
     from scipy.spatial import ConvexHull
 
-    points = np.concatenate([apply(inverse(cabinet.T_world_cabinet) @ body.T_world_body, p) for p in convex_parts(body.shape)])
-    flat = points[:, :2]
+    flat = _in_cabinet(cabinet, body)[:, :2]
     loop = ConvexHull(flat).vertices
     closed = np.append(loop, loop[:1])
     return apply(cabinet.T_world_cabinet, np.c_[flat[closed], np.full(len(closed), 0.0015)])
 
 
 def ring(cabinet: Cabinet, body: Body) -> tuple[Array, float]:
-    """The mark around a body on the cabinet's floor: its pose (4, 4), with z upwards, and its radius."""
+    """The mark around a body on what it stands on, the cabinet's floor or a board: its pose (4, 4), with z upwards, and its radius."""
+    foot = float(_in_cabinet(cabinet, body)[:, 2].min())
     loop = apply(inverse(cabinet.T_world_cabinet), footprint(cabinet, body))
     centre = (loop.min(0) + loop.max(0)) / 2
     T = cabinet.T_world_cabinet.copy()
-    T[:3, 3] = apply(T, np.array([[centre[0], centre[1], 0.0015]]))[0]
+    T[:3, 3] = apply(T, np.array([[centre[0], centre[1], 0.0015 + (foot if foot > ON_FLOOR_M else 0.0)]]))[0]
     return T, float(np.linalg.norm(loop[:, :2] - centre[:2], axis=1).max()) + 0.012
 
 

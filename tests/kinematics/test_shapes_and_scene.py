@@ -102,13 +102,13 @@ def _extruded(outline: Array, height: float) -> trimesh.Trimesh:
     ("name", "content", "message"),
     [
         ("absent.stl", None, "does not exist"),
-        ("empty.stl", b"", r"can't be read|holds no solid"),
+        ("empty.stl", b"", r"can't be read|holds no triangles: it is empty"),
         ("fetched.stl", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 84\n", "git lfs pull"),
-        ("words.obj", b"not a mesh", r"can't be read|holds no solid"),
+        ("words.obj", b"not a mesh", r"can't be read|holds no triangles"),
         ("odd.xyz9", b"1 2 3", r"can't be read"),
         ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n", "no volume"),
         ("nan.obj", b"v nan 0 0\nv 0 1 0\nv 0 0 1\nv 1 1 1\nf 1 2 3\nf 2 3 4\n", "has vertices that are no numbers"),
-        ("point.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "holds no solid"),
+        ("point.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "holds no solid, but 3 corners in a plane"),
     ],
 )
 def test_files_that_are_no_solids(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:

@@ -1,7 +1,8 @@
 """Objects told apart by geometry alone: cells of the surface, patches of them, convex surfaces, and the objects that these are parts of.
 
 Surfaces are divided at concave edges (`convexity`), and where the cameras look through air between two convex bodies that hang together
-all the same (`emptiness`); then the parts of vessels, of bodies that are not convex and of bodies behind others are joined (`merging`).
+all the same (`emptiness`); then the parts of vessels, of bodies that are not convex and of bodies behind others are joined (`merging`),
+and what stands on another is divided from it by the ledge around a part of it (`stacked`).
 Boxes that touch face to face and are flush leave no trace, and stay one.
 """
 
@@ -18,6 +19,7 @@ from perception.objects.convexity import convex_surfaces
 from perception.objects.emptiness import Witness, divided, witness
 from perception.objects.patches import CELL_M, Cells, Int, surface_cells, surface_patches
 from perception.objects.prepared_frames import PreparedFrames
+from perception.objects.stacked import stacks_divided
 
 FEWEST_CELLS = 12
 """Fewer are no object but noise."""
@@ -65,7 +67,7 @@ def group(cells: Cells, seen: Witness) -> NDArray[np.int32]:
     bodies = [(now[a], now[b]) for a, b in parted if now[a] != now[b]]
     label = merging.parts_joined(cells, patches, closed, bodies)
     label = merging.occluded_joined(cells, patches, label, seen)
-    label = merging.fragments_absorbed(cells, label)
+    label = stacks_divided(cells, merging.fragments_absorbed(cells, label))
     return _from_the_front(cells.points, label)
 
 

@@ -83,6 +83,10 @@ def _say_steps(step: str) -> None:
 def _made(name: str, tool: Path | None, at: str | None, xacro_args: Sequence[str], out: Path | None) -> tuple[Path, str]:
     """An arm of a xacro with such arguments, or with a gripper of another URDF, or both: where the robot goes, which is one of one's own
     from then on, and its URDF."""
+    from kinematics.robots.named import named_robots
+
+    if name in named_robots():
+        raise InputError(f"robots: --tool, --at and --xacro-arg are for an arm's URDF file, and {name} is a named robot, with its gripper")
     if at is not None and tool is None:
         raise InputError(f"robots: --at says where a tool is; say which: retrieve robots {name} --tool GRIPPER.urdf --urdf OUT.urdf")
     if out is None or str(out) == "-":

@@ -21,7 +21,9 @@ YAML_KEYS = (
     "id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "robot", "hand_frame", "gripper_joint", "base", "q_start",
     "approaches", "payload_kg",
 )  # fmt: skip
-LISTS, NUMBERS = ("objects", "obstacles", "approaches"), ("wall_m", "payload_kg")
+LISTS = {"objects": "- can:0.03x0.12@0.6,0", "obstacles": "- table:box:1.6x1.2x0.04@-0.5,0,top=0", "approaches": "- horizontal"}
+"""Words that are lists of texts, each with an example."""
+NUMBERS = ("wall_m", "payload_kg")
 MOST_RAD = 1000.0  # no joint is further from 0
 
 
@@ -226,12 +228,23 @@ def _read_yaml(file: Path) -> dict[str, Any]:
         if key not in YAML_KEYS:
             raise InputError(f"{file}: unknown word {key!r}{did_you_mean(str(key), YAML_KEYS)}; the words are {', '.join(YAML_KEYS)}")
         if key in LISTS and not (isinstance(value, list) and all(isinstance(v, str) for v in value)):
-            raise InputError(f"{file}: {key}: a list of texts is expected")
+            raise InputError(f"{file}: {key}: a list of texts is expected, a line each: {LISTS[key]}")
         if key in NUMBERS and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
             raise InputError(f"{file}: {key}: {value!r} is no positive {'length' if key == 'wall_m' else 'number'}")
         if key not in (*LISTS, *NUMBERS) and not isinstance(value, str):
-            raise InputError(f"{file}: {key}: {value!r} is no text; write it in quotes")
+            raise InputError(f"{file}: {key}: {value!r} is no text; {_as_text(key, value)}")
     return said
+
+
+def _as_text(key: str, value: Any) -> str:
+    """How a word of a YAML is written as text, where it is a list, a mapping, or a number."""
+    match value:
+        case dict():
+            return f"write {key}: {','.join(f'{k}={v}' for k, v in value.items())}"
+        case list():
+            return f"write {key}: {('x' if key == 'cabinet' else ',').join(map(str, value))}"
+        case _:
+            return "write it in quotes"
 
 
 def given(**options: Any) -> dict[str, Any]:

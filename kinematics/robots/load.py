@@ -85,6 +85,10 @@ def _load(
         entry = table[which]
         if named not in ((), (entry["gripper_joint"],)):
             raise ValueError(f"robot {which}: its gripper is opened by {entry['gripper_joint']!r}, not by {', '.join(map(repr, named))}")
+        if hand_frame is not None:
+            raise ValueError(
+                f"robot {which} has a hand frame of its own; another is for a URDF, as retrieve robots {which} --urdf FILE writes it"
+            )
         return _load_named(which, entry, T, on_step)
     if which.endswith((".urdf", ".xml", ".xacro")) or "/" in which:
         return _load_urdf(Path(which), hand_frame, named, T, on_step)

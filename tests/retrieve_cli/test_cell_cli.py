@@ -143,6 +143,35 @@ def test_wrong_words_are_one_line(retrieve: Callable[..., Spoken], tmp_path: Pat
         assert says in err
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("cabinet: [0.56, 0.86, 0.5]\n", "cabinet: [0.56, 0.86, 0.5] is no text; write cabinet: 0.56x0.86x0.5"),
+        ("at: [0.3, 0, 0.1]\n", "at: [0.3, 0, 0.1] is no text; write at: 0.3,0,0.1"),
+        ("q_start: {elbow_joint: 1.5}\n", "q_start: {'elbow_joint': 1.5} is no text; write q_start: elbow_joint=1.5"),
+        ("target: 7\n", "target: 7 is no text; write it in quotes"),
+        ("objects: can:0.03x0.12@0.6,0\n", "objects: a list of texts is expected, a line each: - can:0.03x0.12@0.6,0"),
+    ],
+)
+def test_what_a_yaml_says_otherwise_is_told_with_how_to_write_it(
+    text: str, says: str, retrieve: Callable[..., Spoken], tmp_path: Path
+) -> None:
+    (tmp_path / "cell.yaml").write_text(text)
+    code, out, err = retrieve("scene", tmp_path / "cell.yaml")
+    assert (code, out, err) == (2, "", f"{tmp_path}/cell.yaml: {says}\n")
+
+
+def test_a_hand_frame_or_a_tool_of_a_named_robot_is_refused(retrieve: Callable[..., Spoken], tmp_path: Path) -> None:
+    """It was left unheeded; a tool's was "URDF file ur5e does not exist"."""
+    for args, says in (
+        (("gen", "-n", 1, "--robot", "ur5e", "--hand-frame", "tcp"), "robot ur5e has a hand frame of its own; another is for a URDF"),
+        (("robots", "ur5e", "--tool", "g.urdf", "--urdf", tmp_path / "out.urdf"), "--xacro-arg are for an arm's URDF file, and ur5e is a"),
+    ):
+        code, out, err = retrieve(*args)
+        assert (code, out) == (2, "")
+        assert says in err
+
+
 @pytest.fixture
 def scenes(tmp_path: Path) -> Callable[..., Path]:
     """Writes scenes of a can in the cabinet, one for each change."""

@@ -19,7 +19,7 @@ from kinematics.robots.load import from_ref, load
 from kinematics.robots.robot import Robot
 from kinematics.scene import Scene
 from perception.observation import is_seen
-from planning.conclusion import failed, judged_again
+from planning.conclusion import failed
 from planning.io import files
 from planning.io.results import plan_writer, scene_writer
 from planning.learning.networks.model import Model, ships
@@ -32,7 +32,7 @@ from planning.retrieval import Policy, retrieve
 from planning.rules import MAX_MOVES, Rule
 from planning.sensing.unknown_space import unknown_boxes
 from planning.target_grasps.allowed import GraspChoice, target_grasps
-from planning.upright import more_upright, turned_plan, turned_scene, upright_turn
+from planning.upright import upright
 from planning.verdict import Fault, judge
 
 STAGE = 4
@@ -104,9 +104,8 @@ def plan_scene(
     if policy is None:
         policy = default_policy(robot.name, model)
     name = policy if isinstance(policy, str) else str(getattr(policy, "__name__", "own"))
-    turn, as_it_is, settings_as_they_are = upright_turn(scene), scene, settings
-    if turn is not None:
-        scene, settings = more_upright(turned_scene(scene, turn), settings, scene.cabinet.lean_deg)
+    planned_in = upright(scene, settings)
+    scene, settings = planned_in.scene, planned_in.settings
     grasps = target_grasps(robot, scene, GraspChoice(grasp))
     if isinstance(grasps, str):
         return failed(scene.id, f"grasp: {grasps}", name=name, rule=rule)
@@ -121,13 +120,12 @@ def plan_scene(
     chooses = make_policy(policy, motions, model=model, max_moves=max_moves) if isinstance(policy, str) else policy(motions)
     rng = np.random.default_rng([seed, STAGE, scene.random_word])
     plan = retrieve(scene, chooses, motions, name=name, rule=rule, max_moves=max_moves, rng=rng, on_step=on_step)
-    if turn is not None:
-        plan = judged_again(robot, as_it_is, turned_plan(plan, turn), settings_as_they_are)
+    plan = planned_in.judged(robot, plan)
     if not unseen or plan.success:
         return plan
     from planning.sensing.missing_views import for_want_of_views  # views and what draws them: not every plan needs them
 
-    return for_want_of_views(motions, plan, as_it_is)
+    return for_want_of_views(motions, plan, planned_in.as_it_is)
 
 
 def verify_plan(scene: Scene, plan: Plan) -> tuple[Fault, ...]:

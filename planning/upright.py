@@ -6,17 +6,49 @@ z, which is what its floor asks for. The verdict judges the plan in the scene as
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Grasp, Scene
 from kinematics.transforms import Array, apply, inverse, rotation_about, transform
+from planning.conclusion import judged_again
 from planning.motion.settings import LEAST_TILT_DEG, MOST_TILT_DEG, MotionSettings
 from planning.plan import Plan
 
 LEVEL_DEG = 0.1
 """A cabinet that leans by less is taken to be level: 30 cm across, that is half a millimetre."""
+
+
+@dataclass(frozen=True, eq=False)
+class Upright:
+    """A scene and settings to plan in, and what they were made of. T_upright_world (4, 4): how the scene was turned; None, and all is as it
+    was, where its cabinet is level."""
+
+    scene: Scene
+    settings: MotionSettings
+    as_it_is: Scene
+    as_they_are: MotionSettings
+    T_upright_world: Array | None
+
+    def plan_as_it_is(self, plan: Plan) -> Plan:
+        """The plan of the upright scene, for the scene as it is."""
+        return plan if self.T_upright_world is None else turned_plan(plan, self.T_upright_world)
+
+    def judged(self, robot: Robot, plan: Plan) -> Plan:
+        """The same, judged in the scene as it is."""
+        if self.T_upright_world is None:
+            return plan
+        return judged_again(robot, self.as_it_is, self.plan_as_it_is(plan), self.as_they_are)
+
+
+def upright(scene: Scene, settings: MotionSettings) -> Upright:
+    """What is planned in: the scene turned upright, and settings by which what is carried may lean by less there."""
+    turn = upright_turn(scene)
+    if turn is None:
+        return Upright(scene, settings, scene, settings, None)
+    return Upright(*more_upright(turned_scene(scene, turn), settings, scene.cabinet.lean_deg), scene, settings, turn)
 
 
 def upright_turn(scene: Scene) -> Array | None:

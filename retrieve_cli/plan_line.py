@@ -87,7 +87,6 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
 
     from perception.camera import DepthNoise
     from planning import library
-    from planning.conclusion import judged_again
     from planning.learning.networks.model import once_loaded
     from planning.motion.pick_place import ITERATIONS
     from planning.policies import make_policy
@@ -97,7 +96,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
     from planning.sensing.turned_world import TurnedWorld
     from planning.sensing.world import SimulatedWorld, World
     from planning.target_grasps.allowed import GraspChoice, check_choice
-    from planning.upright import more_upright, turned_box, turned_plan, turned_scene, upright_turn
+    from planning.upright import turned_box, upright
     from planning.verdict import judge_grasp
 
     with blame(where, *UNREADABLE):
@@ -110,13 +109,13 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
         model = once_loaded(job.model) if job.model else None
         rng, model_noise = np.random.default_rng([job.seed, library.STAGE, scene.random_word]), DepthNoise()
         box = None if job.target_box is None else parse_box(job.target_box, "plan")
-        turn, leaning, settings = upright_turn(scene), scene, motion_settings(job)
         own = None if job.world is None else own_world(job.world, scene, arm)
         if own is not None:
             scene = as_it_is(own, scene, arm)
-        if turn is not None:
-            scene, settings = more_upright(turned_scene(scene, turn), settings, scene.cabinet.lean_deg)
-            box = None if box is None else turned_box(box, turn)
+        planned_in = upright(scene, motion_settings(job))
+        scene, turn = planned_in.scene, planned_in.T_upright_world
+        if turn is not None and box is not None:
+            box = turned_box(box, turn)
         world: World
         if own is None:
             world = simulated = SimulatedWorld(arm, scene, rng, model_noise if job.noise else None, job.by)
@@ -139,7 +138,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
                 max_moves=job.max_moves,
                 iterations=job.iterations or ITERATIONS,
                 time_budget_s=job.time_budget_s,
-                motion=settings,
+                motion=planned_in.settings,
                 pace=pace(job),
                 grasp=choice,
             ),
@@ -150,10 +149,7 @@ def sense_and_plan(job: Job, where: str, scene: Scene) -> Plan:
             ),
             rng=rng,
         )
-        if turn is None:
-            return plan
-        plan = turned_plan(plan, turn)
-        return plan if simulated is None else judged_again(arm, leaning, plan, motion_settings(job))
+        return planned_in.plan_as_it_is(plan) if simulated is None else planned_in.judged(arm, plan)
 
 
 def _name(job: Job, robot: str) -> str:

@@ -15,7 +15,7 @@ from planning.conclusion import judged_again
 from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import generate, load_spec
 from planning.target_grasps.proposals import propose
-from planning.upright import LEVEL_DEG, more_upright, turned_plan, turned_scene, upright_turn
+from planning.upright import LEVEL_DEG, more_upright, turned_plan, turned_scene, upright, upright_turn
 from planning.verdict import judge_grasp
 
 
@@ -35,11 +35,11 @@ def test_a_leaning_cabinet_is_turned_upright(level: Scene, degrees: float, axis:
     scene = leaning(level, degrees, axis)
     T = upright_turn(scene)
     assert T is not None
-    upright = turned_scene(scene, T)
-    for before, after in zip((level.cabinet, *level.objects), (upright.cabinet, *upright.objects)):
+    stood = turned_scene(scene, T)
+    for before, after in zip((level.cabinet, *level.objects), (stood.cabinet, *stood.objects)):
         name = "T_world_body" if hasattr(before, "T_world_body") else "T_world_cabinet"
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.inv(T) @ upright.robot.T_world_base, scene.robot.T_world_base, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.inv(T) @ stood.robot.T_world_base, scene.robot.T_world_base, atol=1e-12)
 
 
 def test_a_level_one_is_left_alone(level: Scene) -> None:
@@ -73,6 +73,16 @@ def test_what_is_carried_may_lean_by_less_where_all_was_turned(level: Scene, mos
     upright, settings = more_upright(scene, replace(DEFAULTS, max_tilt_deg=most), lean)
     assert settings.max_tilt_deg == left
     assert [body.max_tilt_deg for body in upright.objects] == [left, *(body.max_tilt_deg for body in others)]
+
+
+def test_what_is_planned_in_knows_what_it_was_made_of(level: Scene) -> None:
+    scene = leaning(level, 4.0, (0.0, 1.0, 0.0))
+    made = upright(scene, DEFAULTS)
+    assert made.scene.cabinet.lean_deg < 1e-6
+    assert made.settings.max_tilt_deg == pytest.approx(DEFAULTS.max_tilt_deg - 8.0)
+    assert (made.as_it_is, made.as_they_are) == (scene, DEFAULTS)
+    flat = upright(level, DEFAULTS)
+    assert (flat.scene, flat.settings, flat.T_upright_world) == (level, DEFAULTS, None)
 
 
 def test_grasps_are_proposed_by_the_cabinets_vertical(ur5e: Robot, level: Scene) -> None:

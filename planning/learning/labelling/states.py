@@ -18,7 +18,9 @@ from planning.learning.labelling.labels import ENOUGH_PATHS, PATHS, Row, label, 
 from planning.learning.labelling.partial_views import partial_view
 from planning.learning.labelling.variety import Variety
 from planning.motion.pick_place import Motions
+from planning.motion.settings import DEFAULTS
 from planning.scenes.generation import Spec, generate
+from planning.upright import upright
 
 STAGE = 3  # this stage's word in the seeds of random generators
 MOVES = 3
@@ -59,10 +61,12 @@ def rows(
 ) -> Iterator[Row]:
     """Label a scene as it is, and after up to `moves` moves, as long as its target is still blocked.
 
-    partly_seen: of this share of the states there is a second row, as a few views show it, where they show the target.
+    partly_seen: of this share of the states there is a second row, as a few views show it, where they show the target. A cabinet that leans
+    is labelled upright, as it is planned in (`planning.upright`); a row's figures are in its frame all the same.
     Raises: ValueError when the robot can't stand or wait before this cabinet.
     """
-    motions = Motions(robot, scene)
+    planned_in = upright(scene, DEFAULTS)
+    motions = Motions(robot, planned_in.scene, settings=planned_in.settings)
     state, ways = motions.start(), None
     rng, looks = (np.random.default_rng([seed, STAGE, index, word]) for word in (1, 2))
     for number in range(moves + 1):

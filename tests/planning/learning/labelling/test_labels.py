@@ -35,6 +35,7 @@ from planning.motion.pick_place import Motions
 from planning.plan import Blocked
 from planning.relaxed_plan import relaxed_plan
 from planning.scenes.generation import Spec, generate, load_spec
+from planning.upright import turned_scene
 from retrieve_cli import label as command
 from retrieve_cli.__main__ import main
 
@@ -100,6 +101,17 @@ def test_a_row_speaks_in_the_cabinets_frame(row: Row, scene: Scene, motions: Mot
     assert np.allclose(row.objects[:, 3:], boxes[:, 3:])
     assert np.allclose(row.objects[:, 2], row.objects[:, 5] / 2), "all stand on the floor"
     assert (np.abs(row.regions[:, 1]) < row.cabinet[1] / 2).all()
+
+
+@pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.6, -0.8, 0.0)])
+def test_a_scene_that_leans_as_a_whole_is_labelled_as_it_is_upright(ur5e: Robot, scene: Scene, axis: tuple[float, float, float]) -> None:
+    R, p = rotation_about(axis, np.radians(12.0)), scene.cabinet.T_world_cabinet[:3, 3]
+    leaning = turned_scene(scene, transform(p=p) @ transform(R, -R @ p))
+    (straight,), (leant,) = (list(rows(ur5e, one, SEED, 3, paths=4, moves=0, objects=1)) for one in (scene, leaning))
+    assert (straight.feasible == 1).any()
+    for f in fields(Row):
+        before, after = getattr(straight, f.name), getattr(leant, f.name)
+        assert np.allclose(before, after, atol=1e-9) if isinstance(before, np.ndarray) else before == after, f.name
 
 
 def test_a_feasible_cell_is_free(row: Row, scene: Scene, motions: Motions) -> None:

@@ -20,9 +20,9 @@ from dataclasses import replace
 import numpy as np
 import physics
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, RobotRef, Scene
+from kinematics.scene import Body, Grasp, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
 from planning.grasping.hand_poses import level_hand
@@ -62,7 +62,7 @@ def main() -> int:
 def cans(robot: Robot, count: int, seed: int) -> Iterator[tuple[int, Scene, Body]]:
     """Cans of many sizes at many places of one cabinet, which they have for themselves."""
     rng = np.random.default_rng(seed)
-    room = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), seed, 0)
+    room = generate(load_spec("paper"), robot, to_ref(robot), seed, 0)
     for n in range(count):
         radius, height = rng.uniform(0.02, 0.42 * robot.opening.max_m), rng.uniform(0.10, 0.20)
         place = transform(p=[rng.uniform(0.10, 0.25), rng.uniform(-0.2, 0.2), height / 2])

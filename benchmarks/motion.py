@@ -38,11 +38,11 @@ from kinematics.collision.edge_check import config_free
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import hull_solid
 from kinematics.collision.geometry import BOX, CYLINDER, Solids, make_solids
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Held, RobotRef, Scene, State
+from kinematics.scene import Held, Scene, State
 from kinematics.shapes import convex_parts
-from kinematics.transforms import Array, apply, inverse, transform
+from kinematics.transforms import Array, apply, inverse
 from planning.grasping.finger_grasps import open_width
 from planning.grasping.hand_poses import UP
 from planning.motion.cell.queries import PlanningQuery
@@ -146,7 +146,7 @@ def _faces(vertices: Array) -> Array:
 
 def ask(robot: Robot, kind: str, seed: int, count: tuple[int, int] = (5, 10)) -> Question:
     """Question number `seed` of a kind: scenes are drawn until one has a goal that FCL calls free, and that keeps the core's margin."""
-    spec, ref = replace(load_spec("paper"), objects_count=count), RobotRef(transform(p=robot.base_p), robot.name, mount=False)
+    spec, ref = replace(load_spec("paper"), objects_count=count), replace(to_ref(robot), mount=False)
     indices = itertools.count()
     while True:
         scene = generate(spec, robot, ref, seed, next(indices), judge=lambda *_: None)

@@ -14,10 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
-from kinematics.transforms import transform
+from kinematics.scene import Scene
 from perception.mapping.voxels import unknown_voxels
 from perception.rendering.synthetic_camera import synthetic_camera
 from planning.motion.cell.workcell import Workcell
@@ -56,7 +55,7 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=12)
     given = parser.parse_args()
     robot = load("ur5e")
-    ref, spec = RobotRef(transform(p=robot.base_p), robot.name), load_spec(given.spec)
+    ref, spec = to_ref(robot), load_spec(given.spec)
     rows: dict[str, list[list[float]]] = {c: [] for c in CHOICES}
     seconds: dict[str, list[float]] = {c: [] for c in CHOICES}
     stopped: list[tuple[int, float, float]] = []

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 
 from kinematics.quintic_spline import evaluate
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene, State
-from kinematics.transforms import Array, transform
+from kinematics.scene import Scene, State
+from kinematics.transforms import Array
 from planning.conclusion import hand_travel
 from planning.motion.checking.verify import hand_poses
 from planning.motion.handling.carry import Done
@@ -150,7 +150,7 @@ def clear(plan: Plan, stages: Sequence[str]) -> bool:
 def plans(args: argparse.Namespace) -> list[tuple[Scene, Plan, Recorded]]:
     robot, spec, out = load(args.robot), load_spec(args.spec), []
     for index in range(args.n):
-        scene = generate(spec, robot, RobotRef(transform(p=robot.base_p), args.robot), args.seed, index)
+        scene = generate(spec, robot, to_ref(robot), args.seed, index)
         motions = Recorded(robot, scene, Pace(1.0, args.hand_speed))
         rng = np.random.default_rng([args.seed, index])
         plan = retrieve(scene, make_policy(args.policy, motions), motions, name=args.policy, rule=Rule.DEEP, rng=rng)

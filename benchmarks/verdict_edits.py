@@ -24,10 +24,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import sampled_hold as truth
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.named import installed
 from kinematics.robots.robot import Robot
-from kinematics.scene import Grasp, RobotRef, Scene
+from kinematics.scene import Grasp, Scene
 from kinematics.shapes import Box, bounds
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.io.scene_documents import scene_to_json
@@ -89,7 +89,7 @@ def main() -> int:
 
 def planned(robot: Robot, seed: int, count: int) -> Iterator[Subject]:
     """So many scenes of both specs by turns, with plans that succeed."""
-    ref, index = RobotRef(transform(p=robot.base_p), robot.name), 0
+    ref, index = to_ref(robot), 0
     while count:
         scene = generate(load_spec(("paper", "paper-any")[index % 2]), robot, ref, seed, index)
         motions = Motions(robot, scene)

@@ -60,15 +60,13 @@ def _hard_scene(seed: int, file: Path) -> Film:
 
     Raises: ValueError when there is none.
     """
-    from kinematics.robots.load import load
-    from kinematics.scene import RobotRef
-    from kinematics.transforms import transform
+    from kinematics.robots.load import load, to_ref
     from planning.library import plan_scene
     from planning.scenes.generation import generate, load_spec
     from retrieve_cli.drawing.picture import Film
 
     arm = load(ROBOT, on_step=say)
-    spec, ref = load_spec(SPEC), RobotRef(transform(p=arm.base_p), name=arm.name)
+    spec, ref = load_spec(SPEC), to_ref(arm)
     say("looking for a scene in which two objects or more are in the way")
     kept = None
     with progress("scenes", LOOKS, out=file) as step:

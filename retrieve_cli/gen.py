@@ -41,6 +41,7 @@ def run(
 ) -> None:
     """Write n scenes; scene number i of a seed is the same in every run, whoever makes it."""
     from kinematics.collision.robot_model import link_covers
+    from kinematics.robots.load import to_ref
     from planning.scenes.generation import load_spec
 
     announce_first_run()
@@ -48,7 +49,7 @@ def run(
         wanted = load_spec(spec)
         arm = robot.load(say)
         link_covers(arm, say)
-    ref = robot_ref(arm, robot.hand_frame)
+    ref = to_ref(arm, robot.hand_frame)
     if fit:
         wanted, ref = fitted(wanted, arm, ref, "gen")
     make = partial(make_scene, wanted, ref, seed)
@@ -93,19 +94,3 @@ def spec_hash(spec: Spec) -> str:
     given = {name: value for name, value in vars(spec).items() if name not in optional}
     plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in given.items()}
     return hashlib.sha256(json.dumps(plain, sort_keys=True, default=vars).encode()).hexdigest()
-
-
-def robot_ref(arm: Robot, hand_frame: str | None) -> RobotRef:
-    """How scenes name a robot that was loaded, with its base where it stands."""
-    from kinematics.robots.named import named_robots
-    from kinematics.scene import RobotRef
-    from kinematics.transforms import transform
-
-    T_base = transform(p=arm.base_p)
-    if arm.name in named_robots():
-        return RobotRef(T_base, name=arm.name)
-    urdf, grip = str(Path(arm.name).resolve()), arm.grip
-    if grip is None or (hand_frame is not None and len(grip.joints) == 1):
-        return RobotRef(T_base, urdf=urdf, hand_frame=hand_frame, gripper_joint=arm.joint_names[arm.gripper_joint])
-    T = grip.T_link_hand if grip.measured else None
-    return RobotRef(T_base, urdf=urdf, hand_frame=grip.link, T_link_hand=T, gripper_joints=grip.joints)

@@ -18,7 +18,7 @@ from planning.io.outputs import alone_in
 from planning.io.scene_documents import scene_to_json
 from retrieve_cli.engine import map_ordered
 from retrieve_cli.errors import Ended
-from retrieve_cli.gen import fitted, robot_ref, spec_hash
+from retrieve_cli.gen import fitted, spec_hash
 from retrieve_cli.robot_options import RobotOptions
 from retrieve_cli.terminal import announce_first_run, mesh_progress, say, say_what_was_read
 
@@ -167,13 +167,14 @@ def _made(
 ) -> tuple[dict[str, Any], tuple[tuple[Spec, RobotRef], ...], Variety]:
     """What the manifest says of scenes that are to be made, and what is needed to make them: spec after spec in turn, fitted to the arm if
     asked."""
+    from kinematics.robots.load import to_ref
     from planning.learning.labelling.variety import Variety
     from planning.scenes.generation import load_spec
 
     with blame("label"):
         plain = [load_spec(which) for which in spec]
         arm = robot.load(say)
-    ref = robot_ref(arm, robot.hand_frame)
+    ref = to_ref(arm, robot.hand_frame)
     specs = tuple(fitted(s, arm, ref, "label") if fit else (s, ref) for s in plain)
     variety = Variety() if vary else Variety(0.0, 0.0, None)
     source = {

@@ -104,15 +104,15 @@ def _from_yaml(file: Path, word: str, options: dict[str, Any]) -> str:
 
 def _words(said: dict[str, Any], where: str) -> Words:
     """The words with the robot that they name, standing at its usual place unless they say where. Raises InputError."""
+    from kinematics.robots.load import to_ref
     from kinematics.robots.start import start_q
     from planning.scenes.words import Words
-    from retrieve_cli.gen import robot_ref
 
     robot = _load(said, where)
     plain = {
         key: said[key] for key in ("id", "cabinet", "at", "wall_m", "objects", "obstacles", "target", "base", "approaches") if key in said
     }
-    ref = robot_ref(robot, said.get("hand_frame"))
+    ref = to_ref(robot, said.get("hand_frame"))
     if "payload_kg" in said:
         ref = replace(ref, payload_kg=float(said["payload_kg"]))
     if "q_start" in said:

@@ -52,9 +52,7 @@ def _draw() -> None:
 
 def warm(name: str) -> None:
     """Cover a robot, generate a scene for it, plan and verify it, and look at it: all that is compiled or derived once is used."""
-    from kinematics.robots.load import load
-    from kinematics.scene import RobotRef
-    from kinematics.transforms import transform
+    from kinematics.robots.load import load, to_ref
     from perception.rendering.synthetic_camera import synthetic_camera
     from planning.library import plan_scene
     from planning.scenes.generation import generate, load_spec
@@ -62,7 +60,7 @@ def warm(name: str) -> None:
     say(f"{name}: meshes and sphere covers")
     robot = load(name, on_step=say)
     say(f"{name}: a scene")
-    scene = generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), name), 0, 0)
+    scene = generate(load_spec("paper"), robot, to_ref(robot), 0, 0)
     say(f"{name}: a plan")
     plan_scene(scene, robot=robot)
     synthetic_camera(robot, scene, scene.poses())(scene.robot.T_world_base @ robot.link_poses(robot.home)["hand"], robot.home)

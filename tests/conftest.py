@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 
 from kinematics.inverse import descend, make_seeds, make_work, solve
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.named import installed, named_robots
 from kinematics.robots.robot import Robot
 from kinematics.transforms import transform, wxyz_from_rotation
@@ -164,7 +164,6 @@ def planned(request: pytest.FixtureRequest, ur5e: Robot) -> Handmade:
 def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
     """Scene `index` of a spec before a named robot, and its plan, as they come back from files."""
     pytest.importorskip("planning.retrieval")
-    from kinematics.scene import RobotRef
     from planning.io.plan_documents import plan_to_json
     from planning.io.scene_documents import scene_to_json
     from planning.motion.pick_place import Motions
@@ -173,7 +172,7 @@ def make_plan(robot: Robot, spec: str, index: int, policy: str) -> Handmade:
     from planning.rules import Rule
     from planning.scenes.generation import generate, load_spec
 
-    scene = generate(load_spec(spec), robot, RobotRef(transform(p=robot.base_p), robot.name), 11, index)
+    scene = generate(load_spec(spec), robot, to_ref(robot), 11, index)
     motions = Motions(robot, scene)
     rng = np.random.default_rng([11, index])
     plan = retrieve(scene, make_policy(policy, motions), motions, name=policy, rule=Rule.DEEP, rng=rng)

@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 from documents import SCHEMAS
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene, object_box
-from kinematics.transforms import transform
+from kinematics.scene import Scene, object_box
 from planning.io.files import read_plans, read_scenes
 from planning.io.results import scene_writer
 from planning.motion.checking.verify import verify
@@ -177,7 +176,7 @@ class FakeRealSense(ModuleType):
 
 def test_08_a_live_camera_and_arm(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without either: a module that stands for the camera's, and the simulated arm of 06."""
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
     monkeypatch.setitem(sys.modules, "pyrealsense2", FakeRealSense())
     example = runpy.run_path(str(EXAMPLES / "08_live_camera.py"))
     arms, columns = example["ARMS"], list(ur5e.arm_joints)
@@ -202,7 +201,7 @@ def test_08_a_live_camera_and_arm(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) 
 
 def test_09_a_recorded_world(program: dict[str, str], tmp_path: Path, ur5e: Robot) -> None:
     """It is looked at through recorded frames alone, and says that nothing can be moved in it."""
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
     with scene_writer(tmp_path / "scenes.jsonl") as write:
         write(scene)
     run(program, tmp_path, "retrieve", "sense", "scenes.jsonl", "--views", "views", "--max-views", "8", "-o", "seen.jsonl")

@@ -40,6 +40,21 @@ def from_ref(ref: RobotRef, on_step: Callable[[str], None] | None = None) -> Rob
     )  # fmt: skip
 
 
+def to_ref(robot: Robot, hand_frame: str | None = None) -> RobotRef:
+    """How scenes name a robot that was loaded, with its base where it stands in those that are generated; `from_ref` loads it again.
+
+    hand_frame: as `load` was told.
+    """
+    T_base = transform(p=robot.base_p)
+    if robot.name in named_robots():
+        return RobotRef(T_base, name=robot.name)
+    urdf_file, grip = str(Path(robot.name).resolve()), robot.grip
+    if grip is None or (hand_frame is not None and len(grip.joints) == 1):
+        return RobotRef(T_base, urdf=urdf_file, hand_frame=hand_frame, gripper_joint=robot.joint_names[robot.gripper_joint])
+    T = grip.T_link_hand if grip.measured else None
+    return RobotRef(T_base, urdf=urdf_file, hand_frame=grip.link, T_link_hand=T, gripper_joints=grip.joints)
+
+
 def load(
     which: str,
     hand_frame: str | None = None,

@@ -60,13 +60,11 @@ def _plan_some() -> None:
 
 
 def _scene(index: int) -> Scene:
-    from kinematics.robots.load import load
-    from kinematics.scene import RobotRef
-    from kinematics.transforms import transform
+    from kinematics.robots.load import load, to_ref
     from planning.scenes.generation import generate, load_spec
 
     robot = load("ur5e")
-    return generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index)
+    return generate(load_spec("paper"), robot, to_ref(robot), SEED, index)
 
 
 def _with_a_mesh() -> Scene:
@@ -80,16 +78,14 @@ def _with_a_mesh() -> Scene:
 
 
 def _label_some() -> None:
-    from kinematics.robots.load import load
-    from kinematics.scene import RobotRef
-    from kinematics.transforms import transform
+    from kinematics.robots.load import load, to_ref
     from planning.learning.labelling.states import rows, varied_scene
     from planning.learning.labelling.variety import Variety
     from planning.scenes.generation import load_spec
 
     robot = load("ur5e")
     for index in range(LABELLED):
-        scene = varied_scene(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), SEED, index, Variety())
+        scene = varied_scene(load_spec("paper"), robot, to_ref(robot), SEED, index, Variety())
         list(rows(robot, scene, SEED, index, paths=8, objects=2, partly_seen=1.0))
 
 

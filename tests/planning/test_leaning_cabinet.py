@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
+from kinematics.scene import Scene
 from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
 from planning.conclusion import judged_again
@@ -21,7 +22,7 @@ from planning.verdict import judge_grasp
 
 @pytest.fixture(scope="module")
 def level(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 31, 0)
+    return generate(load_spec("paper"), ur5e, to_ref(ur5e), 31, 0)
 
 
 def leaning(scene: Scene, degrees: float, axis: tuple[float, float, float]) -> Scene:

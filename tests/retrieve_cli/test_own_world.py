@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
-from kinematics.transforms import transform
+from kinematics.scene import Scene
 from planning.plan import Motion
 from planning.scenes.generation import generate, load_spec
 from retrieve_cli.worlds import as_it_is, own_world
@@ -45,7 +45,7 @@ number = 3
 
 @pytest.fixture
 def scene(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    return generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
 
 
 @pytest.fixture

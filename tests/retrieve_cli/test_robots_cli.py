@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from kinematics.robots.load import forget, from_ref, load
+from kinematics.robots.load import forget, from_ref, load, to_ref
 from kinematics.scene import Cabinet, RobotRef, Scene
 from kinematics.transforms import transform
 from perception.camera import realsense_d435i
@@ -23,7 +23,6 @@ from planning.scenes.fitting.trials import Tried
 from planning.scenes.generation import NoScene, load_spec
 from planning.sensing.reachable_views import views_from
 from retrieve_cli.__main__ import main
-from retrieve_cli.gen import robot_ref
 
 OWN = Path(__file__).resolve().parents[2] / "examples" / "04_own_arm" / "arm.urdf"
 
@@ -261,7 +260,7 @@ def test_a_wrong_call_of_robots(args: tuple[str, ...], says: str, capsys: pytest
 def test_a_fitted_cabinet_is_within_reach_and_always_the_same() -> None:
     """Of an arm of the usual size with a wide gripper; the arm waits before the cabinet, looking in."""
     arm = load(str(OWN))
-    spec, ref = load_spec("paper-any"), robot_ref(arm, None)
+    spec, ref = load_spec("paper-any"), to_ref(arm)
     fitted, again = fit(spec, arm, ref), fit(spec, arm, ref)
     assert (str(fitted), fitted.ref.home) == (str(again), again.ref.home)
     assert fitted.share >= 0.8
@@ -280,12 +279,12 @@ def test_why_no_cabinet_fits(toy_urdf: Callable[..., Path], monkeypatch: pytest.
     for name in ("paper", "paper-any"):
         says = r"at most \(there is no place before it where the arm could wait\); of its 3 joints none "
         with pytest.raises(NoScene, match=says + "pitches its hand, so that where the hand is decides how steeply it looks$"):
-            fit(load_spec(name), looks_up, robot_ref(looks_up, "tcp"))
+            fit(load_spec(name), looks_up, to_ref(looks_up, "tcp"))
     monkeypatch.setattr("planning.scenes.fitting.fit.LEAST_SHARE", 1.1)
     monkeypatch.setattr("planning.scenes.fitting.fit.EXACTLY", 1)
     for name, remedy in (("paper", "level: --spec paper-any lets it from above and aslant, too$"), ("paper-any", r"at most( \(.*\))?$")):
         with pytest.raises(NoScene, match=remedy):
-            fit(load_spec(name), arm, robot_ref(arm, None))
+            fit(load_spec(name), arm, to_ref(arm))
 
 
 def test_what_is_in_the_way_is_told_of_objects_as_wide_as_the_hand_holds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,7 +294,7 @@ def test_what_is_in_the_way_is_told_of_objects_as_wide_as_the_hand_holds(monkeyp
     monkeypatch.setattr("planning.scenes.fitting.fit.not_held", lambda *_, **__: next(held))
     monkeypatch.setattr("planning.scenes.fitting.fit._best_of", lambda _, spec, *__: Tried(spec, 0.0, None, next(tried)))
     with pytest.raises(NoScene, match=r"at most \(l4 touches back\)"):
-        fit(load_spec("paper"), arm, robot_ref(arm, None))
+        fit(load_spec("paper"), arm, to_ref(arm))
 
 
 def test_a_narrow_gripper_gets_smaller_objects_and_a_smaller_cabinet(tmp_path: Path) -> None:
@@ -303,7 +302,7 @@ def test_a_narrow_gripper_gets_smaller_objects_and_a_smaller_cabinet(tmp_path: P
     narrow.write_text(OWN.read_text().replace('upper="0.045"', 'upper="0.025"'))
     arm = load(str(narrow))
     spec = load_spec("paper")
-    fitted = fit(spec, arm, robot_ref(arm, None))
+    fitted = fit(spec, arm, to_ref(arm))
     assert fitted.scale < 0.7
     np.testing.assert_allclose(fitted.spec.cabinet_size_m, fitted.scale * spec.cabinet_size_m)
     assert 2 * fitted.spec.objects_half_width_m[1] < arm.opening.max_m

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import Handmade
 
-from kinematics.robots.load import forget, load
+from kinematics.robots.load import forget, load, to_ref
 from kinematics.robots.names import check_names
 from kinematics.robots.robot import Robot
 from kinematics.scene import WALLS, Body, Cabinet, Grasp, RobotRef, Scene
@@ -79,7 +79,7 @@ def test_links_called_like_walls_get_other_names(toy_urdf: Callable[..., Path]) 
 
 def test_generated_names_avoid_the_links(ur5e: Robot) -> None:
     """A robot that has links called like generated objects gets scenes all the same, and they differ in nothing but the names."""
-    ref, spec = RobotRef(transform(p=ur5e.base_p), "ur5e"), load_spec("paper")
+    ref, spec = to_ref(ur5e), load_spec("paper")
     usual = generate(spec, ur5e, ref, 3, 0)
     clash = usual.objects[0].name
     old = next(h.link for h in ur5e.hulls if h.link in ur5e.fingers - ur5e.pads)

@@ -20,7 +20,7 @@ from second_engine import Arm, nearest
 from kinematics.chain import forward
 from kinematics.collision.fcl_check import Verdict
 from kinematics.robots.batched_fk import Forward
-from kinematics.robots.load import forget, load
+from kinematics.robots.load import forget, from_ref, load, to_ref
 from kinematics.robots.named import named_robots
 from kinematics.robots.robot import Robot
 from kinematics.scene import Cabinet, RobotRef, Scene, State
@@ -182,6 +182,17 @@ def test_a_urdf_of_ones_own(toy_urdf: Callable[..., Path]) -> None:
     np.testing.assert_allclose(np.linalg.norm(poses["left_finger"][:3, 3] - poses["right_finger"][:3, 3]), 2 * (0.005 + 0.03), atol=1e-12)
     np.testing.assert_allclose(poses["hand"], poses["tcp"])
     np.testing.assert_allclose(Forward(toy).poses(toy.home[None])["right_finger"][0], toy.link_poses(toy.home)["right_finger"], atol=1e-6)
+
+
+def test_a_scene_names_a_robot_so_that_it_is_loaded_again(robot: Robot, toy_urdf: Callable[..., Path]) -> None:
+    """A named one by its name, one's own by its file; the base stands where it does in generated scenes."""
+    assert to_ref(robot).name == robot.name
+    assert np.array_equal(to_ref(robot).T_world_base, transform(p=robot.base_p))
+    assert from_ref(to_ref(robot)) is robot
+    toy = load(str(toy_urdf()), "tcp")
+    ref = to_ref(toy, "tcp")
+    assert (ref.name, ref.urdf, ref.hand_frame, ref.gripper_joint) == (None, toy.name, "tcp", "grip")
+    assert np.array_equal(from_ref(ref).link_poses(toy.home)["hand"], toy.link_poses(toy.home)["hand"])
 
 
 def test_a_link_called_hand_keeps_its_place(toy_urdf: Callable[..., Path]) -> None:

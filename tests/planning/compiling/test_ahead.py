@@ -15,9 +15,8 @@ import pytest
 
 from kinematics.jit import machine_code, shipped
 from kinematics.jit.decorators import PLAIN, Entry
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef
-from kinematics.transforms import transform
 from planning.compiling import ahead
 from planning.io.results import scene_writer
 from planning.scenes.generation import generate, load_spec
@@ -74,7 +73,7 @@ def test_a_description_is_enough_to_make_an_example() -> None:
 
 def test_the_list_holds_what_a_plan_calls_and_the_next_plan_needs_no_compiler(ur5e: Robot, tmp_path: Path) -> None:
     with scene_writer(tmp_path / "scene.jsonl") as write:
-        write(generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 7, 0))
+        write(generate(load_spec("paper"), ur5e, to_ref(ur5e), 7, 0))
     for again in (False, True):
         command = [sys.executable, "-c", PROGRAM, str(tmp_path / "scene.jsonl"), str(tmp_path / "plans.jsonl")]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import rotation_about, transform
 from planning.grasping.candidates import closing_directions
@@ -31,7 +31,7 @@ def lying(yaw: float, at: tuple[float, float] = (0.55, 0.05), radius_m: float = 
 
 def scene(robot: Robot, *bodies: Body) -> Scene:
     cabinet = Cabinet(np.array([0.56, 0.86, 0.5]), transform(p=[0.30, 0.0, 0.10]), 0.03)
-    return Scene("lying", RobotRef(transform(p=robot.base_p), robot.name), cabinet, bodies, bodies[0].name, None)
+    return Scene("lying", to_ref(robot), cabinet, bodies, bodies[0].name, None)
 
 
 @pytest.mark.parametrize("yaw", YAWS)

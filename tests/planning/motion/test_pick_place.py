@@ -13,9 +13,9 @@ from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import apart
 from kinematics.collision.posed_geometry import make_posed_geometry
 from kinematics.collision.robot_model import RobotCollisionModel
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, RobotRef, Scene, State
+from kinematics.scene import Body, Scene, State
 from kinematics.shapes import Cylinder, bounds
 from kinematics.transforms import inverse, transform
 from planning.grasping.finger_grasps import open_width, sample_grasps
@@ -37,7 +37,7 @@ SPECS = ("paper", "paper-any", "shelf")
 
 @pytest.fixture(scope="module", params=SPECS)
 def scene(request: pytest.FixtureRequest, ur5e: Robot) -> Scene:
-    return generate(load_spec(request.param), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    return generate(load_spec(request.param), ur5e, to_ref(ur5e), 23, 0)
 
 
 def kept_m(robot: Robot, motion: Motion, name: str) -> float:
@@ -58,7 +58,7 @@ def answers(motions: Motions, state: State, names: list[str], regions: range) ->
 
 def test_varied_picks_are_some_of_all_and_unlike_one_another(ur5e: Robot) -> None:
     """Of the grasps of the exhaustive look, the same each time; of their hands, some look from elsewhere than the most natural ones."""
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 23, 0)
     motions, state, wider = Motions(ur5e, scene), State(ur5e.home, scene.poses()), 0
     for body in scene.objects[3:5]:  # a can and a box; each takes some seconds
         (natural, _), (varied, _) = (look.picks(state, body.name) for look in (motions.exhaustive, motions.varied))
@@ -76,7 +76,7 @@ def test_varied_picks_are_some_of_all_and_unlike_one_another(ur5e: Robot) -> Non
 
 def test_of_varied_picks_those_are_carried_that_one_search_for_all_finds_a_way_to(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """No place is sought for others; where none is found nothing is, and that is not asked again in a state, nor for moves in too many."""
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 23, 0)
     rng, motions = np.random.default_rng(0), Motions(ur5e, scene)
     state = motions.start()
     choices = product([n for n in scene.poses() if n != scene.target_name], range(scene.regions_n**2))
@@ -129,7 +129,7 @@ def test_picks_hold_up_to_fcl(scene: Scene, ur5e: Robot) -> None:
 
 def test_what_stands_there_already_is_not_moved(ur5e: Robot) -> None:
     """After a move to a region, the same move again is refused, and says so."""
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 1)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 23, 1)
     motions, rng = Motions(ur5e, scene), np.random.default_rng(0)
     state = motions.start()
     for name, region in product([b.name for b in scene.objects if b.name != scene.target], range(0, scene.regions_n**2, 7)):
@@ -196,7 +196,7 @@ def test_what_is_moved_stands_in_its_region_and_nothing_touches(scene: Scene, ur
 
 def test_where_no_pick_has_room_some_of_more_grasps_come_first(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Here those of the quick look are said to have none."""
-    crowded = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    crowded = generate(load_spec("paper"), ur5e, to_ref(ur5e), 23, 0)
     motions, others = Motions(ur5e, crowded), 0
     state = motions.start()
     for name in (b.name for b in crowded.objects if b.name != crowded.target):
@@ -267,7 +267,7 @@ def test_what_was_found_once_is_found_again(ur5e: Robot) -> None:
     """A move that was looked ahead for is the same when it is carried out, whatever the random numbers, thoroughly sought or not."""
     spec, found = load_spec("paper-any"), 0
     for index in range(2):
-        scene = generate(spec, ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 29, index)
+        scene = generate(spec, ur5e, to_ref(ur5e), 29, index)
         motions = Motions(ur5e, scene)
         state = motions.start()
         name = next(n for n in state.poses if n != scene.target and motions.picks(state, n)[0])
@@ -283,7 +283,7 @@ def test_what_was_found_once_is_found_again(ur5e: Robot) -> None:
 def test_a_time_budget_is_one_for_the_whole_indicator(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each search takes 0.7 s of a second here: what is left is given to the next, none is begun after that, and the next question has a
     second of its own."""
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 23, 0)
     now, given = [0.0], list[float | None]()
 
     def search(*args: object, time_budget_s: float | None, **more: object) -> SimpleNamespace:

@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, State
-from kinematics.transforms import Array, transform
+from kinematics.scene import State
+from kinematics.transforms import Array
 from planning.conclusion import hand_travel
 from planning.motion import quickest
 from planning.motion.checking.verify import verify
@@ -31,7 +32,7 @@ Found = list[tuple[State, Done]]
 @pytest.fixture(scope="module")
 def found(ur5e: Robot) -> tuple[Motions, Found]:
     """Two moves that follow one another."""
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 91, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 91, 0)
     motions, rng = Motions(ur5e, scene), np.random.default_rng(0)
     state, out = motions.start(), []
     for name in (b.name for b in scene.objects if b.name != scene.target):

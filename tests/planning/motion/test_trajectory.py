@@ -11,9 +11,9 @@ from conftest import Handmade
 from kinematics.collision.fcl_check import Verdict
 from kinematics.inverse import BRISK, descend
 from kinematics.quintic_spline import evaluate, hermite
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Cabinet, RobotRef, Scene
+from kinematics.scene import Cabinet, Scene
 from kinematics.shapes import bounds
 from kinematics.transforms import transform
 from planning.io.plan_documents import plan_from_json
@@ -68,7 +68,7 @@ def test_the_hand_keeps_to_its_lines(planned: Handmade, ur5e: Robot) -> None:
 def test_the_hand_keeps_to_its_lines_near_singularities_and_with_a_joint_to_spare() -> None:
     """Where the arm bends so much that a spline through waypoints every centimetre would leave the line, it goes through more of them."""
     panda = load("panda")
-    scene = generate(load_spec("paper"), panda, RobotRef(transform(p=panda.base_p), "panda"), 5, 0)
+    scene = generate(load_spec("paper"), panda, to_ref(panda), 5, 0)
     drive, rng, strayed = _Drive(Motions(panda, scene).cell, FULL), np.random.default_rng(0), [list[float](), list[float]()]
     arm, hand = drive.cell.arm, drive.cell.hand
     for _ in range(300):
@@ -238,7 +238,7 @@ def test_a_pace_that_cannot_be_meant(speed: float) -> None:
 
 def test_a_motion_that_goes_nowhere_takes_a_moment(ur5e: Robot) -> None:
     far = Cabinet(np.array([0.5, 0.5, 0.5]), transform(p=[9.0, 0.0, 0.0]), 0.03)
-    cell = Motions(ur5e, Scene("test", RobotRef(transform(p=ur5e.base_p), ur5e.name), far, (), None, None)).cell
+    cell = Motions(ur5e, Scene("test", to_ref(ur5e), far, (), None, None)).cell
     (smooth,) = timed(cell, {}, [Motion("transit", ur5e.joint_names, ur5e.home[None], np.zeros(1))], Pace())
     assert smooth.t_s.tolist() == [0.0, 0.001]
     assert np.allclose(smooth.at(np.array([0.0005]))[0], ur5e.home, atol=1e-12)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
-from kinematics.transforms import transform
+from kinematics.scene import Scene
 from planning.motion.pick_place import Motions
 from planning.plan import Plan, Unsolvable
 from planning.scenes.generation import generate, load_spec
@@ -22,7 +22,7 @@ import proofs
 
 @pytest.fixture(scope="module")
 def scene(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 515151, 3)
+    return generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 515151, 3)
 
 
 def claimed(scene: Scene, *stuck: str) -> Plan:

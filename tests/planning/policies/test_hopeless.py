@@ -10,8 +10,9 @@ import pytest
 from looking_ahead import IN_ORDER, asked, no_proof
 from written_world import WrittenWorld, at_first
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import transform
 from planning.motion.pick_place import Motions
@@ -103,7 +104,7 @@ def test_in_a_low_cabinet_close_before_the_arm_hands_deep_inside_stand_where_no_
     can, target = (
         Body(name, Cylinder(0.031, 0.094), transform(p=[x, y, 0.147])) for name, x, y in (("can", x_m, 0.106), ("target", 0.69, -0.29))
     )
-    scene = Scene("low", RobotRef(transform(p=ur5e.base_p), "ur5e"), cabinet, (can, target), "target", None)
+    scene = Scene("low", to_ref(ur5e), cabinet, (can, target), "target", None)
     motions = Motions(ur5e, scene)
     state = motions.start()
     assert motions.picks(state, "can")[0]

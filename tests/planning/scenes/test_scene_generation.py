@@ -18,6 +18,7 @@ from conftest import Json
 from documents import SCHEMAS
 
 from kinematics.collision.fcl_solids import gap, shape_solids
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
 from kinematics.scene import APPROACHES, Body, RobotRef, Scene
 from kinematics.shapes import Cylinder
@@ -49,7 +50,7 @@ def five() -> str:
 
 
 def make(ur5e: Robot, spec: Spec, index: int, seed: int = SEED) -> Scene:
-    return generate(spec, ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), seed, index)
+    return generate(spec, ur5e, to_ref(ur5e), seed, index)
 
 
 @pytest.fixture(scope="module", params=SPECS)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import Array, apply, transform
 from perception.mapping.voxels import FREE, OCCUPIED, Voxels, unknown_voxels
@@ -20,7 +21,7 @@ from planning.sensing.aimed_views import aimed_views, in_image, in_sight
 
 @pytest.fixture(scope="module")
 def empty(ur5e: Robot) -> Scene:
-    return replace(generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0), objects=())
+    return replace(generate(load_spec("paper"), ur5e, to_ref(ur5e), 71, 0), objects=())
 
 
 def spot(cabinet: Cabinet, voxels: Voxels, at: Array) -> Array:

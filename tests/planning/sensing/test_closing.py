@@ -10,8 +10,8 @@ import pytest
 import sampled_hold as stranger
 
 from kinematics.quintic_spline import hermite
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.library import plan_scene
@@ -91,7 +91,7 @@ def test_fingers_that_go_further_take_longer() -> None:
 
 def test_a_plan_on_what_was_seen_holds_on_what_is_there(ur5e: Robot) -> None:
     """Every object is seen 1.5 mm too large on one side. Told to stop where it was seen the hand would hold nothing."""
-    truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 72, 0)
+    truth = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 72, 0)
     seen = replace(truth, objects=tuple(replace(b, shape=_larger(b.shape), T_world_body=_beside(b), source="seen") for b in truth.objects))
     plan = plan_scene(seen, "local", robot=ur5e, grasp="any")
     assert plan.success, plan.reason

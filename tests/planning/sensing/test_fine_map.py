@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, apply, transform
 from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
@@ -30,7 +31,7 @@ CABINET = Cabinet(np.array([0.305, 0.40, 0.25]), transform(p=[0.3, 0.0, 0.1]), 0
 
 @pytest.fixture(scope="module")
 def truth(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    return generate(load_spec("paper"), ur5e, to_ref(ur5e), 71, 0)
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +147,7 @@ def test_an_arm_in_a_slit_can_move_on_to_the_next_view(ur5e: Robot, truth: Scene
 
 @pytest.mark.parametrize("smallest_m", [0.0, SMALLEST_M])
 def test_a_plan_says_what_it_took_for_granted(ur5e: Robot, smallest_m: float) -> None:
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
     world = SimulatedWorld(ur5e, scene, np.random.default_rng(0))
     plan: Plan = retrieve_unseen(
         world, ur5e, replace(scene, objects=scene.objects), lambda m, moves: make_policy("neural", m, max_moves=moves), truth=world,

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
-from kinematics.transforms import Array, apply, transform
+from kinematics.scene import Scene
+from kinematics.transforms import Array, apply
 from perception.belief import Belief
 from perception.mapping.next_best_view import InformationGain
 from perception.mapping.voxels import FREE, UNKNOWN, Voxels, unknown_voxels
@@ -24,7 +25,7 @@ from planning.sensing.unknown_space import unknown_mask, unknown_space
 
 @pytest.fixture(scope="module")
 def truth(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    return generate(load_spec("paper"), ur5e, to_ref(ur5e), 71, 0)
 
 
 def all_but(scene: Scene, spot: Array, half_m: float) -> Voxels:

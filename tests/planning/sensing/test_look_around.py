@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, RobotRef, Scene, object_box
+from kinematics.scene import Body, Scene, object_box
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import Array, rotation_about, transform
 from perception.belief import believe, observation, without_bodies
@@ -32,7 +33,7 @@ from planning.sensing.world import SimulatedWorld
 
 @pytest.fixture(scope="module")
 def scene(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    return generate(load_spec("paper"), ur5e, to_ref(ur5e), 71, 0)
 
 
 def look(robot: Robot, scene: Scene, **more: object) -> Looked:
@@ -181,7 +182,7 @@ def test_the_solid_holds_its_points_and_knows_cans_from_cartons(seed: int) -> No
 
 
 def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None:
-    truth = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 2)
+    truth = generate(load_spec("paper"), ur5e, to_ref(ur5e), 31, 2)
     rng = np.random.default_rng([0, 4, 2])
     world = SimulatedWorld(ur5e, truth, rng)
     plan = retrieve_unseen(world, ur5e, truth, lambda m, _: make_policy("local", m), truth=world, name="local", rng=rng)
@@ -199,7 +200,7 @@ def test_a_plan_made_from_pictures_alone_holds_in_the_truth(ur5e: Robot) -> None
 
 @pytest.mark.parametrize("noise", [None, DepthNoise()], ids=["clean", "noisy"])
 def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_names(ur5e: Robot, noise: DepthNoise | None) -> None:
-    truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    truth = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
     frame = SimulatedWorld(ur5e, truth, np.random.default_rng(0), noise, "geometry").take_frame()
     assert frame.instance is None
     assert frame.names == ()
@@ -221,7 +222,7 @@ def test_without_masks_an_object_is_moved_and_the_target_taken_under_their_true_
 
 
 def test_a_box_that_points_to_another_object_is_found_out(ur5e: Robot) -> None:
-    truth = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    truth = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
     other = next(b for b in truth.objects if b.name != truth.target)
     named = SimulatedWorld(ur5e, truth, np.random.default_rng(0), None, "geometry").names([replace(other, name="object_3")])
     assert named == {"object_3": other.name}

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, RobotRef, Scene
+from kinematics.scene import Body, Scene
 from kinematics.shapes import Box
 from kinematics.transforms import rotation_about, transform
 from perception.belief import believe
@@ -33,7 +34,7 @@ UP = np.array([0.0, 0.0, 1.0])
 @pytest.fixture(scope="module")
 def scene(ur5e: Robot) -> Scene:
     """A large cabinet at whose edge a bottle stands, half of it over the edge."""
-    return generate(load_spec("lab-l"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 823501, 13)
+    return generate(load_spec("lab-l"), ur5e, to_ref(ur5e), 823501, 13)
 
 
 @pytest.fixture(scope="module")

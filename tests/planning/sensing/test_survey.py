@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef
-from kinematics.transforms import transform
 from perception.belief import Belief
 from planning.scenes.generation import generate, load_spec
 from planning.sensing.belief_state import BeliefState
@@ -20,7 +19,7 @@ from planning.sensing.world import SimulatedWorld
 
 
 def test_a_survey_looks_closer_at_what_is_in_the_way(ur5e: Robot) -> None:
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 71, 0)
     unknown, views, reasons = [], [], []
     for limits in (Limits(share=0.9, least=0.001, views=4), Limits(share=0.9, least=0.001, views=10), RECORDING):
         rng = np.random.default_rng(0)
@@ -40,7 +39,7 @@ def test_a_survey_looks_closer_at_what_is_in_the_way(ur5e: Robot) -> None:
 def test_why_it_ended_is_said_of_all_views(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The last round's own reason is about its few views."""
     monkeypatch.setattr("planning.sensing.survey.ROUNDS", 1)
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 71, 0)
     rng = np.random.default_rng(0)
     mind, limits = BeliefState(ur5e, scene, rng), Limits(share=0.9, least=0.001, views=24)
     assert survey(mind, SimulatedWorld(ur5e, scene, rng), limits) == "1 rounds of closer looks were taken"

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
+from kinematics.scene import Scene
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning import verify_plan
 from planning.policies import make_policy
@@ -26,7 +27,7 @@ LEAN_DEG = 5.0
 
 @pytest.fixture(scope="module")
 def leaning(ur5e: Robot) -> Scene:
-    level = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    level = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
     R, p = rotation_about((0.0, 1.0, 0.0), np.radians(LEAN_DEG)), level.cabinet.T_world_cabinet[:3, 3]
     return replace(turned_scene(level, transform(p=p) @ transform(R, -R @ p)), robot=level.robot)
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, RobotRef, Scene, State
+from kinematics.scene import Body, Scene, State
 from kinematics.shapes import Box
 from kinematics.transforms import transform
 from perception.camera import Intrinsics
@@ -32,7 +33,7 @@ from planning.sensing.world import SimulatedWorld
 
 
 def drawn(ur5e: Robot, seed: int, index: int) -> Scene:
-    return generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), seed, index)
+    return generate(load_spec("paper"), ur5e, to_ref(ur5e), seed, index)
 
 
 def sensed(ur5e: Robot, scene: Scene) -> Plan:

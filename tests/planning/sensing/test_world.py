@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene
+from kinematics.scene import Scene
 from kinematics.transforms import transform
 from perception.camera import pinhole
 from planning.plan import Fault, Motion, Plan
@@ -41,7 +42,7 @@ class StumblingWorld(SimulatedWorld):
 
 @pytest.fixture(scope="module")
 def truth(ur5e: Robot) -> Scene:
-    return generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 71, 0)
+    return generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 71, 0)
 
 
 def planned(robot: Robot, truth: Scene, world: SimulatedWorld) -> Plan:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from kinematics.errors import InputError
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import APPROACHES, Grasp, RobotRef, Scene
+from kinematics.scene import APPROACHES, Grasp, Scene
 from kinematics.shapes import Box, Cylinder, Shape
 from kinematics.transforms import rotation_about, transform
 from planning import plan_scene, verify_plan
@@ -34,7 +35,7 @@ PROVED = 880011, 358  # of `shelf`: what blocks x_g can't be picked, and another
 def scene(ur5e: Robot) -> Scene:
     """A scene whose proof says that another grasp of the target would help."""
     seed, index = PROVED
-    return generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), seed, index)
+    return generate(load_spec("shelf"), ur5e, to_ref(ur5e), seed, index)
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,9 @@ from conftest import random_q
 
 from kinematics.collision.fcl_check import Verdict as Exact
 from kinematics.collision.fcl_solids import shape_solids
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Grasp, Held, Scene
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import rotation_about, transform
 from planning.plan import Motion
@@ -35,7 +36,7 @@ def scene_of(robot: Robot, seed: int) -> Scene:
         p = rng.uniform([-0.5, -0.5, 0.0], [0.7, 0.5, 0.8])
         shape = Box(rng.uniform(0.03, 0.12, 3)) if i % 2 else Cylinder(float(rng.uniform(0.02, 0.05)), float(rng.uniform(0.1, 0.3)))
         bodies.append(Body(str(i), shape, transform(rotation_about(rng.normal(size=3), 1.0), p)))
-    return Scene("test", RobotRef(transform(p=robot.base_p), robot.name), CABINET, tuple(bodies), "0", Grasp(np.eye(4), 0.05))
+    return Scene("test", to_ref(robot), CABINET, tuple(bodies), "0", Grasp(np.eye(4), 0.05))
 
 
 def motion_of(robot: Robot, seed: int) -> Motion:

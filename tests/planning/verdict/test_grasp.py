@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import SIDEWAYS
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.named import installed
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
@@ -103,7 +103,7 @@ def test_generated_scenes_hold(name: str, spec: str) -> None:
     if not installed(name):
         pytest.skip(f"the package of {name} is not installed")
     robot = load(name)
-    ref = RobotRef(transform(p=robot.base_p), name)
+    ref = to_ref(robot)
     for index in range(2):
         assert judge_grasp(robot, generate(load_spec(spec), robot, ref, 77, index)) is None
 

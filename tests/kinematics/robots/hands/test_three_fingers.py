@@ -15,7 +15,7 @@ from six_joints import arm, box, joint
 from kinematics.robots.derive import read_description
 from kinematics.robots.files.fixed_joints import freeze
 from kinematics.robots.hands.hand_model import NoGripper
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
 from kinematics.robots.tree import Tree
 from kinematics.scene import Body, Cabinet, Grasp, Scene
@@ -24,7 +24,6 @@ from kinematics.transforms import rotation_about, transform
 from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_grasp, judge_motions
-from retrieve_cli.gen import robot_ref
 
 CABINET = Cabinet(np.array([0.40, 0.70, 0.45]), transform(p=[0.35, 0.0, 0.15]), 0.02)
 
@@ -151,7 +150,7 @@ def test_a_motor_that_spreads_fingers_does_not_close_them(robot: Callable[..., R
     np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=0.05)
     assert made.opening.max_m > 0.06
     body = Body("it", Cylinder(0.025, 0.14), CABINET.T_world_cabinet @ transform(p=[0.15, 0.0, 0.07]))
-    scene = Scene("s", replace(robot_ref(made, None), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
+    scene = Scene("s", replace(to_ref(made), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
     level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
     grasp = Grasp(transform(level, made.opening.hand_position(body.T_world_body[:3, 3], level, 0.05)), 0.05)
     assert judge_grasp(made, scene, grasp) is None
@@ -166,7 +165,7 @@ CAN, BOX = Cylinder(0.025, 0.14), Box(np.array([0.05, 0.05, 0.14]))
 def test_things_are_taken_and_put_down(hand: str, shape: Shape, robot: Callable[..., Robot]) -> None:
     made = robot(hand)
     T = CABINET.T_world_cabinet @ transform(rotation_about((0, 0, 1), 0.1), [0.15, 0.08, 0.07])
-    ref = robot_ref(made, None)
+    ref = to_ref(made)
     scene = Scene("s", replace(ref, T_world_base=np.eye(4)), CABINET, (Body("it", shape, T),), "it", None, 6)
     motions, rng = Motions(made, scene, target_grasps=()), np.random.default_rng(1)
     state = motions.start()
@@ -225,7 +224,7 @@ def test_fingers_that_swing_far_hold_while_they_face_each_other(names: tuple[str
     held = []
     for width in np.linspace(0.8 * opening.max_m, opening.max_m - 0.002, 4):
         body = Body("it", Cylinder(float(width) / 2, 0.14), CABINET.T_world_cabinet @ transform(p=[0.15, 0.0, 0.07]))
-        scene = Scene("s", replace(robot_ref(made, None), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
+        scene = Scene("s", replace(to_ref(made), T_world_base=np.eye(4)), CABINET, (body,), "it", None, 6)
         level = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
         grasp = Grasp(transform(level, opening.hand_position(body.T_world_body[:3, 3], level, float(width))), float(width))
         held.append(judge_grasp(made, scene, grasp))

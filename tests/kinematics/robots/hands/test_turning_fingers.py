@@ -11,7 +11,7 @@ import pytest
 from six_joints import arm, box, joint
 
 from kinematics.robots.hands.gripper import MOST_SLANT
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, Scene
 from kinematics.shapes import Box, Cylinder
@@ -20,7 +20,6 @@ from planning.motion.handling.carry import Done
 from planning.motion.pick_place import Motions
 from planning.verdict import judge_motions
 from planning.verdict.grasp import judge_hold
-from retrieve_cli.gen import robot_ref
 
 CABINET = Cabinet(np.array([0.40, 0.70, 0.45]), transform(p=[0.35, 0.0, 0.15]), 0.02)
 LEVEL = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -93,7 +92,7 @@ def test_the_verdict_accepts_such_a_can_and_no_other_width(robot: Callable[[str]
 def test_a_can_is_taken_and_put_down(robot: Callable[[str], Robot]) -> None:
     made = robot(fingers())
     T = CABINET.T_world_cabinet @ transform(rotation_about((0, 0, 1), 0.1), [0.15, 0.08, 0.06])
-    ref, can = replace(robot_ref(made, None), T_world_base=np.eye(4)), Body("it", Cylinder(0.018, 0.12), T)
+    ref, can = replace(to_ref(made), T_world_base=np.eye(4)), Body("it", Cylinder(0.018, 0.12), T)
     scene = Scene("s", ref, CABINET, (can,), "it", None, 6)
     motions, rng = Motions(made, scene, target_grasps=()), np.random.default_rng(1)
     state = motions.start()

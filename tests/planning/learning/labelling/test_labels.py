@@ -14,6 +14,7 @@ import pytest
 from label_rows import read_rows
 
 from kinematics.chain import forward
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, RobotRef, Scene, State, object_box
 from kinematics.shapes import Box
@@ -46,7 +47,7 @@ SEED = 31
 def scene(ur5e: Robot) -> Scene:
     """A scene for labels, made from the spec with four to six objects, so that all can be asked."""
     spec = replace(load_spec("paper-any"), objects_count=(4, 6))
-    made = varied_scene(spec, ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), SEED, 3, Variety())
+    made = varied_scene(spec, ur5e, to_ref(ur5e), SEED, 3, Variety())
     return replace(made, regions_n=5)
 
 
@@ -304,7 +305,7 @@ def test_without_ways_nothing_blocks(motions: Motions, scene: Scene) -> None:
 
 
 def test_scenes_for_labels_differ_from_others_and_among_themselves(ur5e: Robot) -> None:
-    ref, spec = RobotRef(transform(p=ur5e.base_p), "ur5e"), load_spec("paper")
+    ref, spec = to_ref(ur5e), load_spec("paper")
     made = [varied_scene(spec, ur5e, ref, SEED, i, Variety()) for i in range(4)]
     plain = generate(spec, ur5e, ref, SEED, 0)
     for i, s in enumerate(made):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from kinematics.jit.record import Record
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Held, RobotRef
+from kinematics.scene import Held
 from kinematics.transforms import transform
 from planning.motion.cell.packed_cell import KNOWN_KEPT, PackedCell
 from planning.motion.settings import DEFAULTS
@@ -16,7 +17,7 @@ from planning.scenes.generation import generate, load_spec
 
 @pytest.mark.parametrize("full", [False, True])
 def test_a_hand_among_the_same_objects_elsewhere_is_packed_as_if_anew(ur5e: Robot, full: bool) -> None:
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 3141, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 3141, 0)
     gripper = float(ur5e.opening.value_at(0.06))
     before, moved = scene.poses(), transform(p=[0.05, -0.04, 0.0])
     after = {name: moved @ T if i % 2 else T for i, (name, T) in enumerate(before.items())}
@@ -35,7 +36,7 @@ def test_a_hand_among_the_same_objects_elsewhere_is_packed_as_if_anew(ur5e: Robo
 
 
 def test_so_many_queries_of_a_state_are_kept_and_no_more_and_a_forgotten_one_is_packed_the_same(ur5e: Robot) -> None:
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), ur5e.name), 3141, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 3141, 0)
     cell, poses = PackedCell(ur5e, scene, (), DEFAULTS), scene.poses()
     values = np.linspace(ur5e.lower[ur5e.gripper_joint], ur5e.upper[ur5e.gripper_joint], KNOWN_KEPT + 2).tolist()
     first = cell.problem(poses, values[0])

@@ -20,8 +20,9 @@ from kinematics.collision.clearance import least_clearances
 from kinematics.collision.fcl_check import Verdict
 from kinematics.collision.fcl_solids import Contact
 from kinematics.collision.stretches import PackedStretches, Stretch
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Cabinet, Grasp, Held, RobotRef, Scene
+from kinematics.scene import Body, Cabinet, Grasp, Held, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import Array, rotation_about, transform
 from planning.io.plan_documents import plan_from_json
@@ -37,7 +38,7 @@ Walk = tuple[Array, Held | None, tuple[tuple[str, str], ...]]
 
 
 def scene_of(robot: Robot, *bodies: Body, cabinet: Cabinet = CABINET) -> Scene:
-    return Scene("test", RobotRef(transform(p=robot.base_p), robot.name), cabinet, bodies, "0", Grasp(np.eye(4), 0.05))
+    return Scene("test", to_ref(robot), cabinet, bodies, "0", Grasp(np.eye(4), 0.05))
 
 
 def motion(robot: Robot, q: Array, held: Held | None = None, allowed_contacts: tuple[tuple[str, str], ...] = ()) -> Motion:

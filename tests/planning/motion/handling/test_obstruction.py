@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene, State
 from kinematics.shapes import Box, Cylinder
@@ -29,7 +30,7 @@ def test_an_object_is_free_just_when_it_can_be_picked(ur5e: Robot, spec: str) ->
     """Among any of the others, from where they stand or anywhere else: the same as the picks, quick and thorough."""
     rng, answers = np.random.default_rng(5), []
     for index in range(2):
-        scene = generate(load_spec(spec), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, index)
+        scene = generate(load_spec(spec), ur5e, to_ref(ur5e), 31, index)
         motions = Motions(ur5e, scene)
         first = motions.start().poses
         for _ in range(4):
@@ -54,7 +55,7 @@ def test_an_object_is_free_just_when_it_can_be_picked(ur5e: Robot, spec: str) ->
 @pytest.mark.parametrize("spec", ["paper-any", "shelf"])
 def test_moving_fingers_meet_only_what_the_open_or_the_closed_hand_meets(ur5e: Robot, spec: str) -> None:
     """So labels need not ask what they meet on their way."""
-    scene, answers = generate(load_spec(spec), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 4), []
+    scene, answers = generate(load_spec(spec), ur5e, to_ref(ur5e), 31, 4), []
     motions, standing = Motions(ur5e, scene), frozenset(scene.poses()) - {scene.target_name}
     whole, without = (motions.obstructions(scene.poses(), fingers=fingers) for fingers in (True, False))
     for name in scene.poses():
@@ -66,7 +67,7 @@ def test_moving_fingers_meet_only_what_the_open_or_the_closed_hand_meets(ur5e: R
 
 def test_blockers_are_the_smallest_sets_without_which_it_is_free(ur5e: Robot) -> None:
     for index in range(3):
-        scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, index)
+        scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 31, index)
         motions = Motions(ur5e, scene)
         view = motions.obstructions(scene.poses())
         standing = frozenset(scene.poses()) - {scene.target_name}
@@ -80,7 +81,7 @@ def test_blockers_are_the_smallest_sets_without_which_it_is_free(ur5e: Robot) ->
 
 
 def test_an_object_elsewhere_in_the_hand_is_packed_as_if_for_the_first_time(ur5e: Robot) -> None:
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 31, 0)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 31, 0)
     cell, (name, *_) = Motions(ur5e, scene).cell, scene.poses()
     closed = ur5e.opening.closing_value(0.05)
     grips = [transform(rotation_about((0.3, 0.5, 0.8), turn), [0.0, 0.01 * turn, 0.02]) for turn in (0.0, 1.0, 2.5)]

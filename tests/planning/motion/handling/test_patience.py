@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef
-from kinematics.transforms import Array, transform
+from kinematics.transforms import Array
 from planning.motion.handling.patience import Patience
 from planning.motion.pick_place import ITERATIONS, Motions
 from planning.motion.settings import DEFAULTS, PatienceSettings
@@ -30,7 +30,7 @@ def test_it_halves_with_every_failure_down_to_the_least() -> None:
 def test_searches_that_fail_cost_a_scene_no_more_than_they_may(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """No way across is ever found: whatever is asked about the scene, what searches are given in vain is limited, but for the least."""
     settings = PatienceSettings(failed=8_000, least=100)
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 23, 0)
     motions, given = Motions(ur5e, scene, settings=replace(DEFAULTS, patience=settings)), list[int]()
     found = motions.cell.connect
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import RobotRef, Scene, State
-from kinematics.transforms import Array, transform
+from kinematics.scene import Scene, State
+from kinematics.transforms import Array
 from planning.motion.handling.carry import gripper_on_the_way
 from planning.motion.handling.picking import Pick
 from planning.motion.handling.reached import reached
@@ -18,7 +19,7 @@ from planning.scenes.generation import generate, load_spec
 
 def made(ur5e: Robot) -> tuple[Motions, State, list[Pick]]:
     """A cabinet and all picks of some object in it."""
-    scene: Scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene: Scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 23, 0)
     look = Motions(ur5e, scene).varied
     state = look.start()
     return look, state, next(picks for body in scene.objects if len(picks := look.picks(state, body.name)[0]) > 50)

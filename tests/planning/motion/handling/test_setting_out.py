@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, RobotRef, Scene, State
+from kinematics.scene import Body, Grasp, Scene, State
 from kinematics.shapes import Box, Cylinder
 from kinematics.transforms import transform
 from planning.motion.checking.verify import verify
@@ -23,7 +24,7 @@ LEVEL = np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], 1)
 @pytest.fixture(scope="module")
 def alone(ur5e: Robot) -> Scene:
     """A can in an empty cabinet, a target far from it."""
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 23, 0)
     floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
     can = Body("can", Cylinder(0.03, 0.16), transform(p=[0.5, 0.1, floor_z + 0.08]))
     far = Body("far", Cylinder(0.03, 0.12), transform(p=[0.75, -0.2, floor_z + 0.06]))

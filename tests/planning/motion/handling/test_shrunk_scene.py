@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from turned_cabinet import CABINET, scene_of
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, RobotRef
+from kinematics.scene import Body
 from kinematics.shapes import Box, ConvexMesh, Cylinder
 from kinematics.transforms import Array, inverse, rotation_about, transform
 from planning.motion.handling.shrunk_scene import LEFT_M, can_be_shrunk, most_room_m, shrunk, thinnest_allowed_m, thinnest_m
@@ -55,7 +56,7 @@ def test_where_something_is_a_plate_a_thin_wall_or_a_mesh_there_is_no_such_look(
     assert not can_be_shrunk(replace(scene, cabinet=replace(scene.cabinet, wall_m=0.005)))
     with pytest.raises(ValueError, match="post is a mesh"):
         shrunk(replace(scene, obstacles=(mesh,)), 0.001)
-    shelf = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
+    shelf = generate(load_spec("shelf"), ur5e, to_ref(ur5e), 880011, 358)
     assert Motions(ur5e, shelf).finest is not None
     assert Motions(ur5e, replace(shelf, cabinet=replace(shelf.cabinet, wall_m=0.005))).finest is None
 

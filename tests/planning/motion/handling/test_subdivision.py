@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from turned_cabinet import CABINET, scene_of
 
-from kinematics.robots.load import load
+from kinematics.robots.load import load, to_ref
 from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, Cylinder
@@ -37,7 +37,7 @@ UP = (0, 0, 1)
 
 def test_what_is_stuck_is_so_by_what_stands_around_it(ur5e: Robot) -> None:
     """Three boxes of a shelf keep each other; what can be picked is free."""
-    scene = generate(load_spec("shelf"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 880011, 358)
+    scene = generate(load_spec("shelf"), ur5e, to_ref(ur5e), 880011, 358)
     motions, stuck = Motions(ur5e, scene), frozenset({"box_0", "box_1", "box_4"})
     look = HandSubdivision(ur5e, scene, DEFAULTS, motions.cell).at(scene.poses())
     assert all(look.access(name, stuck - {name}).closed for name in stuck)
@@ -52,7 +52,7 @@ def below_a_board(ur5e: Robot, height_m: float) -> Motions:
     can = Body("can", Cylinder(0.025, 0.12), transform(p=[0.60, 0.2, 0.31]))
     board = Body("board", Box(np.array([0.3, 0.3, 0.02])), transform(p=[0.45, 0.0, height_m]))
     cabinet = Cabinet(np.array([0.5, 0.9, 0.5]), transform(p=[0.3, 0.0, 0.25]), 0.03)
-    ref = RobotRef(transform(p=ur5e.base_p), "ur5e")
+    ref = to_ref(ur5e)
     return Motions(ur5e, Scene("s", ref, cabinet, (box, can), "can", None, approaches=("horizontal",), obstacles=(board,)))
 
 
@@ -86,7 +86,7 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
 def test_an_arm_for_which_each_hand_takes_long_is_asked_about_fewer(ur5e: Robot) -> None:
     of_each = list[int]()
     for robot in (ur5e, load("panda")):
-        finest = Motions(robot, generate(load_spec("paper"), robot, RobotRef(transform(p=robot.base_p), robot.name), 5, 0)).finest
+        finest = Motions(robot, generate(load_spec("paper"), robot, to_ref(robot), 5, 0)).finest
         assert finest is not None
         of_each.append(finest.most_between)
     assert of_each == [10_000, 3_000]
@@ -166,7 +166,7 @@ def test_no_point_of_a_hand_on_its_way_is_further_off_than_is_reckoned_with(ur5e
 
 def test_hands_judged_together_are_those_that_picks_judge_one_by_one(ur5e: Robot) -> None:
     """To what stands in a cabinet, with and without what is around it: the others are blocked before or while they come."""
-    scene = generate(load_spec("paper-any"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 7, 1)
+    scene = generate(load_spec("paper-any"), ur5e, to_ref(ur5e), 7, 1)
     cell, poses, let = Motions(ur5e, scene).cell, scene.poses(), list[bool]()
     for name in sorted(poses)[:4]:
         hands = list(islice(sampled_grasps(ur5e, scene, name, poses[name]), 0, 200, 5))
@@ -209,9 +209,7 @@ def test_a_hand_between_two_that_look_other_ways_is_found(ur5e: Robot) -> None:
     before = Body("before", Box(np.array([0.058609763026097494, 0.05999850461071113, 0.15583526004155146])),
                   transform(rotation_about(UP, -1.45538), [0.3855111845458461, -0.07737486998861734, 0.17791763002077574]))  # fmt: skip
     target = Body("target", Box(np.array([0.04, 0.05, 0.15])), transform(p=[0.63, 0.1, 0.175]))
-    scene = Scene(
-        "s", RobotRef(transform(p=ur5e.base_p), "ur5e"), cabinet, (can, box, before, target), "target", None, approaches=("horizontal",)
-    )
+    scene = Scene("s", to_ref(ur5e), cabinet, (can, box, before, target), "target", None, approaches=("horizontal",))
     motions, standing = Motions(ur5e, scene, settings=UNCONSTRAINED), frozenset({"box", "before"})
     assert not motions.exhaustive.obstructions(scene.poses()).free("can", standing)
     assert motions.finest is not None

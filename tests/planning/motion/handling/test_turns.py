@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kinematics.robots.load import to_ref
 from kinematics.robots.robot import Robot
-from kinematics.scene import Body, Grasp, RobotRef, Scene
+from kinematics.scene import Body, Grasp, Scene
 from kinematics.shapes import Cylinder
 from kinematics.transforms import Array, transform
 from planning.motion.cell.arm import arm_at
@@ -51,7 +52,7 @@ def fits(values: Array, low: float, high: float) -> bool:
 @pytest.fixture(scope="module")
 def behind(ur5e: Robot) -> tuple[Scene, Grasp]:
     """A can near the mouth of an empty cabinet, and a grasp on it by a hand that reaches round it and looks back at the robot."""
-    scene = generate(load_spec("paper"), ur5e, RobotRef(transform(p=ur5e.base_p), "ur5e"), 23, 0)
+    scene = generate(load_spec("paper"), ur5e, to_ref(ur5e), 23, 0)
     floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
     can = Body("can", Cylinder(0.03, 0.16), transform(p=[0.42, 0.12, floor_z + 0.08]))
     far = Body("far", Cylinder(0.03, 0.12), transform(p=[0.75, -0.2, floor_z + 0.06]))

@@ -39,7 +39,10 @@ def expect(node: Node, kind: str) -> int:
     found, version = kind_and_version(node)
     schema = node.at("schema")
     if found != kind:
-        advice = {"plan": "plans go to `retrieve report` and `retrieve show`", "scene": "scenes go to `retrieve plan` and `retrieve show`"}
+        advice = {
+            "plan": "plans go to `retrieve report` and `retrieve show`, and after their scenes to `retrieve verify`",
+            "scene": "scenes go to `retrieve plan` and `retrieve show`",
+        }
         raise schema.error(f"this is a {found}, and a {kind} is expected; {advice[found]}")
     if version not in VERSIONS[kind]:
         advice_v = "too new: update the program" if version > max(VERSIONS[kind]) else "too old: write the file again"

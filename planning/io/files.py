@@ -25,6 +25,7 @@ from planning.plan import Plan
 T = TypeVar("T")
 
 GZIP = b"\x1f\x8b"
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 UNREADABLE = (OSError, RuntimeError)
 """What paths give besides ValueError: no permission, a name that is too long, links in a circle."""
 
@@ -153,6 +154,8 @@ def _lines(source: Path | None, how: str) -> Iterator[tuple[str, bytes]]:
 def _text(where: str, raw: bytes) -> str:
     if raw.startswith(GZIP):
         raise InputError(f"{where}: this is compressed (gzip): gunzip -c FILE | retrieve …, with - for the file where another one is named")
+    if raw.startswith(UTF_16):
+        raise InputError(f"{where}: this is UTF-16, as PowerShell's > writes it: iconv -f UTF-16 -t UTF-8 FILE, or name the file by -o")
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError as e:

@@ -268,7 +268,7 @@ MISTAKES: list[tuple[Change, str]] = [
     ),
     (
         _set("schema", "retrieve/plan@1"),
-        "schema: this is a plan, and a scene is expected; plans go to `retrieve report` and `retrieve show`",
+        "schema: this is a plan, and a scene is expected; plans go to `retrieve report` and `retrieve show`, and after their scenes to",
     ),
     (_set("schema", "scene"), "schema: 'scene' is unknown; this program reads retrieve/scene@1 and retrieve/scene@2 and "),
     (_set("schema", 1), "schema: the number 1 stands where a text is expected"),
@@ -330,6 +330,9 @@ def test_broken_lines(text: str, says: str, complaint: Callable[[str], str]) -> 
 def test_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "scenes.jsonl").write_bytes(b"\x89PNG\r\n")
     with pytest.raises(InputError, match=r"scenes.jsonl:1: byte 1 is not UTF-8 text; is this a JSON Lines file\?"):
+        list(read_scenes(tmp_path / "scenes.jsonl"))
+    (tmp_path / "scenes.jsonl").write_text("{}\n", encoding="utf-16")
+    with pytest.raises(InputError, match=r"scenes.jsonl:1: this is UTF-16, as PowerShell's > writes it: iconv -f UTF-16 -t UTF-8 FILE"):
         list(read_scenes(tmp_path / "scenes.jsonl"))
     with pytest.raises(InputError, match=r"scene.jsonl: no such file \(did you mean 'scenes.jsonl'\?\)"):
         list(read_scenes(tmp_path / "scene.jsonl"))

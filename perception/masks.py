@@ -4,13 +4,14 @@ Beside depth/ in the folder of a scene stands one of
 - mask_visib/000000_000000.png (image, object), with the objects' ids or names in scene_gt.json;
 - scene_gt_coco.json or another *coco*.json: COCO annotations, or a bare list of results; `segmentation` is a run-length encoding,
   compressed (a string, as pycocotools writes it) or not (a list), or a list of polygons; names are those of the categories. An image is
-  the frame whose number its file's name says, where `images` has one, else the frame whose number is its id;
+  the frame whose number its file's name is or ends in, where `images` says so, else the frame whose number is its id;
 - label/000000.png: a number an object, 0 and (of 8 bits) 255 nobody's; label/names.json may name them: {"1": "mug"}.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -45,8 +46,8 @@ def mask_reader(home: Path, objects: dict[str, Any] | None) -> Callable[[int, tu
         return lambda k, shape: _bop(home, k, None if objects is None else objects.get(str(k)), shape)
     coco = sorted(home.glob("*coco*.json"))
     if coco:
-        by_image, categories = _annotations(coco[0])
         frames = {int(file.stem) for file in (home / "depth").glob("*") if file.suffix in DEPTH_FILES and file.stem.isdigit()}
+        by_image, categories = _annotations(coco[0], frames)
         if by_image and not frames & set(by_image):
             said, there = (", ".join(map(str, sorted(some)[:4])) for some in (by_image, frames))
             raise ValueError(f"{coco[0]}: has masks of the images {said} …, and the frames are {there} …; `images` may say which is which")
@@ -91,8 +92,8 @@ def numbered_names(names: Sequence[str]) -> list[str]:
 # COCO -----------------------------------------------------------------------------------------------------------------------------------
 
 
-def _annotations(file: Path) -> tuple[dict[int, list[dict[str, Any]]], dict[int, str]]:
-    """The annotations by image number, those of lesser score first, and the categories' names."""
+def _annotations(file: Path, frames: set[int]) -> tuple[dict[int, list[dict[str, Any]]], dict[int, str]]:
+    """The annotations by frame number, those of lesser score first, and the categories' names."""
     document = read_json(file)
     listed = document.get("annotations") if isinstance(document, dict) else document
     if not isinstance(listed, list) or not all(isinstance(a, dict) and "image_id" in a and "segmentation" in a for a in listed):
@@ -101,13 +102,38 @@ def _annotations(file: Path) -> tuple[dict[int, list[dict[str, Any]]], dict[int,
     images = document.get("images", []) if isinstance(document, dict) else []
     by_image: dict[int, list[dict[str, Any]]] = {}
     try:
-        stems = {i["id"]: Path(str(i["file_name"])).stem for i in images if "file_name" in i}
+        number = _numbers(file, {i["id"]: Path(str(i["file_name"])).stem for i in images if "file_name" in i}, frames)
         for a in sorted(listed, key=lambda a: float(a.get("score", 1.0))):
-            stem = stems.get(a["image_id"], "")
-            by_image.setdefault(int(stem if stem.isdigit() else a["image_id"]), []).append(a)
+            by_image.setdefault(int(number.get(a["image_id"], a["image_id"])), []).append(a)
         return by_image, {int(c["id"]): str(c.get("name", c["id"])) for c in groups}
+    except _WhichFrame:
+        raise
     except (TypeError, ValueError, KeyError, AttributeError) as e:
         raise ValueError(f"{file}: ids of images and categories are whole numbers, and scores are numbers ({_said(e)})") from e
+
+
+class _WhichFrame(ValueError):
+    """An image of which no telling is what frame it shows."""
+
+
+def _numbers(file: Path, stems: dict[Any, str], frames: set[int]) -> dict[Any, int]:
+    """The frame that each image shows, by its id: the number that its file's name is, or ends in; its id where names have none.
+
+    Raises: _WhichFrame when names have none, and neither are all ids frames' numbers nor have all frames an image: most often ids begin at
+    1 and frames at 0.
+    """
+    for pattern in (r"(\d+)", r"(?:.*\D)?(\d+)"):
+        found = {i: int(m[1]) for i, stem in stems.items() if (m := re.fullmatch(pattern, stem, re.ASCII))}
+        if len(found) == len(stems) == len(set(found.values())) and frames.intersection(found.values()):
+            return found
+    plain = {i: int(stem if stem.isdecimal() else i) for i, stem in stems.items()}
+    for i, stem in stems.items():
+        if not stem.isdecimal() and plain[i] not in frames and frames.intersection(plain.values()) and frames.difference(plain.values()):
+            raise _WhichFrame(
+                f"{file}: the name of image {i}, {stem!r}, says no frame's number, and there is no frame {i}: give `file_name` the "
+                "number of the depth image, such as 000000.png"
+            )
+    return plain
 
 
 def _said(e: Exception) -> str:

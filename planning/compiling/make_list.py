@@ -2,7 +2,7 @@
 planning.compiling.make_list`, or `make ahead`.
 
 A process of its own, with an empty cache, generates and plans a few scenes, the last one with a mesh, too; the list is what it called, in
-its order. Then it draws and labels, whose functions ship, too, and are made machine code of when they are called.
+its order. Then it draws, labels and looks around, whose functions ship, too, and are made machine code of when they are called.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SCENES, LABELLED, SEED = 6, 3, 5
 
 
 def recorded() -> tuple[list[Ahead], list[Ahead]]:
-    """The entries that generating and planning a few scenes calls, and those that drawing and labels call."""
+    """The entries that generating and planning a few scenes calls, and those that drawing, labels and looking around call."""
     rows: list[Ahead] = []
     usual = Entry.bring
 
@@ -44,6 +44,7 @@ def recorded() -> tuple[list[Ahead], list[Ahead]]:
         planned = len(rows)
         tiny_still()
         _label_some()
+        _sense_some()
     finally:
         Entry.bring = usual  # type: ignore[method-assign]
     return rows[:planned], rows[planned:]
@@ -87,6 +88,25 @@ def _label_some() -> None:
     for index in range(LABELLED):
         scene = varied_scene(load_spec("paper"), robot, to_ref(robot), SEED, index, Variety())
         list(rows(robot, scene, SEED, index, paths=8, objects=2, partly_seen=1.0))
+
+
+def _sense_some() -> None:
+    """Plan a scene of which nothing is known but noisy pictures without masks."""
+    import numpy as np
+
+    from kinematics.robots.load import load
+    from perception.camera import DepthNoise
+    from planning.policies import make_policy
+    from planning.sensing.retrieve import retrieve_unseen
+    from planning.sensing.settings import SensingSettings
+    from planning.sensing.world import SimulatedWorld
+
+    robot, scene, rng, noise = load("ur5e"), _scene(0), np.random.default_rng(SEED), DepthNoise()
+    world = SimulatedWorld(robot, scene, rng, noise, "geometry")
+    sensing = SensingSettings(by="geometry", noise_1m_m=noise.axial_1m_m)
+    retrieve_unseen(
+        world, robot, scene, lambda m, moves: make_policy("local", m, max_moves=moves), truth=world, name="local", sensing=sensing, rng=rng
+    )
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 
 from perception.camera import Intrinsics, look_at
 from perception.frames import Frame, read_frames, write_frames
-from perception.masks import decoded, numbered_names, read_json
+from perception.masks import _numbers, decoded, numbered_names, read_json
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 FROM_PYCOCOTOOLS = "01ak04gUO6K4M2N2N2O0O2O000O2O00000001N10001N101N2N2N3L5JY;3gD0000000000000000000000000"
@@ -77,6 +77,28 @@ def test_coco_images_are_the_frames_that_their_files_names_say(tmp_path: Path) -
     (home / "masks_coco.json").write_text(json.dumps({"annotations": [of_41]}))
     with pytest.raises(ValueError, match="has masks of the images 41 …, and the frames are 0 …; `images` may say which is which"):
         read_frames(tmp_path)
+
+
+def test_coco_images_whose_names_end_in_a_number_are_the_frames_of_that_number(tmp_path: Path) -> None:
+    home = recording(tmp_path)
+    square = [[2, 2, 10, 2, 10, 9, 2, 9]]
+    document: dict[str, Any] = {
+        "annotations": [{"image_id": i, "category_id": i, "segmentation": square} for i in (0, 1)],
+        "images": [{"id": 0, "file_name": "rgb/frame_0001.png"}, {"id": 1, "file_name": "rgb/frame_0000.png"}],
+    }
+    (home / "masks_coco.json").write_text(json.dumps(document))
+    assert read_frames(tmp_path)[0].names == ("object_1",)
+
+
+def test_coco_ids_from_1_are_not_taken_for_frames_from_0() -> None:
+    """Each mask would be the one of the frame before."""
+    images = {1: "left", 2: "middle", 3: "right"}
+    with pytest.raises(ValueError, match="the name of image 3, 'right', says no frame's number, and there is no frame 3: give `file_name`"):
+        _numbers(Path("coco.json"), images, {0, 1, 2})
+    assert _numbers(Path("coco.json"), images, {1, 2, 3}) == {1: 1, 2: 2, 3: 3}
+    assert _numbers(Path("coco.json"), images, {1, 2}) == {1: 1, 2: 2, 3: 3}, "a part of the images"
+    assert _numbers(Path("coco.json"), {1: "img-v2", 2: "depth-v2"}, {1, 2}) == {1: 1, 2: 2}, "no numbers of frames"
+    assert _numbers(Path("coco.json"), {5: "000000", 6: "000001"}, {0, 1}) == {5: 0, 6: 1}
 
 
 @pytest.mark.parametrize(

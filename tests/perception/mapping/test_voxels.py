@@ -196,7 +196,7 @@ def test_a_view_that_measures_nothing_tells_nothing(depth: np.ndarray) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_boxes_fill_just_what_is_marked(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    voxels = unknown_voxels(CABINET, 0.05)
+    voxels = unknown_voxels(CABINET, 0.08)
     which = rng.random(voxels.state.shape) < rng.choice([0.02, 0.5, 0.95])
     filled = np.zeros_like(which)
     for body in voxels.boxes(which):

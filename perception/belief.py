@@ -19,6 +19,7 @@ from perception.objects.clustering import cluster_instances
 from perception.objects.fit import standing_solids
 from perception.objects.prepared_frames import PreparedFrames, ReadyFrame, prepare
 from perception.objects.segment import grown, iou, match, object_pixels, object_points, standing_box, standing_boxes
+from perception.objects.settle import settled
 from perception.objects.supports import base_heights
 from perception.objects.tops import seen_top
 from perception.observation import Observation
@@ -32,7 +33,8 @@ POINT_M = 0.03  # the grasp stands for a box of this size where no target box is
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """bodies: upright solids, to plan with. boxes: name to the paper's box (6,), centre and size, grown into what is hidden.
+    """bodies: upright solids, settled on one another, to plan with. boxes: name to the paper's box (6,), centre and size, grown into
+    what is hidden.
 
     frames: those that it comes from, and whose pixels are which object's. seen_tops: name to the share of the top face that was seen.
     """
@@ -73,7 +75,7 @@ def believe(
         views = _named_as_before(views, empty_scene.cabinet, tracked, before)
     shown = object_pixels(views)
     bases = base_heights({name: points for name, (points, _) in shown.items()})
-    solids = standing_solids(views, shown, bases, empty_scene.cabinet)
+    solids = settled(standing_solids(views, shown, bases, empty_scene.cabinet), float(empty_scene.cabinet.T_world_cabinet[2, 3]))
     tops = {b.name: seen_top(b, apply(empty_scene.cabinet.T_world_cabinet, shown[b.name][0])) for b in solids}
     boxes = {name: grown(box, voxels) for name, box in standing_boxes(views, shown, solids, bases, empty_scene.cabinet).items()}
     wanted = _wanted(empty_scene, by, target_box)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -153,26 +154,38 @@ class Move:
 class Unsolvable:
     """The proof that no sequence of picks helps: objects of which none can be picked while they and the target stand, and which together
     block every way to x_g. would_help: what would change that, in words. leaning: those of them that are stuck for they lean on something
-    and would stand nowhere else. All of it holds for the grasps that were sampled, and no others.
+    and would stand nowhere else. lifted_into: those that have no room to be lifted, and what each of them meets. All of it holds for the
+    grasps that were sampled, and no others.
     """
 
     stuck: tuple[str, ...]
     would_help: tuple[str, ...]
     leaning: tuple[str, ...] = ()
+    lifted_into: tuple[tuple[str, str], ...] = ()
 
     @property
     def words(self) -> str:
         """What is proved. Nothing need be stuck: what stands still (walls, unseen space) may keep the hand from x_g by itself."""
         if not self.stuck:
             return "with every object gone the target's grasp is still out of reach, or blocked by what can't be moved"
-        lean = "lean on something and" if len(self.leaning) > 1 else "leans on something and"
-        why = f"{', '.join(self.leaning)} {lean} would stand nowhere else" if self.leaning else ""
+        why = "; ".join(self._reasons())
         if len(self.stuck) == 1:
             return why or f"{self.stuck[0]} can't be picked, even with nothing but the target beside it"
         names = ", ".join(self.stuck)
         if why:
             return f"none of {names} can be moved while the others of them stand: {why}"
         return f"none of {names} can be picked while the others of them stand"
+
+    def _reasons(self) -> Iterator[str]:
+        """Why some of what is stuck is, whatever hand takes it."""
+        if self.leaning:
+            lean = "lean on something and" if len(self.leaning) > 1 else "leans on something and"
+            yield f"{', '.join(self.leaning)} {lean} would stand nowhere else"
+        under = defaultdict[str, list[str]](list)
+        for name, other in self.lifted_into:
+            under[other].append(name)
+        for other, names in under.items():
+            yield f"{', '.join(names)} would meet {other} when lifted"
 
 
 @dataclass(frozen=True)

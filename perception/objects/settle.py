@@ -58,8 +58,6 @@ def _stacked(upper: Body, lower: Body) -> tuple[Body, Body]:
     bottom, level = _heights(upper)[0], _heights(lower)[1]
     if bottom > level + GAP_M:  # the upper one reaches down to what carries it
         return _with_ends(upper, level + GAP_M, None), lower
-    if level - bottom > MOST_M:
-        return upper, lower
     middle = (bottom + level) / 2
     return _with_ends(upper, middle + GAP_M / 2, None), _with_ends(lower, None, middle - GAP_M / 2)
 

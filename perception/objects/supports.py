@@ -20,7 +20,8 @@ FEWEST_POINTS, FEWEST_SHARE = 20, 0.002
 
 
 def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
-    """The height over the floor at which each object ends below: 0, or that of its lowest point where another carries it.
+    """The height over the floor at which each object ends below: 0, or where another carries it that of its lowest points, but for a
+    hundredth of them: a few are the other's.
 
     points (N, 3): what is seen of each, in the cabinet's frame. An object whose lower part is hidden stands on the floor.
     """
@@ -30,7 +31,7 @@ def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
         lower = [q for other, q in points.items() if other != name and low[name] > FLOOR_M and low[other] < low[name] - LOWER_M]
         outline = footprint(p) if lower else p[:0]
         carried = any(_beneath(outline, q, low[name]) for q in lower)
-        out[name] = float(p[:, 2].min()) if carried else 0.0
+        out[name] = low[name] if carried else 0.0
     return out
 
 

@@ -74,6 +74,8 @@ def _foresight_to_json(plan: Plan) -> dict[str, Any]:
     }
     if proof is not None and proof.leaning:
         known["unsolvable"]["leaning"] = list(proof.leaning)
+    if proof is not None and proof.lifted_into:
+        known["unsolvable"]["lifted_into"] = [{"object": name, "body": body} for name, body in proof.lifted_into]
     if plan.max_moves != MAX_MOVES:
         known["max_moves"] = int(plan.max_moves)
     return {key: value for key, value in known.items() if value is not None}
@@ -152,11 +154,12 @@ def _grasp(node: Node) -> Grasp:
 
 
 def _unsolvable(node: Node) -> Unsolvable:
-    f = node.record(("stuck", "would_help"), ("leaning",), extra=True)
+    f = node.record(("stuck", "would_help"), ("leaning", "lifted_into"), extra=True)
     stuck, words, leaning = (
         tuple(name.text() for name in f[key].items()) if key in f else () for key in ("stuck", "would_help", "leaning")
     )
-    return Unsolvable(stuck, words, leaning)
+    pairs = [item.record(("object", "body"), extra=True) for item in f["lifted_into"].items()] if "lifted_into" in f else []
+    return Unsolvable(stuck, words, leaning, tuple((pair["object"].text(), pair["body"].text()) for pair in pairs))
 
 
 def _fault(node: Node) -> Fault:

@@ -74,24 +74,28 @@ class Prover:
         """That a set of objects keeps the target in, unless an arm of many joints may reach it in a way that is hardly found."""
         if self.motions.reaches_closely(state.poses, named):
             return Finding(undecided=f"{self.target} may be reached among what is stuck by a solution of the arm that is hardly found")
-        leaning = tuple(sorted(named & self.motions.supports.put_down_nowhere))
-        return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck)), leaning))
+        supports = self.motions.supports
+        leaning = tuple(sorted(named & supports.put_down_nowhere))
+        goes = state.poses.keys() - named - {self.target}
+        met = {name: [other for other in supports.lifted_into(name, state.poses) if other not in goes] for name in sorted(named)}
+        lifted_into = tuple((name, others[0]) for name, others in met.items() if others)
+        return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck)), leaning, lifted_into))
 
     def _subdivision(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:
         """A hand that takes one of a set of objects while the others of it stand; or else why it is in doubt that there is none."""
         waiting = self.motions.supports.waiting(state.poses)
-        asked = [name for name in sorted(stuck) if not waiting.get(name, NOTHING) & {*stuck, self.target}]  # no hand changes the others
+        hidden = [name for name in sorted(stuck) if self._is_hidden(state, name, stuck)]
+        doubt = f"{hidden[-1]} may be taken once what nobody has seen before it was seen" if hidden else None
+        stays = {name for name in stuck if waiting.get(name, NOTHING) & {*stuck, self.target}}  # whatever hand there is
+        asked = sorted(stuck.difference(stays, hidden))
         if not asked:
-            return {}, None
+            return {}, doubt
         if self.motions.finest is None:
             thin_mm = 1e3 * thinnest_allowed_m(self.motions.scene)
             what = f"meshes, what is not upright, pads that are askew, and anything thinner than {thin_mm:.0f} mm"
             return {}, f"nothing is proved where there are {what}: hands among these can't be looked at densely enough"
-        view, doubt = self.motions.finest.at(state.poses), None
+        view = self.motions.finest.at(state.poses)
         for name in asked:
-            if self._is_hidden(state, name, stuck):
-                doubt = f"{name} may be taken once what nobody has seen before it was seen"
-                continue
             access = view.access(name, stuck - {name})
             if access.hand is not None:
                 return {name: [access.hand]}, None

@@ -53,13 +53,13 @@ def fused(scene: Scene, frames: Sequence[Frame], noise_1m_m: float, voxel_m: flo
 
 
 def seen_bodies(belief: Belief, scene: Scene) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
-    """The believed objects as a scene's own, settled on one another; and pieces of those that nothing simple describes, as obstacles.
+    """The believed objects as a scene's own; and pieces of those that nothing simple describes, as obstacles.
 
     A thing whose solid is deep in another's is no box or cylinder, a drill perhaps: nobody could pick it by that solid, nor what lies in
     it. It is cut into upright pieces, which stand still.
     """
     floor_z = float(scene.cabinet.T_world_cabinet[2, 3])
-    bodies = settled(belief.bodies, floor_z)
+    bodies = belief.bodies
     points = object_points(prepare(belief.frames, scene.cabinet)) if _too_deep(bodies) else {}
     points.pop(scene.target or TARGET, None)  # what is wanted is taken for one thing
     T, pieces = scene.cabinet.T_world_cabinet, list[Body]()

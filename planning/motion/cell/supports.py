@@ -1,5 +1,5 @@
-"""Which objects can't be moved as things are, whatever hand takes them: what bears another goes after that, what leans on something is put
-down nowhere, and what is too heavy is not lifted.
+"""Which objects can't be moved as things are, whatever hand takes them: what bears another, or stands beneath it, goes after that, what
+leans on something is put down nowhere, and what is too heavy, or has no room above, is not lifted.
 
 Support is what the verdict calls so (`planning.verdict.standing`). Only what stands where the scene has it can rest on others: all that was
 moved stands on the floor and touches nothing else, nor does it come to bear what stands already.
@@ -7,13 +7,15 @@ moved stands on the floor and touches nothing else, nor does it come to bear wha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
 from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, transform
+from planning.motion.cell.lifts import Lifts
 from planning.plan import Blocked
 from planning.verdict.faults import Settings
 from planning.verdict.standing import Placed, Stand, boxes_meet, falls, placed, stand, stand_among
@@ -23,9 +25,10 @@ STRAIGHT = 1e-9  # of a cosine: what leans by no more stands as if it did not le
 
 
 class Supports:
-    """Of one scene's objects. settings: when the verdict says that something stands."""
+    """Of one scene's objects. settings: when the verdict says that something stands. fixtures: what stands still, by default the scene's
+    own."""
 
-    def __init__(self, scene: Scene, settings: Settings | None = None) -> None:
+    def __init__(self, scene: Scene, settings: Settings | None = None, fixtures: Sequence[Body] | None = None) -> None:
         self.scene, self.settings, self._first = scene, settings or Settings(), scene.poses()
         raised = [b for b in scene.objects if not _alone_on_floor(b, scene.cabinet, self.settings.stands_m)]
         self._placed = {b.name: placed(b.name, b.shape, b.T_world_body, scene.cabinet) for b in scene.objects} if raised else {}
@@ -38,12 +41,24 @@ class Supports:
         self.put_down_nowhere: Names = frozenset(self._leans) - {scene.target}
         """What leans on something and would stand nowhere else as it is turned; the target is not put down."""
         self._stays = self.put_down_nowhere.union(name for name in self._first if scene.too_heavy(name) is not None)
+        self._fixtures = scene.fixtures() if fixtures is None else fixtures
+
+    @cached_property
+    def _lifts(self) -> Mapping[str, tuple[str, ...]]:
+        """What objects meet as they are lifted where the scene has them."""
+        return Lifts(self.scene.objects, self._fixtures).met
+
+    def lifted_into(self, name: str, poses: Mapping[str, Array]) -> tuple[str, ...]:
+        """What an object itself would meet as it is lifted: other objects at poses, and what stands still."""
+        if name not in self._lifts or not self._is_first(name, poses):
+            return ()
+        return tuple(other for other in self._lifts[name] if other not in self._first or self._is_first(other, poses))
 
     def resting_on(self, name: str, poses: Mapping[str, Array]) -> tuple[str, ...]:
         """Which of the objects at poses would not stay where they are without one of them: they go before it."""
         if not self._resting:
             return ()
-        here = frozenset(n for n, T in poses.items() if np.array_equal(T, self._first[n]))
+        here = frozenset(n for n in poses if self._is_first(n, poses))
         return tuple(upper for upper in self._resting if upper in here and self._bears(name, upper, here))
 
     def kept(self, name: str, poses: Mapping[str, Array]) -> Blocked | None:
@@ -52,6 +67,8 @@ class Supports:
             return Blocked("lift", body=name, detail=weighs)
         for upper in self.resting_on(name, poses):
             return Blocked("grasp", body=upper, detail=f"{upper} rests on {name} and goes first")
+        for other in self.lifted_into(name, poses):
+            return Blocked("lift", name, other, detail=f"{name} has no room above, whatever hand takes it")
         if name in self.put_down_nowhere:
             on = " and ".join(other for other in self._leans[name] if other != "floor")
             return Blocked("release", body=name, detail=f"{name} leans on {on}, and would stand nowhere else as it is turned")
@@ -60,12 +77,19 @@ class Supports:
     def waiting(self, poses: Mapping[str, Array]) -> dict[str, Names]:
         """For the objects at poses that are not to be moved as things are, the others that have to go first. What can't be moved at all
         waits for the target: it stays."""
-        if not self._resting and not self._stays:
+        if not self._resting and not self._stays and not self._lifts:
             return {}
         first = {name: frozenset(self.resting_on(name, poses)) for name in poses}
-        for name in self._stays.intersection(first):
-            first[name] |= {self.scene.target_name}
+        for name in first:
+            meets = self.lifted_into(name, poses)
+            first[name] |= self._first.keys() & meets
+            if name in self._stays or not self._first.keys() >= set(meets):
+                first[name] |= {self.scene.target_name}
         return {name: others for name, others in first.items() if others}
+
+    def _is_first(self, name: str, poses: Mapping[str, Array]) -> bool:
+        """Whether an object stands where the scene has it."""
+        return name in poses and np.array_equal(poses[name], self._first[name])
 
     def _bears(self, lower: str, upper: str, here: Names) -> bool:
         """Whether an object would not stay where it is if another one of those that are here were taken."""

@@ -74,8 +74,8 @@ class Workcell(PackedCell):
 
     @cached_property
     def supports(self) -> Supports:
-        """Which of the scene's objects rest on which."""
-        return Supports(self.scene)
+        """Which of the scene's objects can't be moved as things are."""
+        return Supports(self.scene, fixtures=self.walls)
 
     def free_along(self, query: PlanningQuery, path: Array) -> bool:
         """Whether a path (K, A), K > 1, is free all along, for certain."""

@@ -14,6 +14,7 @@ PAIRS = {
     "boxes": (box("a", 0.3, 0.0, [0.06, 0.06, 0.1], 0.2), box("b", 0.3, 0.06, [0.06, 0.06, 0.12], 0.1)),
     "box and can": (box("a", 0.3, 0.0, [0.06, 0.06, 0.1], 0.4), can("b", 0.36, 0.0)),
     "cans": (can("a", 0.3, 0.0), can("b", 0.33, 0.05)),
+    "a stack, 18 mm in one another": (lifted(can("a", 0.3, 0.0), 0.062), box("b", 0.3, 0.0, [0.1, 0.1, 0.08])),
     "a stack": (lifted(box("a", 0.3, 0.0, [0.06, 0.06, 0.1]), 0.075), box("b", 0.3, 0.0, [0.1, 0.1, 0.08], 0.3)),
 }
 
@@ -27,7 +28,7 @@ def test_small_overlaps_go_and_little_is_lost(case: str) -> None:
     for a, b in zip(before, after):
         old, new = object_box(a), object_box(b)
         assert (new[3:] <= old[3:] + 1e-9).all()
-        assert np.abs(new - old).max() < 0.012
+        assert np.abs(new - old).max() < 0.012  # half of an overlap, if it is a stack's
 
 
 def test_what_is_apart_or_deep_in_one_another_stays() -> None:

@@ -12,6 +12,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, Grasp, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import Array, inverse, rotation_about, transform
+from planning.io.plan_documents import plan_from_json, plan_to_json
 from planning.motion.cell.supports import STRAIGHT, Supports, _alone_on_floor
 from planning.motion.pick_place import Motions
 from planning.plan import Blocked, Fault, Plan, Unsolvable
@@ -88,21 +89,26 @@ def test_the_target_waits_as_well() -> None:
 
 
 def test_what_rests_on_several_waits_for_the_last_of_them() -> None:
-    """A plank on three cubes lies on any two that have its middle between them; a moved cube bears nothing."""
+    """A plank on three cubes lies on any two that have its middle between them; a moved cube bears nothing. None of them has room to be
+    lifted, though."""
     cubes = [standing(f"cube_{i}", CUBE, 0.5, y) for i, y in enumerate((-0.15, 0.0, 0.15))]
     plank = standing("plank", Box(np.array([0.05, 0.4, 0.01])), 0.5, 0.0, 0.06 + GAP_M)
     scene = scene_of(TARGET, *cubes, plank)
     supports, poses = Supports(scene), scene.poses()
-    assert supports.waiting(poses) == {}
+    assert all(supports.resting_on(cube.name, poses) == () for cube in cubes)
+    assert supports.waiting(poses) == {cube.name: {"plank"} for cube in cubes}
     poses["cube_1"] = transform(p=[0.5, 0.3, FLOOR_Z + 0.03])
+    assert [supports.resting_on(cube.name, poses) for cube in cubes] == [("plank",), (), ("plank",)]
     assert supports.waiting(poses) == {"cube_0": {"plank"}, "cube_2": {"plank"}}
 
 
 def test_what_stands_under_a_board_bears_nothing_on_it() -> None:
-    """The things on the shelf begin 17 mm above what is under it."""
+    """The things on the shelf begin 17 mm above what is under it, which has no room to be lifted."""
     board = Body("board", Box(np.array([0.3, 0.8, 0.01])), transform(p=[0.6, 0.0, FLOOR_Z + 0.07]))
-    on_it = standing("on_it", CUBE, 0.5, 0.1, 0.075 + GAP_M)
-    assert kept(scene_of(TARGET, LOW, on_it, obstacles=(board,))) == {}
+    scene = scene_of(TARGET, LOW, standing("on_it", CUBE, 0.5, 0.1, 0.075 + GAP_M), obstacles=(board,))
+    assert all(Supports(scene).resting_on(body.name, scene.poses()) == () for body in scene.objects)
+    words = "{} has no room above, whatever hand takes it"
+    assert kept(scene) == {name: ("lift", "board", words.format(name)) for name in ("target", "low")}
 
 
 def test_what_lies_in_a_tray_goes_before_it() -> None:
@@ -317,3 +323,26 @@ def test_what_is_too_heavy_is_not_lifted(ur5e: Robot) -> None:
     assert fault == Fault("lift", ("box",), "box weighs 3.51 kg, and the robot's payload is 3.5 kg")
     unknown = weighing("box", 3.51)
     assert judge(replace(unknown, robot=replace(unknown.robot, payload_kg=None)), just, ur5e) == ()
+
+
+def test_what_has_no_room_to_be_lifted_stays_without_a_look_at_its_grasps(ur5e: Robot) -> None:
+    """Cans under a board, 15 mm below it; what was moved from under it may be lifted, and what was moved under it was put down there."""
+    can, tall = standing("target", CAN, 0.62, 0.0), Cylinder(0.025, 0.24)
+    cans = [standing(f"can_{i}", tall, 0.5, y) for i, y in enumerate(np.linspace(-0.4, 0.4, 9))]
+    board = Body("board", Box(np.array([0.1, 0.86, 0.01])), transform(p=[0.5, 0.0, FLOOR_Z + tall.height_m + 0.02]))
+    scene = replace(scene_of(can, *cans, obstacles=(board,)), grasp=x_g(can.T_world_body[:3, 3]), approaches=("horizontal",))
+    motions = Motions(ur5e, scene)
+    found = Prover(motions)(motions.start())
+    assert found.unsolvable is not None
+    stuck = tuple(sorted(body.name for body in cans))
+    assert (found.unsolvable.stuck, found.unsolvable.lifted_into) == (stuck, tuple((name, "board") for name in stuck))
+    assert found.unsolvable.words == (
+        f"none of {', '.join(stuck)} can be moved while the others of them stand: {', '.join(stuck)} would meet board when lifted"
+    )
+    supports, poses = motions.supports, scene.poses()
+    assert supports.lifted_into("can_4", poses) == ("board",)
+    assert supports.lifted_into("can_4", {**poses, "can_4": transform(p=[0.4, 0.0, FLOOR_Z + 0.06])}) == ()
+    assert supports.lifted_into("target", {**poses, "target": can.T_world_body @ transform(p=[-0.2, 0.0, 0.0])}) == ()
+    plan = planned(ur5e, scene)
+    assert plan.reason == Blocked("unsolvable", plan.target_blocked[0].link, plan.target_blocked[0].body, detail=found.unsolvable.words)
+    assert plan_from_json(plan_to_json(plan)).unsolvable == found.unsolvable

@@ -1,7 +1,8 @@
 """Seen solids settled for planning: bodies that only noise makes overlap are parted by millimetres, and what is stacked stands exactly.
 
 Two boxes that touch come out of noisy pixels a little into one another, and no motion planner can lift what is in something else. So each
-gives way by half of the overlap, on the side where they meet; deeper overlaps, of solids that are rough hulls, stay as they are.
+gives way by half of the overlap, on the side where they meet, and what carries something by all of it; deeper overlaps, of solids that are
+rough hulls, stay as they are.
 """
 
 from __future__ import annotations
@@ -54,12 +55,12 @@ def _heights(body: Body) -> tuple[float, float]:
 
 
 def _stacked(upper: Body, lower: Body) -> tuple[Body, Body]:
-    """The two with the upper one's bottom GAP_M above the lower one's top; each gives way by half of what they overlap, or of the gap."""
+    """The two with the lower one's top GAP_M below the upper one's bottom, or the upper one reaching down to it: pixels where they meet are
+    the lower one's sooner than the upper one's, and what is carried must not be thought shorter than it is."""
     bottom, level = _heights(upper)[0], _heights(lower)[1]
-    if bottom > level + GAP_M:  # the upper one reaches down to what carries it
+    if bottom > level + GAP_M:
         return _with_ends(upper, level + GAP_M, None), lower
-    middle = (bottom + level) / 2
-    return _with_ends(upper, middle + GAP_M / 2, None), _with_ends(lower, None, middle - GAP_M / 2)
+    return upper, _with_ends(lower, None, bottom - GAP_M)
 
 
 def _with_ends(body: Body, bottom: float | None, top: float | None) -> Body:

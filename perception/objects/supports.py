@@ -14,14 +14,16 @@ FLOOR_M = 0.015
 BENEATH_M = 0.03
 """What something stands on comes up to its lowest point, less this; and begins lower down by at least LOWER_M."""
 LOWER_M = 0.008
+STRAY_M = 0.01
+"""A hundredth of its points may be further down than so far below all others: pixels of something else."""
 SLACK_M = 0.004
 FEWEST_POINTS, FEWEST_SHARE = 20, 0.002
 """So many points, and such a share of all that a thing has, must be beneath what it carries."""
 
 
 def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
-    """The height over the floor at which each object ends below: 0, or where another carries it that of its lowest points, but for a
-    hundredth of them: a few are the other's.
+    """The height over the floor at which each object ends below: 0, or that of its lowest point where another carries it, if it is not far
+    below nearly all others.
 
     points (N, 3): what is seen of each, in the cabinet's frame. An object whose lower part is hidden stands on the floor.
     """
@@ -31,7 +33,7 @@ def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
         lower = [q for other, q in points.items() if other != name and low[name] > FLOOR_M and low[other] < low[name] - LOWER_M]
         outline = footprint(p) if lower else p[:0]
         carried = any(_beneath(outline, q, low[name]) for q in lower)
-        out[name] = low[name] if carried else 0.0
+        out[name] = float(p[p[:, 2] > low[name] - STRAY_M, 2].min()) if carried else 0.0
     return out
 
 

@@ -28,7 +28,9 @@ def test_small_overlaps_go_and_little_is_lost(case: str) -> None:
     for a, b in zip(before, after):
         old, new = object_box(a), object_box(b)
         assert (new[3:] <= old[3:] + 1e-9).all()
-        assert np.abs(new - old).max() < 0.012  # half of an overlap, if it is a stack's
+        assert np.abs(new - old).max() < (0.02 if "stack" in case else 0.012)
+    if "stack" in case:  # what is carried stays as high as it is
+        assert after[0] is before[0]
 
 
 def test_what_is_apart_or_deep_in_one_another_stays() -> None:

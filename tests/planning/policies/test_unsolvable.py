@@ -82,7 +82,7 @@ class Cabinet:
         self.finest: Finest | None = Finest(finest or usual, doubtful)
         self.partly_unseen, self.usual = False, usual
         self.if_free: Any = None
-        self.supports = SimpleNamespace(waiting=lambda poses: {}, put_down_nowhere=frozenset())
+        self.supports = SimpleNamespace(waiting=lambda poses: {}, put_down_nowhere=frozenset(), lifted_into=lambda name, poses: ())
         self.thorough = SimpleNamespace(target_grasps=("the target's own",))
         self.reached_closely: list[frozenset[str]] = []
 

@@ -162,8 +162,8 @@ def test_in_a_cabinet_that_is_turned_all_is_the_same() -> None:
 def test_what_counts_as_standing_is_the_verdicts_setting() -> None:
     high = replace(TOP, T_world_body=transform(p=[0, 0, 0.01]) @ TOP.T_world_body)
     scene = scene_of(TARGET, LOW, high)
-    assert Supports(scene).waiting(scene.poses()) == {}
-    assert Supports(scene, Settings(stands_m=0.015)).waiting(scene.poses()) == {"low": {"top"}}
+    assert Supports(scene).resting_on("low", scene.poses()) == ()
+    assert Supports(scene, Settings(stands_m=0.015)).resting_on("low", scene.poses()) == ("top",)
 
 
 def test_what_hangs_in_the_air_once_its_support_was_moved_rests_on_nothing() -> None:

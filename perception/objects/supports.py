@@ -15,15 +15,15 @@ BENEATH_M = 0.03
 """What something stands on comes up to its lowest point, less this; and begins lower down by at least LOWER_M."""
 LOWER_M = 0.008
 STRAY_M = 0.01
-"""A hundredth of its points may be further down than so far below all others: pixels of something else."""
+"""What ends further below nearly all of a thing's points is no end of it: pixels of something else."""
 SLACK_M = 0.004
 FEWEST_POINTS, FEWEST_SHARE = 20, 0.002
 """So many points, and such a share of all that a thing has, must be beneath what it carries."""
 
 
 def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
-    """The height over the floor at which each object ends below: 0, or that of its lowest point where another carries it, if it is not far
-    below nearly all others.
+    """The height over the floor at which each object ends below: 0, or where another carries it the top of that one as it is seen beside it,
+    for pixels at a seam may be either's; where nothing is seen beside it that of its own lowest point.
 
     points (N, 3): what is seen of each, in the cabinet's frame. An object whose lower part is hidden stands on the floor.
     """
@@ -32,8 +32,10 @@ def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
     for name, p in points.items():
         lower = [q for other, q in points.items() if other != name and low[name] > FLOOR_M and low[other] < low[name] - LOWER_M]
         outline = footprint(p) if lower else p[:0]
-        carried = any(_beneath(outline, q, low[name]) for q in lower)
-        out[name] = float(p[p[:, 2] > low[name] - STRAY_M, 2].min()) if carried else 0.0
+        carriers = [q for q in lower if _beneath(outline, q, low[name])]
+        tops = [top for q in carriers for top in _top_beside(outline, q) if low[name] - STRAY_M < top < low[name] + SLACK_M]
+        own = p[p[:, 2] > low[name] - STRAY_M, 2]
+        out[name] = float(max(tops, default=own.min())) if carriers else 0.0
     return out
 
 
@@ -43,6 +45,12 @@ def _lowest(z: Array) -> float:
     rows = [int(i), min(int(i) + 1, len(z) - 1)]
     a, b = np.partition(z, rows)[rows]
     return float(a + (b - a) * share if share < 0.5 else b - (b - a) * (1.0 - share))
+
+
+def _top_beside(outline: Array, q: Array) -> list[float]:
+    """How high points q (M, 3) come outside an outline on the floor, half planes (H, 3), in a list of one; of none where none are outside."""
+    outside = (q[:, :2] @ outline[:, :2].T + outline[:, 2] > SLACK_M).any(1)
+    return [-_lowest(-q[outside, 2])] if outside.any() else []
 
 
 def _beneath(outline: Array, q: Array, low: float) -> bool:

@@ -145,9 +145,20 @@ def test_what_is_hidden_below_stands_on_the_floor() -> None:
     assert base_heights({"behind": behind, "before": before}) == {"behind": 0.0, "before": 0.0}
     bases = base_heights({"behind": behind, "below": below})
     assert bases["below"] == 0.0
-    assert bases["behind"] == pytest.approx(behind[:, 2].min())
+    assert bases["behind"] == pytest.approx(0.12, abs=0.002)
     stray = np.concatenate([behind, [[0.33, 0.0, 0.003]]])  # a pixel of what is below
     assert base_heights({"behind": stray, "below": below})["behind"] == bases["behind"]
+
+
+def test_what_is_carried_ends_where_what_carries_it_does_beside_it() -> None:
+    """A seam of 8 mm was taken for the lower one's; where nothing of that is seen beside it, its own lowest point is its end."""
+    rng = np.random.default_rng(1)
+    upper = rng.uniform((0.32, -0.02, 0.108), (0.36, 0.02, 0.2), (4000, 3))
+    seam = rng.uniform((0.32, -0.02, 0.1), (0.36, 0.02, 0.108), (400, 3))
+    ledge = rng.uniform((0.28, -0.06, 0.1), (0.4, 0.06, 0.1), (800, 3))
+    assert base_heights({"upper": upper, "lower": np.concatenate([seam, ledge])})["upper"] == 0.1
+    covered = np.concatenate([seam, rng.uniform((0.32, -0.02, 0.0), (0.36, 0.02, 0.1), (800, 3))])
+    assert base_heights({"upper": upper, "lower": covered})["upper"] == upper[:, 2].min()
 
 
 def test_the_foot_of_a_thing_is_its_first_percentile_to_the_digit() -> None:

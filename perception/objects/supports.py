@@ -22,8 +22,8 @@ FEWEST_POINTS, FEWEST_SHARE = 20, 0.002
 
 
 def base_heights(points: Mapping[str, Array]) -> dict[str, float]:
-    """The height over the floor at which each object ends below: 0, or where another carries it the top of that one as it is seen beside it,
-    for pixels at a seam may be either's; where nothing is seen beside it that of its own lowest point.
+    """The height over the floor at which each object ends below: 0, or where another carries it the top of that one as it is seen beside
+    it, for pixels at a seam may be either's; where nothing is seen beside it that of its own lowest point.
 
     points (N, 3): what is seen of each, in the cabinet's frame. An object whose lower part is hidden stands on the floor.
     """
@@ -48,7 +48,7 @@ def _lowest(z: Array) -> float:
 
 
 def _top_beside(outline: Array, q: Array) -> list[float]:
-    """How high points q (M, 3) come outside an outline on the floor, half planes (H, 3), in a list of one; of none where none are outside."""
+    """How high points q (M, 3) come outside an outline on the floor, half planes (H, 3), in a list of one; of none where none are."""
     outside = (q[:, :2] @ outline[:, :2].T + outline[:, 2] > SLACK_M).any(1)
     return [-_lowest(-q[outside, 2])] if outside.any() else []
 

@@ -64,6 +64,7 @@ class Workcell(PackedCell):
         self.iterations, self.time_budget_s = iterations, time_budget_s
         self.hand = make_hand(self.arm.chain, self.arm.backing, self.arm.T_frame_hand)
         self._solutions: dict[tuple[bytes, IkSearch], Array] = {}
+        self.ik_starts = 0  # from so many starts solutions were looked for so far
         self._until_s: float | None = None  # perf_counter's time when the budget that searches share is used up
         self._placed: tuple[str, object, PlacementQuery, ContactQuery] | None = None
 
@@ -155,7 +156,7 @@ class Workcell(PackedCell):
         arm, key = self.arm, (T_world_hand.tobytes(), search)
         if near is None and key in self._solutions:
             return self._solutions[key]
-        near_to = self.home_arm if near is None else near
+        near_to, self.ik_starts = self.home_arm if near is None else near, self.ik_starts + search.tries
         found = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near_to, tries=search.tries, distinct=search.distinct)
         if near is None and kept:
             self._solutions[key] = found

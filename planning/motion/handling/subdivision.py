@@ -8,12 +8,13 @@ round for turned ones, and for all pitches between those of a diagonal approach;
 
 Whatever meets nothing with more room is looked at in the cabinet as it is, too: a hand that meets nothing there either is one to pick with,
 though it stands between all that are sampled otherwise. Expensive is a gap that is just too narrow all along a finger: all hands in it meet
-nothing till little room is left. So no more than most_between are looked at for an object, and then nothing is said; nor are more hands
-looked at first, once too many of them meet nothing for that.
+nothing till little room is left. So no more than most_between are looked at for an object, and with so much inverse kinematics at most,
+and then nothing is said; nor are more hands looked at first, once too many of them meet nothing for that.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,7 +42,10 @@ from planning.verdict import judge_hold
 AT_ONCE = 128  # so many hands are looked at together
 MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 3_000
 """So many hands between those of the first level are looked at for one object; with an arm of more than six joints, for each of whose hands
-many solutions are looked for, the second, in a minute or two: proofs that come out look at up to 2,400."""
+many solutions are looked for, the second: proofs that come out look at up to 2,400."""
+MOST_STARTS_OF_REDUNDANT = 4_000_000
+"""From so many starts inverse kinematics looks for such an arm's solutions for one object, two minutes: proofs that come out take up to 1.4
+million."""
 
 
 class HandSubdivision:
@@ -52,6 +56,7 @@ class HandSubdivision:
         self.picking = replace(THOROUGH, ik=ik_for_proofs(cell.arm))
         self.closer = [THOROUGH.ik, self.picking.ik] if cell.arm.redundant else [self.picking.ik]  # most are found by few starts
         self.most_between = MOST_OF_REDUNDANT if cell.arm.redundant else MOST_BETWEEN
+        self.most_starts = MOST_STARTS_OF_REDUNDANT if cell.arm.redundant else math.inf
         opening = robot.opening
         self._between_pitches = not (cell.arm.few_joints or opening.cup_m or opening.round_only)  # as hands on a line of pads are
         self._cells: dict[float, Workcell] = {}
@@ -85,6 +90,10 @@ class HandSubdivision:
             self._levels[key] = levels_of(coarsest(self.robot, most_room_m(self.scene), radius_m, turned=turned, pitched=pitched))
         return self._levels[key]
 
+    def ik_starts(self) -> int:
+        """From how many starts inverse kinematics has looked for solutions so far."""
+        return sum(cell.ik_starts for cell in self._cells.values())
+
     def cell(self, room_m: float) -> Workcell:
         """The cabinet with so much more room; made when asked for."""
         if room_m not in self._cells:
@@ -113,6 +122,7 @@ class SubdivisionView:
     def access(self, name: str, standing: Names) -> Access:
         """Whether there is a way to an object while only `standing`, itself and the target stand."""
         queue, ticket, closed, between = list[tuple[float, int, int, Grasp, Levels]](), count(), True, 0
+        most_starts = self.look.ik_starts() + self.look.most_starts
 
         def batches() -> Iterator[tuple[list[Grasp], int, Levels]]:
             """What is looked at next, and its level."""
@@ -121,7 +131,7 @@ class SubdivisionView:
                 while closed and (hands := list(islice(coarse, AT_ONCE))):
                     yield hands, 0, levels
                     closed = 2 * len(queue) <= self.look.most_between  # each is divided into two at least
-            while queue and between < self.look.most_between:
+            while queue and between < self.look.most_between and self.look.ik_starts() < most_starts:
                 _, level, _, hand, levels = heappop(queue)
                 hands = list(self._divided(name, hand, levels[level]))
                 between += len(hands)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
@@ -24,7 +25,7 @@ from planning.motion.handling.neighbourhoods import SQUARE, TURN_M
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.picking import Picking
 from planning.motion.handling.shrunk_scene import shrunk, thinnest_allowed_m
-from planning.motion.handling.subdivision import HandSubdivision, SubdivisionView
+from planning.motion.handling.subdivision import Access, HandSubdivision, SubdivisionView
 from planning.motion.handling.ways import approachable
 from planning.motion.pick_place import Motions
 from planning.motion.search.reaching import APPROACH_M
@@ -83,13 +84,31 @@ def test_where_a_gap_is_too_narrow_all_along_it_that_is_certain_or_takes_too_lon
     assert access.between // 2 <= doubtful.between < access.between
 
 
+def test_so_much_inverse_kinematics_and_no_more(ur5e: Robot) -> None:
+    def asked(share: float) -> tuple[Access, int]:
+        finest = below_a_board(ur5e, 0.4408).finest
+        assert finest is not None
+        finest.most_starts = share * starts
+        return finest.at(scene.poses()).access("box", frozenset()), finest.ik_starts()
+
+    scene, starts = below_a_board(ur5e, 0.4408).scene, math.inf
+    access, starts = asked(1.0)
+    assert access.closed
+    assert starts > 0
+    assert asked(1.01) == (access, starts)
+    fewer, of_it = asked(0.9)
+    assert (fewer.hand, fewer.closed) == (None, False)
+    assert 0.9 * starts <= of_it < starts
+    assert fewer.between < access.between
+
+
 def test_an_arm_for_which_each_hand_takes_long_is_asked_about_fewer(ur5e: Robot) -> None:
-    of_each = list[int]()
+    of_each = list[tuple[int, float]]()
     for robot in (ur5e, load("panda")):
         finest = Motions(robot, generate(load_spec("paper"), robot, to_ref(robot), 5, 0)).finest
         assert finest is not None
-        of_each.append(finest.most_between)
-    assert of_each == [10_000, 3_000]
+        of_each.append((finest.most_between, finest.most_starts))
+    assert of_each == [(10_000, math.inf), (3_000, 4_000_000)]
 
 
 def test_where_too_many_hands_of_the_first_level_are_open_no_more_are_looked_at(ur5e: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,7 +100,8 @@ class Prover:
             if access.hand is not None:
                 return {name: [access.hand]}, None
             if not access.closed:
-                doubt = f"{name} is hardly reachable, if at all: {access.between} hands between others do not tell"
+                looked_at = f"{access.between} hands between others" if access.between else "the hands that were looked at"
+                doubt = f"{name} is hardly reachable, if at all: {looked_at} do not tell"
         return {}, doubt
 
     def _is_hidden(self, state: State, name: str, stuck: Names) -> bool:

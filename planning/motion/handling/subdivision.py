@@ -43,9 +43,9 @@ AT_ONCE = 128  # so many hands are looked at together
 MOST_BETWEEN, MOST_OF_REDUNDANT = 10_000, 3_000
 """So many hands between those of the first level are looked at for one object; with an arm of more than six joints, for each of whose hands
 many solutions are looked for, the second: proofs that come out look at up to 2,400."""
-MOST_STARTS_OF_REDUNDANT = 4_000_000
-"""From so many starts inverse kinematics looks for such an arm's solutions for one object, two minutes: proofs that come out take up to 1.4
-million."""
+MOST_STARTS_OF_REDUNDANT = 10_000_000
+"""From so many starts inverse kinematics looks for such an arm's solutions for one object, in two minutes: proofs that come out take up to
+3.4 million."""
 
 
 class HandSubdivision:
@@ -124,14 +124,17 @@ class SubdivisionView:
         queue, ticket, closed, between = list[tuple[float, int, int, Grasp, Levels]](), count(), True, 0
         most_starts = self.look.ik_starts() + self.look.most_starts
 
+        def in_time() -> bool:
+            return self.look.ik_starts() < most_starts
+
         def batches() -> Iterator[tuple[list[Grasp], int, Levels]]:
             """What is looked at next, and its level."""
             nonlocal between, closed
             for coarse, levels in self.look.first_hands(name, self.poses[name]):
                 while closed and (hands := list(islice(coarse, AT_ONCE))):
                     yield hands, 0, levels
-                    closed = 2 * len(queue) <= self.look.most_between  # each is divided into two at least
-            while queue and between < self.look.most_between and self.look.ik_starts() < most_starts:
+                    closed = 2 * len(queue) <= self.look.most_between and in_time()  # each is divided into two at least
+            while queue and between < self.look.most_between and in_time():
                 _, level, _, hand, levels = heappop(queue)
                 hands = list(self._divided(name, hand, levels[level]))
                 between += len(hands)

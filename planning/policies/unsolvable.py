@@ -76,9 +76,8 @@ class Prover:
             return Finding(undecided=f"{self.target} may be reached among what is stuck by a solution of the arm that is hardly found")
         supports = self.motions.supports
         leaning = tuple(sorted(named & supports.put_down_nowhere))
-        goes = state.poses.keys() - named - {self.target}
-        met = {name: [other for other in supports.lifted_into(name, state.poses) if other not in goes] for name in sorted(named)}
-        lifted_into = tuple((name, others[0]) for name, others in met.items() if others)
+        staying = {name: T for name, T in state.poses.items() if name in named or name == self.target}
+        lifted_into = tuple((name, met[0]) for name in sorted(named) if (met := supports.lifted_into(name, staying)))
         return Finding(Unsolvable(tuple(sorted(named)), tuple(self._would_help(state, stuck)), leaning, lifted_into))
 
     def _subdivision(self, state: State, stuck: Names) -> tuple[dict[str, list[Grasp]], str | None]:

@@ -8,7 +8,6 @@ down from above, and has room.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -22,24 +21,19 @@ RISES = [transform(p=[0.0, 0.0, k / LIFT_STEPS * LIFT_M]) for k in range(LIFT_ST
 """Where along the lift an object is looked at: where the arm's waypoints are."""
 
 
-class Lifts:
-    """Of one scene's objects, among each other and what stands still."""
-
-    def __init__(self, objects: Sequence[Body], fixtures: Sequence[Body]) -> None:
-        self._objects, self._fixtures = objects, [body for body in fixtures if body.name != "floor"]
-
-    @cached_property
-    def met(self) -> dict[str, tuple[str, ...]]:
-        """For those objects that meet any, the names of the fixtures and the other objects that they meet, the fixtures first."""
-        bodies = [*self._fixtures, *self._objects]
-        low, high = (np.array(corners) for corners in zip(*(bounds(b.shape, b.T_world_body) for b in bodies)))
-        found = dict[str, tuple[str, ...]]()
-        for i, body in enumerate(self._objects, len(self._fixtures)):
-            near = ((low <= high[i] + [0.0, 0.0, LIFT_M]) & (high >= low[i])).all(1)
-            near[i] = False
-            if names := tuple(bodies[j].name for j in np.flatnonzero(near) if _meets(body, bodies[j])):
-                found[body.name] = names
-        return found
+def met_when_lifted(objects: Sequence[Body], fixtures: Sequence[Body]) -> dict[str, tuple[str, ...]]:
+    """For those of a scene's objects that meet any, the names of the fixtures and the other objects that they meet, the fixtures first.
+    They may touch the floor."""
+    still = [body for body in fixtures if body.name != "floor"]
+    bodies = [*still, *objects]
+    low, high = (np.array(corners) for corners in zip(*(bounds(b.shape, b.T_world_body) for b in bodies)))
+    found = dict[str, tuple[str, ...]]()
+    for i, body in enumerate(objects, len(still)):
+        near = ((low <= high[i] + [0.0, 0.0, LIFT_M]) & (high >= low[i])).all(1)
+        near[i] = False
+        if names := tuple(bodies[j].name for j in np.flatnonzero(near) if _meets(body, bodies[j])):
+            found[body.name] = names
+    return found
 
 
 def _meets(lifted: Body, other: Body) -> bool:

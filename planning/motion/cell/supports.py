@@ -15,7 +15,7 @@ import numpy as np
 from kinematics.scene import Body, Cabinet, Scene
 from kinematics.shapes import ConvexMesh
 from kinematics.transforms import Array, inverse, transform
-from planning.motion.cell.lifts import Lifts
+from planning.motion.cell.lifts import met_when_lifted
 from planning.plan import Blocked
 from planning.verdict.faults import Settings
 from planning.verdict.standing import Placed, Stand, boxes_meet, falls, placed, stand, stand_among
@@ -46,7 +46,7 @@ class Supports:
     @cached_property
     def _lifts(self) -> Mapping[str, tuple[str, ...]]:
         """What objects meet as they are lifted where the scene has them."""
-        return Lifts(self.scene.objects, self._fixtures).met
+        return met_when_lifted(self.scene.objects, self._fixtures)
 
     def lifted_into(self, name: str, poses: Mapping[str, Array]) -> tuple[str, ...]:
         """What an object itself would meet as it is lifted: other objects at poses, and what stands still."""

@@ -156,7 +156,8 @@ class Workcell(PackedCell):
         arm, key = self.arm, (T_world_hand.tobytes(), search)
         if near is None and key in self._solutions:
             return self._solutions[key]
-        near_to, self.ik_starts = self.home_arm if near is None else near, self.ik_starts + search.tries
+        near_to = self.home_arm if near is None else near
+        self.ik_starts += search.tries
         found = inverse.solve(arm.chain, arm.T_frame_hand, arm.seeds, T_world_hand, near_to, tries=search.tries, distinct=search.distinct)
         if near is None and kept:
             self._solutions[key] = found

@@ -9,7 +9,7 @@ from kinematics.robots.robot import Robot
 from kinematics.scene import Body, Cabinet, RobotRef, Scene
 from kinematics.shapes import Box, ConvexMesh, Cylinder, box_corners
 from kinematics.transforms import rotation_about, transform
-from planning.motion.cell.lifts import Lifts
+from planning.motion.cell.lifts import met_when_lifted
 from planning.motion.cell.workcell import Workcell
 from planning.motion.handling.object_grasps import sampled_grasps
 from planning.motion.handling.obstruction import Obstruction
@@ -31,32 +31,32 @@ LOW = box("low", (0.05, 0.05, 0.1), 0.5, 0.0, 0.0)
 @pytest.mark.parametrize(("gap_m", "meets"), [(0.001, True), (LIFT_M - 0.0001, True), (LIFT_M + 0.0001, False)])
 def test_the_lift_ends_where_the_arms_does(gap_m: float, meets: bool) -> None:
     board = box("board", (0.2, 0.8, 0.01), 0.5, 0.0, 0.1 + gap_m)
-    assert Lifts([LOW], [board]).met == ({"low": ("board",)} if meets else {})
-    assert Lifts([LOW, board], []).met == ({"low": ("board",)} if meets else {})
+    assert met_when_lifted([LOW], [board]) == ({"low": ("board",)} if meets else {})
+    assert met_when_lifted([LOW, board], []) == ({"low": ("board",)} if meets else {})
 
 
 def test_the_floor_and_what_stands_beside_are_not_met_and_what_it_is_in_is() -> None:
     beside, through = box("beside", (0.05, 0.05, 0.3), 0.551, 0.0, 0.0), box("through", (0.02, 0.02, 0.3), 0.49, 0.02, 0.0)
-    assert Lifts([LOW, beside], CABINET.walls()).met == {}
-    assert Lifts([LOW, beside, through], CABINET.walls()).met == {"low": ("through",), "through": ("low",)}
+    assert met_when_lifted([LOW, beside], CABINET.walls()) == {}
+    assert met_when_lifted([LOW, beside, through], CABINET.walls()) == {"low": ("through",), "through": ("low",)}
     tall = box("tall", (0.05, 0.05, 0.49), 0.5, 0.0, 0.0)
-    assert Lifts([tall], CABINET.walls()).met == {"tall": ("ceiling",)}
-    assert Lifts([tall], CABINET.walls()[:1]).met == {}
+    assert met_when_lifted([tall], CABINET.walls()) == {"tall": ("ceiling",)}
+    assert met_when_lifted([tall], CABINET.walls()[:1]) == {}
 
 
 def test_what_is_thin_enough_to_lie_between_two_waypoints_is_left_to_the_arms_check() -> None:
     """A lid of 2 mm above a plate of 4 mm, which the lift has below it or above at each waypoint: whole edges are the arm's matter."""
     thin, lid = box("thin", (0.05, 0.05, 0.004), 0.5, 0.0, 0.0), box("lid", (0.2, 0.2, 0.002), 0.5, 0.0, 0.006)
-    assert Lifts([thin], [lid]).met == {}
+    assert met_when_lifted([thin], [lid]) == {}
 
 
 def test_a_mesh_is_met_where_it_has_a_part() -> None:
     """A table with one leg."""
     top, leg = (box_corners(np.array(half)) for half in ([0.1, 0.1, 0.005], [0.01, 0.01, 0.06]))
     table = ConvexMesh((top + np.array([0.0, 0.0, 0.13]), leg + np.array([0.09, 0.09, 0.06])))
-    assert Lifts([LOW], [Body("table", table, transform(p=[0.5, 0.0, FLOOR_Z]))]).met == {}
-    assert Lifts([LOW], [Body("table", table, transform(p=[0.5, 0.0, FLOOR_Z - 0.01]))]).met == {"low": ("table",)}
-    assert Lifts([LOW], [Body("table", table, transform(p=[0.58, 0.08, FLOOR_Z - 0.06]))]).met == {"low": ("table",)}
+    assert met_when_lifted([LOW], [Body("table", table, transform(p=[0.5, 0.0, FLOOR_Z]))]) == {}
+    assert met_when_lifted([LOW], [Body("table", table, transform(p=[0.5, 0.0, FLOOR_Z - 0.01]))]) == {"low": ("table",)}
+    assert met_when_lifted([LOW], [Body("table", table, transform(p=[0.58, 0.08, FLOOR_Z - 0.06]))]) == {"low": ("table",)}
 
 
 def test_no_grasp_says_otherwise(ur5e: Robot) -> None:
@@ -70,7 +70,7 @@ def test_no_grasp_says_otherwise(ur5e: Robot) -> None:
         cell = Workcell(ur5e, scene, iterations=0, time_budget_s=None)
         ways = Obstruction(cell, lambda name, T, scene=scene: sampled_grasps(ur5e, scene, name, T))
         for other in over:
-            if other.name in Lifts(scene.objects, cell.walls).met.get("low", ()):
+            if other.name in met_when_lifted(scene.objects, cell.walls).get("low", ()):
                 here = {"low": low.T_world_body, other.name: other.T_world_body}
                 spots = {name: ways.spots.at(name, T) for name, T in here.items()}
                 assert not ways.free(spots["low"], spots[other.name], WHOLE_WAY)
